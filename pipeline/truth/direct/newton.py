@@ -190,7 +190,7 @@ class Search:
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
     def _derive(self, rows: np.ndarray, level: int = 0) -> None:
-        """Derivatives of J by central differences, by shorter ones where J bends; one-sided at the edge of the light."""
+        """Derivatives of J by central differences, shorter where J bends, one-sided at the edge of the light."""
         self.anchor_px[rows] = self.x_px[rows]
         for half_px in _DIFFERENCES_PX:
             if not len(rows):
