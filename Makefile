@@ -12,7 +12,7 @@ test proofs: export PYTHONDONTWRITEBYTECODE =
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint warm faults bench evaluation picture web site wheel clean
+.PHONY: demo test proofs referees lint warm faults bench evaluation picture web site wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -28,6 +28,17 @@ test: $(STAMP)
 proofs: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(PYTEST) -m heavy
+
+# What docs/ says of images, with the figures: programs, walks and closed forms that share nothing with the renderer.
+referees: $(STAMP) warm
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio
+	$(BIN)/python -m pytest -q -rP -n $(WORKERS) -m "heavy or not heavy" tests/published/test_mitsuba.py \
+		tests/published/test_emva1288.py tests/laws/test_colours.py tests/laws/test_reflection.py \
+		tests/laws/test_radiometry.py tests/laws/test_diffracted_images.py tests/laws/test_diffracted_micro_images.py \
+		tests/render/test_raw_colours.py tests/rerun/test_raw_images.py
+	$(BIN)/python benchmarks/sensor.py
+	$(BIN)/python benchmarks/diffraction.py
+	$(BIN)/python docs/lateral_colour.py
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)

@@ -98,7 +98,7 @@ def _verdict(
     slack = np.where(blunt, SHARPER * own, 0.0)
     reason = _against(length - slack, weights, claim_px)
     if reason is not None:
-        return False, f"{reason}, less {SHARPER:g} standard errors of the judge" if slack.any() else reason
+        return False, f"{reason}, each granted {SHARPER:g} standard errors of its judge" if slack.any() else reason
     reason = _against(length + slack, weights, claim_px)
     if reason is None:
         return True, None
