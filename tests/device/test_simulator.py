@@ -101,7 +101,8 @@ def test_a_build_on_a_device_has_the_truth_of_processors(kind: str, tmp_path: Pa
     for image in processor.rglob("*.exr"):
         with OpenEXR.File(str(image)) as one, OpenEXR.File(str(device / image.relative_to(processor))) as other:
             assert "rays" not in one.header()
-            assert "float32, cuda simulator" in other.header()["rays"]
+            is_traced = kind == "plenoptic" or image.name != "white.exr"  # whites of lenses alone are by quadrature
+            assert ("float32, cuda simulator" in other.header().get("rays", "")) == is_traced
             for name, channel in one.channels().items():
                 np.testing.assert_allclose(other.channels()[name].pixels, channel.pixels, rtol=0, atol=IMAGE)
 

@@ -57,10 +57,12 @@ def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, 
         np.concatenate([[0.0], np.cumsum(parts) / parts.sum()]) for parts in (weight, np.repeat(shares, SLICES))
     )
     inside = np.diff(np.clip(ends, cuts[:-1, None], cuts[1:, None]), axis=1)
-    grid_nm = _GRID_NM * np.arange(np.floor(point[0] / _GRID_NM), np.floor(point[-1] / _GRID_NM) + 2)
-    near = np.maximum(0.0, 1.0 - np.abs(point[:, None] - grid_nm) / _GRID_NM)
-    # Sums in one order, which a product of matrices would leave to the machine.
-    slices = [_slice(grid_nm, row) for row in np.einsum("sp,pg->sg", inside, near)]
+    place = point / _GRID_NM - np.floor(point[0] / _GRID_NM)
+    before, above = place.astype(np.int64), place % 1.0
+    grid_nm = _GRID_NM * (np.floor(point[0] / _GRID_NM) + np.arange(before[-1] + 2))
+    near = [np.bincount(before, row * (1.0 - above), len(grid_nm)) for row in inside]
+    far = [np.bincount(before + 1, row * above, len(grid_nm)) for row in inside]
+    slices = [_slice(grid_nm, one + other) for one, other in zip(near, far, strict=True)]
     return tuple(tuple(slices[first : first + SLICES]) for first in range(0, len(slices), SLICES))
 
 
