@@ -30,7 +30,7 @@ needs_octave = pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GN
 
 def clone(name: str) -> Path:
     path = Path(os.environ.get("REFEREES", "/none")) / name
-    return path if path.is_dir() else pytest.skip(f"REFEREES has no clone of {name}")
+    return path if path.is_dir() else pytest.skip(f"NOT JUDGED: REFEREES has no clone of {name}")
 
 
 def exported(name: str, folder: Path, scene: Scene | PlenopticScene) -> Path:

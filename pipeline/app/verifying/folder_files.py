@@ -34,7 +34,7 @@ def wrong_files(out: Path, manifest: Manifest) -> Iterator[str]:
 
 
 def _fault(path: Path, entry: dict[str, Any], reader: _Reader | None) -> str | None:
-    """What is wrong with a file: it has other bytes than its entry says, or its reader does not open it."""
+    """Fault of a file: other bytes than its entry says, or content that its reader does not open; None without one."""
     try:
         size = path.stat().st_size
         if size != entry["size"]:

@@ -48,7 +48,7 @@ class JudgedCamera:
 
     @property
     def truth(self) -> TruthTable:
-        """What all of its tables have in common: settings and labels."""
+        """Settings and labels that all of its tables share."""
         return self.scenes[0].truth
 
     def rig(self, stream: int) -> Rig:

@@ -1,4 +1,4 @@
-"""What docs/outputs.md promises about a table of correspondences: its comments, columns and labels."""
+"""The contract of docs/outputs.md about a table of correspondences: its comments, columns and labels."""
 
 from collections.abc import Iterator
 
