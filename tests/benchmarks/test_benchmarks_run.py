@@ -123,12 +123,12 @@ def test_every_kind_of_task_states_its_memory(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_a_cold_start_and_the_truth_of_the_full_rig_have_a_price(tmp_path: Path) -> None:
-    """Compilation costs more than a build that is finished; a certificate is judged."""
+    """Compilation costs more than a build that is finished; a certificate is judged, for next to nothing here."""
     (figures,) = re.findall(r"^now +([\d.]+) +([\d.]+) +([\d.]+) +([\d.]+)$", output_of("cold.py", tmp_path), re.M)
     compiled, _, told, finished = map(float, figures)
     assert compiled > finished > told > 0
     text = output_of("chain.py", tmp_path)
-    assert re.search(r"^full rig, one pose +now +truth +[\d.]+ CPU s, certificate \d+% of that$", text, re.M)
+    assert re.search(r"^full rig, one pose +now +truth +[\d.]+ CPU s, certificate -?\d+% of that$", text, re.M)
 
 
 @pytest.mark.heavy
