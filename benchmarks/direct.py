@@ -44,7 +44,7 @@ def main() -> None:
     planes, start = tangent_planes(pose, board.points_mm()), time.perf_counter()
     guess, fans = guesses(rig, planes)
     found = solve(rig, guess, planes, _GOAL_PX, 0.05)
-    rays, rows = found.counts["rays"] + fans, len(found.found.point)
+    rays, rows = found.counts["rays"] + fans, len(found.solutions.point)
     seconds = time.perf_counter() - start
     pixels = entry.camera.sensor.width_px * entry.camera.sensor.height_px
     print(f"image:  {entry.camera.sensor.width_px} x {entry.camera.sensor.height_px} pixels")
@@ -76,7 +76,7 @@ def tile_errors(
     rig: Rig, found, planes: np.ndarray, pose: np.ndarray, drawn: np.ndarray, k: int, samples: int
 ) -> tuple[np.ndarray, float]:
     """Errors of the quad search on 4 x 4 tiles around rows [px], and the share of rows that it accepts."""
-    tracer, rows = rig.tracer, found.found.only(drawn)
+    tracer, rows = rig.tracer, found.solutions.only(drawn)
     exact = np.stack([rows.x_px, rows.y_px], axis=1)
     corner = np.floor(fine_from_image(exact, k)).astype(int) - 1
     offsets = np.stack(np.meshgrid(np.arange(4), np.arange(4)), axis=-1)

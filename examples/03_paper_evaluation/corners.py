@@ -74,7 +74,7 @@ class Corners:
         found = np.full((len(self), 2), np.nan)
         guess, _ = guesses(self.rig, self.plane)
         wanted = guess.only(guess.cell == self.cell[guess.point])
-        rows = solve(self.rig, wanted, self.plane, accuracy_px, MIN_HIT_FRACTION).found
+        rows = solve(self.rig, wanted, self.plane, accuracy_px, MIN_HIT_FRACTION).solutions
         found[rows.point] = np.stack([rows.x_px, rows.y_px], axis=1)
         return found
 
@@ -106,11 +106,11 @@ def draw(count: int, frames: slice = slice(None), points: slice = slice(None)) -
     plane = np.concatenate([tangent_planes(one, corners_mm) for one in poses])
     guess, _ = guesses(rig, plane)
     listed = solve(rig, guess, plane, ROUGH_PX, MIN_HIT_FRACTION)
-    drawn = listed.only(np.random.default_rng(_SEED).permutation(len(listed.found.point))[:count])
-    rough = drawn.found
+    drawn = listed.only(np.random.default_rng(_SEED).permutation(len(listed.solutions.point))[:count])
+    rough = drawn.solutions
     start = Guess(np.arange(len(rough.point)), rough.cell, np.stack([rough.x_px, rough.y_px], axis=1))
     sharp = solve(rig, start, plane[rough.point], ACCURACY_PX, 0.0, rough.jacobian)
-    order = np.argsort(sharp.found.point)
+    order = np.argsort(sharp.solutions.point)
     if len(order) != len(rough.point):
         raise RuntimeError(
             f"{len(rough.point) - len(order)} rows lie so close to the edge of a cell that they got lost"
@@ -119,14 +119,14 @@ def draw(count: int, frames: slice = slice(None), points: slice = slice(None)) -
     chosen = rough.point
     return Corners(
         rig=rig,
-        exist=len(listed.found.point),
+        exist=len(listed.solutions.point),
         pose=pose[chosen],
         point_mm=point[chosen],
         plane=plane[chosen],
         cell=rough.cell,
-        x_px=np.stack([sharp.found.x_px, sharp.found.y_px], axis=1),
+        x_px=np.stack([sharp.solutions.x_px, sharp.solutions.y_px], axis=1),
         sigma_px=sharp.sigma_px,
-        jacobian=sharp.found.jacobian,
+        jacobian=sharp.solutions.jacobian,
         blur_px=np.sqrt(np.trace(sharp.blur_px2, axis1=1, axis2=2) / 2),
         hit_fraction=sharp.hit_fraction,
     )

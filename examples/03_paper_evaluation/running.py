@@ -94,7 +94,7 @@ def _by_moments(corners: Corners, grid: Grid, jobs: int) -> tuple[np.ndarray, np
         guess = Guess(doubtful, corners.cell[doubtful], x[place][doubtful])
         mended = solve(corners.rig, guess, corners.plane, claim_px / 4, MIN_HIT_FRACTION, jacobian[place][doubtful])
         x[place] = np.where(kept[place][:, None], x[place], alone)
-        x[place][mended.found.point] = np.stack([mended.found.x_px, mended.found.y_px], axis=1)
+        x[place][mended.solutions.point] = np.stack([mended.solutions.x_px, mended.solutions.y_px], axis=1)
     return x, kept
 
 

@@ -94,9 +94,9 @@ def undistorted(b, x_image, y_image):
 def turned_with_distortion(row, ray):
     """The ray on the plane of an ideal thin lens, turned by its power and its distortion."""
     b = brown_of(row)
-    across, up, found = ray.dx / ray.dz, ray.dy / ray.dz, 1.0
+    across, up, undone = ray.dx / ray.dz, ray.dy / ray.dz, 1.0
     if row[TERMS] == TOWARDS_SCENE:
-        across, up, found = undistorted(b, across - b.vergence * ray.x, up - b.vergence * ray.y)
+        across, up, undone = undistorted(b, across - b.vergence * ray.x, up - b.vergence * ray.y)
         across, up = across + (b.vergence - b.power) * ray.x, up + (b.vergence - b.power) * ray.y
     else:
         to_image = b.vergence - b.power
@@ -104,7 +104,7 @@ def turned_with_distortion(row, ray):
         across, up = across - b.vergence * ray.x, up - b.vergence * ray.y
     dz = 1.0 / math.sqrt(1.0 + across * across + up * up)
     alive = ray.alive if ray.x * ray.x + ray.y * ray.y <= b.limit else 0.0
-    return Ray(ray.x, ray.y, b.vertex, across * dz, up * dz, dz, min(alive, found))
+    return Ray(ray.x, ray.y, b.vertex, across * dz, up * dz, dz, min(alive, undone))
 
 
 def largest_radius(coefficients: tuple[float, ...], wanted: float) -> float:

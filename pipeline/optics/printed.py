@@ -132,16 +132,16 @@ def prescription_of(lens: PrintedLens) -> Prescription:
 
 def not_representable(surface: PrintedSurface) -> list[str]:
     """Reason why one surface cannot be represented: the only place that says so."""
-    found = []
+    reasons = []
     if dict(surface.asphere).get(1):
-        found.append("the term r^1 of its asphere makes the vertex a tip")
+        reasons.append("the term r^1 of its asphere makes the vertex a tip")
     if surface.half_widths_mm and surface.inner_semi_diameter_mm:
-        found.append("its aperture is a rectangle with an obstruction")
+        reasons.append("its aperture is a rectangle with an obstruction")
     if surface.semi_diameter_mm is None:
-        found.append("its semi-diameter is not known")
+        reasons.append("its semi-diameter is not known")
     if not surface.thickness_mm >= 0:
-        found.append(f"thickness {surface.thickness_mm:g} mm leads back towards the scene")
-    return found
+        reasons.append(f"thickness {surface.thickness_mm:g} mm leads back towards the scene")
+    return reasons
 
 
 def _surface(surface: PrintedSurface, number: int) -> Surface:

@@ -61,14 +61,14 @@ class FieldTransmission:
     def relative_rows(self, first: int, end: int, width: int) -> np.ndarray:
         """Transmission of the pixels of some rows over that of the axis, (end - first, width)."""
         columns, rows = np.arange(width, dtype=float), np.arange(first, end, dtype=float)
-        nodes, shares = tuple(np.array(one) for one in self.places), np.array(self.shares)
+        nodes, shares = tuple(np.array(axis_nodes) for axis_nodes in self.places), np.array(self.shares)
         if len(nodes) == 2:
-            found = _between(nodes, shares, (rows, columns))
+            transmission = _between(nodes, shares, (rows, columns))
         else:
             heights_px = np.hypot(columns - self.axis_px[0], rows[:, None] - self.axis_px[1])
             inside = np.minimum(heights_px, nodes[0][-1]).ravel()
-            found = _between(nodes, shares[0], (inside,)).reshape(heights_px.shape)
-        return np.asarray(np.clip(found, 0.0, 1.0) / self.axis)
+            transmission = _between(nodes, shares[0], (inside,)).reshape(heights_px.shape)
+        return np.asarray(np.clip(transmission, 0.0, 1.0) / self.axis)
 
 
 def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]) -> FieldTransmission | None:
@@ -80,7 +80,10 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
         return None
     lights = Tracer(camera).lights
     # As on the axis: the same random numbers for all wavelengths, whose errors then go together.
-    parts = [(one.share, Tracer(one.tracer.camera), losses) for one, losses in zip(lights, losses_of_each, strict=True)]
+    parts = [
+        (axis_nodes.share, Tracer(axis_nodes.tracer.camera), losses)
+        for axis_nodes, losses in zip(lights, losses_of_each, strict=True)
+    ]
     tracer, table = parts[0][1], towards_sensor(parts[0][1].camera.prescription)
 
     axis_px = tracer.pixels_at(np.zeros((1, 2)))[0]
@@ -99,7 +102,7 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
     return FieldTransmission(
         axis=share(*axis_px),
         axis_px=(axis_px[0], axis_px[1]),
-        places=tuple(tuple(one) for one in nodes.places),
+        places=tuple(tuple(axis_nodes) for axis_nodes in nodes.places),
         shares=tuple(tuple(row) for row in np.atleast_2d(nodes.shares)),
         error=nodes.error,
     )
@@ -176,7 +179,7 @@ def _refined(
     """Nodes whose steps are halved until the spline through the coarser ones is right at the finer ones."""
     shares = shares_at(places)
     while True:
-        coarse = _between(places, _filled(shares), finer := tuple(_halved(one) for one in places))
+        coarse = _between(places, _filled(shares), finer := tuple(_halved(axis_nodes) for axis_nodes in places))
         places, shares = finer, shares_at(finer)
         error = float(np.nanmax(np.abs(coarse / shares - 1)))
         if error <= _ERROR or len(places[0]) >= _MOST_NODES[len(places) - 1]:
@@ -203,6 +206,6 @@ def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, places: tuple[np
 
     # By height they are even: no slope on the axis.
     start = (1, np.zeros(())) if len(nodes) == 1 else "not-a-knot"
-    for axis, (own, wanted) in enumerate(zip(nodes, places, strict=True)):
-        shares = CubicSpline(own, shares, axis=axis, bc_type=(start, "not-a-knot"))(wanted)
+    for axis, (known, wanted) in enumerate(zip(nodes, places, strict=True)):
+        shares = CubicSpline(known, shares, axis=axis, bc_type=(start, "not-a-knot"))(wanted)
     return shares

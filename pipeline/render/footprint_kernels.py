@@ -151,7 +151,7 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):
-        found, faces = math.nan, ODD
+        known, faces = math.nan, ODD
         for j in range(places.blocks.shape[1]):
             b = places.blocks[n, j]
             if b < 0 or verdict[n] == UNDECIDED:
@@ -161,16 +161,16 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
                 left, right, bottom, top = _footprint(meeting, b, places, n, u, v)
                 colour = colour_of_box(drawing, left, right, bottom, top)
             side = BEHIND if colour == BESIDE else meeting.side[b]
-            if colour == MIXED or not (math.isnan(found) or (found == colour and faces == side)):
+            if colour == MIXED or not (math.isnan(known) or (known == colour and faces == side)):
                 verdict[n] = UNDECIDED
-            found, faces = colour, side
-        if verdict[n] == UNDECIDED or math.isnan(found) or found == BESIDE:
+            known, faces = colour, side
+        if verdict[n] == UNDECIDED or math.isnan(known) or known == BESIDE:
             continue
         if verdict[n] == SHEET:  # another sheet is seen, too
             verdict[n] = UNDECIDED
             continue
         verdict[n] = SHEET
-        light[n] = 0.0 if faces == BACK else colours[int(found)]
+        light[n] = 0.0 if faces == BACK else colours[int(known)]
 
 
 @inline

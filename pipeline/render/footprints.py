@@ -71,11 +71,13 @@ class Sight:
 
     def __init__(self, band: Band) -> None:
         rig = band.rig
-        blocks, own = _tiles(rig.tracer, band.rows) if rig.images is None else _behind(rig, rig.images, band.strata)
+        blocks, blocks_of = (
+            _tiles(rig.tracer, band.rows) if rig.images is None else _behind(rig, rig.images, band.strata)
+        )
         # Diffraction widens what a pixel sees: as if its square were larger.
         self._edge_mm = rig.tracer.camera.sensor.pitch_mm + 2 * rig.diffraction.reach_mm
         self._blocks = blocks
-        parts = own[:, :1], own[:, 1:]
+        parts = blocks_of[:, :1], blocks_of[:, 1:]
         self._parts = [Places(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
@@ -137,8 +139,8 @@ def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
     middle = tracer.positions_mm(*((axis + 0.5) * _TILE_PX - 0.5 for axis in (x, y)))
     step = np.full(len(middle), _TILE_PX * tracer.camera.sensor.pitch_mm / (NODES - 1))
     row, column = np.mgrid[rows[0] : rows[1], :width]
-    own = (row // _TILE_PX - first) * across + column // _TILE_PX
-    return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(own.reshape(-1, 1))
+    tile = (row // _TILE_PX - first) * across + column // _TILE_PX
+    return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(tile.reshape(-1, 1))
 
 
 def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
@@ -148,5 +150,5 @@ def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, 
     place[microlens] = np.arange(len(microlens))
     reach = images.reach_mm[microlens] + rig.tracer.camera.sensor.pitch_mm + rig.diffraction.reach_mm
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
-    own = place[np.where(strata == SKIP, -1, strata)]
-    return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), own
+    blocks_of = place[np.where(strata == SKIP, -1, strata)]
+    return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), blocks_of

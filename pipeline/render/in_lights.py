@@ -31,19 +31,19 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.
         Each relative to the white scene on the axis in the same light; `in_all` sums them up.
     """
     shared = _shared(rig.tracer, batch_of(samples))
-    parts = [irradiance_and_crosstalk(one, shared, None, rows) for one in rig.in_each_light]
+    parts = [irradiance_and_crosstalk(in_light, shared, None, rows) for in_light in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
 
 
 def known_white_parts(rig: Rig, rows: Rows | None = None) -> np.ndarray | None:
     """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` knows nothing."""
     parts = []
-    for one in rig.in_each_light:
-        band = Band.of(one, rows)
+    for in_light in rig.in_each_light:
+        band = Band.of(in_light, rows)
         flux = known_flux(band)
         if flux is None:
             return None
-        parts.append(flux.reshape(band.shape) / one.tracer.reference_weight_sr)
+        parts.append(flux.reshape(band.shape) / in_light.tracer.reference_weight_sr)
     white = np.stack(parts, axis=-1)
     return np.stack([white, np.zeros_like(white)])
 
@@ -63,19 +63,19 @@ def pictures_in_lights(
         Result of `white_parts` for the same rows.
     """
     shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
-    for number, one in enumerate(rig.in_each_light):
+    for number, in_light in enumerate(rig.in_each_light):
         seen = [scene.in_light(number) for scene in scenes]
-        images.append(pictures(one, shared, seen, np.ascontiguousarray(parts[..., number]), rows))
+        images.append(pictures(in_light, shared, seen, np.ascontiguousarray(parts[..., number]), rows))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
 def colours_in_lights(rig: Rig, scene: TargetLight | GlowingView | LitView, rows: Rows | None = None) -> np.ndarray:
     """Colour of both parts of each pixel at each wavelength, (2, h, w, wavelengths); NaN where it must be sampled."""
-    found = []
-    for number, one in enumerate(rig.in_each_light):
-        band = Band.of(one, rows)
-        found.append(colours(band, [scene.in_light(number)])[0].reshape(2, *band.shape))
-    return np.stack(found, axis=-1)
+    images = []
+    for number, in_light in enumerate(rig.in_each_light):
+        band = Band.of(in_light, rows)
+        images.append(colours(band, [scene.in_light(number)])[0].reshape(2, *band.shape))
+    return np.stack(images, axis=-1)
 
 
 def sampled_in_lights(
@@ -87,15 +87,15 @@ def sampled_in_lights(
     rows: Rows | None = None,
 ) -> np.ndarray:
     """The part of an image that a batch samples, (h, w), relative; `white` and `colour` as of the functions above."""
-    shared, found = _shared(rig.tracer, batch), []
-    for number, one in enumerate(rig.in_each_light):
-        band = Band.of(one, rows)
+    shared, images = _shared(rig.tracer, batch), []
+    for number, in_light in enumerate(rig.in_each_light):
+        band = Band.of(in_light, rows)
         parts, known = (values[..., number].reshape(2, -1) for values in (own_and_foreign(white), colour))
         flux = known_flux(band) if isinstance(scene, LitView) else None
-        steady = None if flux is None else flux / one.tracer.reference_weight_sr
+        steady = None if flux is None else flux / in_light.tracer.reference_weight_sr
         light = sampled(band, shared, [scene.in_light(number)], parts, known[None], steady)
-        found.append(light[0].sum(axis=0).reshape(band.shape))
-    return in_all(rig.tracer, np.stack(found, axis=-1))
+        images.append(light[0].sum(axis=0).reshape(band.shape))
+    return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
 def known_in_lights(

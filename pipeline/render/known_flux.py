@@ -44,9 +44,9 @@ def known_flux(band: Band) -> np.ndarray | None:
     y_px, x_px = np.meshgrid(rows.positions_px, columns.positions_px, indexing="ij")
     positions = np.stack([x_px.ravel(), y_px.ravel()], axis=1)
     planes = np.broadcast_to(parallel_planes(1.0, 2.0), (len(positions), 2, 4, 3))
-    found = integrals(band.rig.tracer, Bundles(positions, np.full(len(positions), NO_MICROLENS), planes), _LEVEL)
-    flux = found.moments[:, WEIGHT]
-    if found.is_random.any() or not (flux > 0).all():
+    integral = integrals(band.rig.tracer, Bundles(positions, np.full(len(positions), NO_MICROLENS), planes), _LEVEL)
+    flux = integral.moments[:, WEIGHT]
+    if integral.is_random.any() or not (flux > 0).all():
         return None
     return _between(flux.reshape(y_px.shape), rows, columns).ravel()
 

@@ -71,15 +71,15 @@ class Surroundings:
         """Whether anything is in front of planes at points (n, 3) with unit normals (n, 3); a point with False is
         certainly visible.
         """
-        found = np.zeros(len(point_mm), bool)
+        is_hidden = np.zeros(len(point_mm), bool)
         height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
         # A part of the points decides for most planes, all of them for the rest.
         for points in (self._points[::_SOME], self._points):
-            left = np.flatnonzero(~found)
+            left = np.flatnonzero(~is_hidden)
             at_once = max(1, _PRODUCTS_AT_ONCE // max(1, len(points)))
             for some in (left[start : start + at_once] for start in range(0, len(left), at_once)):
-                found[some] = (front[some] @ points.T).max(axis=1, initial=-np.inf) > height[some]
-        return found
+                is_hidden[some] = (front[some] @ points.T).max(axis=1, initial=-np.inf) > height[some]
+        return is_hidden
 
     def hides(
         self,
@@ -113,13 +113,13 @@ class Surroundings:
             to_plane = _dot(point_mm - origin_mm, front) / _dot(direction, front)
             hidden = (triangle >= 0) & (path < to_plane - _TOUCHING_MM)
         if target in self._bent:
-            own = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
-            if own.any():
-                start, way, place = origin_mm[own], direction[own], point_mm[own]
+            itself = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
+            if itself.any():
+                start, way, place = origin_mm[itself], direction[itself], point_mm[itself]
                 apart, blur = (
-                    np.linalg.norm(start + along[own, None] * way - place, axis=1) for along in (path, to_plane)
+                    np.linalg.norm(start + along[itself, None] * way - place, axis=1) for along in (path, to_plane)
                 )
-                hidden[own] = apart > 2 * blur + self._reach(target)
+                hidden[itself] = apart > 2 * blur + self._reach(target)
         return hidden
 
     def distance_mm(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
@@ -127,11 +127,11 @@ class Surroundings:
 
         Bent targets count as their meshes.
         """
-        found = np.full(len(origin_mm), np.nan)
+        distance = np.full(len(origin_mm), np.nan)
         rows = np.flatnonzero(np.isfinite(direction).all(axis=1))
         triangle, path = self._first(origin_mm[rows], direction[rows])
-        found[rows] = np.where(triangle >= 0, path, np.nan)
-        return found
+        distance[rows] = np.where(triangle >= 0, path, np.nan)
+        return distance
 
     def _first(self, origin_mm: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The first triangle of each ray, -1 for none, and the way to its plane."""

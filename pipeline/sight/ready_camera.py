@@ -99,8 +99,8 @@ class ReadyCamera:
         is_lit = found.hit_fraction >= self.min_hit_fraction
         for points_there, fate in (
             (guess.point, Fate.OUTSIDE),
-            (found.found.point, Fate.DARK),
-            (found.found.point[is_lit], Fate.SEEN),
+            (found.solutions.point, Fate.DARK),
+            (found.solutions.point[is_lit], Fate.SEEN),
         ):
             fates[points_there] = fate
         return self._projected(found.only(is_lit), tuple(fates))
@@ -184,11 +184,11 @@ class ReadyCamera:
         return self.accuracy_px if asked_px is None else number("accuracy_px", asked_px, CameraError, _LEAST_PX, 1.0)
 
     def _projected(self, rows: Correspondences, fates: tuple[Fate, ...]) -> Projected:
-        cell, lattice = rows.found.cell, self.rig.tracer.lattice
+        cell, lattice = rows.solutions.cell, self.rig.tracer.lattice
         return Projected(
-            point=rows.found.point,
-            x_px=rows.found.x_px,
-            y_px=rows.found.y_px,
+            point=rows.solutions.point,
+            x_px=rows.solutions.x_px,
+            y_px=rows.solutions.y_px,
             error_px=rows.sigma_px,
             hit_fraction=rows.hit_fraction,
             microlens=None if lattice is None else self.rig.axial[cell],

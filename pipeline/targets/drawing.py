@@ -114,8 +114,8 @@ class Drawing:
         corners: list[tuple[float, float]] = []
         first = np.zeros(len(self.shapes) + 1, np.int64)
         for i, shape in enumerate(self.shapes):
-            own = shape.corners if isinstance(shape, Polygon) else ()
-            corners += own
+            vertices = shape.corners if isinstance(shape, Polygon) else ()
+            corners += vertices
             first[i + 1] = len(corners)
             numbers[i] = _numbers(shape)
         sheet = float(self.half_x_mm), float(self.half_y_mm)
@@ -168,5 +168,5 @@ def _bins(
         for j in range(j0, j1 + 1):
             for i in range(i0, i1 + 1):
                 lists[j * count + i].append(item)
-    starts = np.concatenate([[0], np.cumsum([len(one) for one in lists])]).astype(np.int64)
-    return count, starts, np.array([item for one in lists for item in one], np.int64)
+    starts = np.concatenate([[0], np.cumsum([len(items) for items in lists])]).astype(np.int64)
+    return count, starts, np.array([item for items in lists for item in items], np.int64)

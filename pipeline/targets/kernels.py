@@ -151,12 +151,12 @@ def whiteness(drawing, x, y):
     half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (abs(x) <= half_x and abs(y) <= half_y):
         return math.nan
-    own = 0
+    bin_ = 0
     if n > 1:
         i = min(int((x + half_x) / (2.0 * half_x) * n), n - 1)
         j = min(int((y + half_y) / (2.0 * half_y) * n), n - 1)
-        own = j * n + i
-    for place in range(starts[own], starts[own + 1]):
+        bin_ = j * n + i
+    for place in range(starts[bin_], starts[bin_ + 1]):
         colour = painted(drawing, drawing.items[place], x, y)
         if colour != NOT_PAINTED:
             return colour

@@ -115,12 +115,12 @@ class Patch:
         if self.kind == CYLINDER:
             radius = float(self.shape[0])
             s, c = np.sin(xy_mm[:, 0] / radius), np.cos(xy_mm[:, 0] / radius)
-            zero, one = np.zeros(n), np.ones(n)
-            axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, one, zero), (s, zero, c))], axis=2)
-            return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, one / abs(radius)
-        found = np.empty((n, 6))
-        kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), found)
-        return np.column_stack([xy_mm, found[:, 0]]), *_bent(found)
+            zero, ones = np.zeros(n), np.ones(n)
+            axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, ones, zero), (s, zero, c))], axis=2)
+            return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, ones / abs(radius)
+        height = np.empty((n, 6))
+        kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), height)
+        return np.column_stack([xy_mm, height[:, 0]]), *_bent(height)
 
     def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
         """Unit vectors on the surface for directions (n, k) of the chart at points with the `axes` of `place`, (n,
@@ -144,11 +144,11 @@ class Patch:
 def _bent(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Axes (n, 3, 3) and largest curvature (n,) of a surface z(x, y) from z, zx, zy, zxx, zxy, zyy."""
     _, zx, zy, zxx, zxy, zyy = heights.T
-    zero, one = np.zeros(len(zx)), np.ones(len(zx))
-    normal = np.stack([-zx, -zy, one], axis=1)
+    zero, ones = np.zeros(len(zx)), np.ones(len(zx))
+    normal = np.stack([-zx, -zy, ones], axis=1)
     length = np.linalg.norm(normal, axis=1)
     normal /= length[:, None]
-    along = np.stack([one, zero, zx], axis=1)
+    along = np.stack([ones, zero, zx], axis=1)
     along /= np.linalg.norm(along, axis=1)[:, None]
     axes = np.stack([along, np.cross(normal, along), normal], axis=2)
     # Eigenvalues of the second fundamental form by the first: their mean and their product.

@@ -51,8 +51,8 @@ def colour_of_box(drawing, left, right, bottom, top):
         return MIXED
     for j in range(j0, j1 + 1):
         for i in range(i0, i1 + 1):
-            own = j * n + i
-            for place in range(starts[own], starts[own + 1]):
+            bin_ = j * n + i
+            for place in range(starts[bin_], starts[bin_ + 1]):
                 if _has_edge_in(drawing, drawing.items[place], left, right, bottom, top):
                     return MIXED
     x, y = 0.5 * (left + right), 0.5 * (bottom + top)

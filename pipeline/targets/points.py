@@ -71,13 +71,13 @@ class TargetPoints:
 
     def planes(self) -> list[TangentPlane]:
         """The tangent planes, in the order of their numbers."""
-        found = []
+        planes = []
         for number, frame in enumerate(self.frames):
             members = np.flatnonzero(self.plane == number)
             points = apply(inverse(frame), self.position_mm[members])
             points[:, 2] = 0.0
-            found.append(TangentPlane(frame, members, points))
-        return found
+            planes.append(TangentPlane(frame, members, points))
+        return planes
 
     @staticmethod
     def joined(parts: list["TargetPoints"]) -> "TargetPoints":

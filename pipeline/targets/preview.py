@@ -57,12 +57,12 @@ def preview_faces(target: Target) -> PreviewFaces:
     points, faces, radiance, sheet = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     patches, count = target.patches(), 0
     for number, patch in enumerate(patches):
-        own = _faces(patch)
-        sheet.append((own.sheet + np.array([number, 0])) / (len(patches), 1))
-        points.append(apply(patch.target_from_patch, own.points_mm))
-        faces.append(own.faces + count)
-        radiance.append(own.radiance)
-        count += len(own.points_mm)
+        mesh = _faces(patch)
+        sheet.append((mesh.sheet + np.array([number, 0])) / (len(patches), 1))
+        points.append(apply(patch.target_from_patch, mesh.points_mm))
+        faces.append(mesh.faces + count)
+        radiance.append(mesh.radiance)
+        count += len(mesh.points_mm)
     return PreviewFaces(*map(np.concatenate, (points, faces, radiance, sheet)))
 
 
@@ -108,15 +108,15 @@ def _faces(patch: Patch) -> PreviewFaces:
 
 def _is_too_fine(drawing: Drawing) -> bool:
     """Whether a drawing certainly exceeds the limits of a preview."""
-    checks = sum((one.columns + 1) * (one.rows + 1) for one in drawing.shapes if isinstance(one, Checks))
+    checks = sum((shape.columns + 1) * (shape.rows + 1) for shape in drawing.shapes if isinstance(shape, Checks))
     return checks > _MOST_CELLS or len(drawing.shapes) > _MOST_SHAPES
 
 
 def _lines(drawing: Drawing, axis: int) -> np.ndarray:
     """Borders of cells along x (0) or y (1), including both edges of the sheet, (n,)."""
     half = (drawing.half_x_mm, drawing.half_y_mm)[axis]
-    found = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
-    lines = np.clip(np.concatenate(found), -half, half)
+    borders = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
+    lines = np.clip(np.concatenate(borders), -half, half)
     _, first = np.unique((lines / half).round(_SAME), return_index=True)
     return np.asarray(lines[first])
 
@@ -126,12 +126,12 @@ def _lines_of(shape: Shape, axis: int) -> np.ndarray:
         count = (shape.columns, shape.rows)[axis] + 2
         return (np.arange(count) - (count - 1) / 2) * shape.square
     if isinstance(shape, Polygon):
-        own = np.array(shape.corners)
-        ends = np.roll(own, 1, axis=0)
-        sides = np.abs(own - ends)
+        corners = np.array(shape.corners)
+        ends = np.roll(corners, 1, axis=0)
+        sides = np.abs(corners - ends)
         is_slanted = sides.min(axis=1) > 1e-9 * sides.max()
-        between = np.linspace(own[is_slanted, axis], ends[is_slanted, axis], _SIDE_STEPS + 1)
-        return np.concatenate([own[:, axis], between.ravel()])
+        between = np.linspace(corners[is_slanted, axis], ends[is_slanted, axis], _SIDE_STEPS + 1)
+        return np.concatenate([corners[:, axis], between.ravel()])
     centre = (shape.x, shape.y)[axis]
     reach, steps = (shape.radius, _DISC_STEPS) if isinstance(shape, Disc) else (shape.outer, _star_steps(shape))
     return centre + reach * np.linspace(-1, 1, steps + 1)
@@ -189,15 +189,15 @@ def _merged(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cells of one colour merged into few rectangles (left, bottom, right, top) of lines, (m, 4), and their colours,
     (m,).
     """
-    open_, found = dict[tuple[int, int, float], int](), list[tuple[int, int, int, int, float]]()
+    open_, rectangles = dict[tuple[int, int, float], int](), list[tuple[int, int, int, int, float]]()
     for row in range(len(light) + 1):
         runs = _runs(light[row]) if row < len(light) else set()
         for run in [run for run in open_ if run not in runs]:
             left, right, colour = run
-            found.append((left, open_.pop(run), right, row, colour))
+            rectangles.append((left, open_.pop(run), right, row, colour))
         for run in sorted(runs):
             open_.setdefault(run, row)
-    table = np.array(sorted(found))
+    table = np.array(sorted(rectangles))
     return table[:, :4].astype(int), table[:, 4]
 
 

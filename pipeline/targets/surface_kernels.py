@@ -96,13 +96,13 @@ def height_hit(shape, o, d, t):
     """Newton's method from a path t: u, v and the normal (not of unit length) at the point where the ray meets the
     board.
     """
-    found = np.empty(6)
+    height = np.empty(6)
     u, v, nx, ny = math.nan, math.nan, 0.0, 0.0
     for _ in range(_STEPS):
         u, v = o[0] + t * d[0], o[1] + t * d[1]
-        height_into(shape, u, v, found)
-        nx, ny = -found[1], -found[2]
-        step = (o[2] + t * d[2] - found[0]) / (d[2] + nx * d[0] + ny * d[1])
+        height_into(shape, u, v, height)
+        nx, ny = -height[1], -height[2]
+        step = (o[2] + t * d[2] - height[0]) / (d[2] + nx * d[0] + ny * d[1])
         t -= step
         if not abs(step) > _PRECISION:
             break
@@ -121,7 +121,7 @@ def cylinder_hit(radius, o, d, start):
     root = math.sqrt(b * b - a * (cx * cx + cz * cz - radius * radius))
     # The two roots of a quadratic without loss of digits by cancellation.
     q = -(b + math.copysign(root, b))
-    one, other = q / a, (cx * cx + cz * cz - radius * radius) / q
-    t = one if abs(one - start) < abs(other - start) else other
+    first, second = q / a, (cx * cx + cz * cz - radius * radius) / q
+    t = first if abs(first - start) < abs(second - start) else second
     x, z = (cx + t * d[0]) / radius, (cz + t * d[2]) / radius
     return radius * math.atan2(x, z), o[1] + t * d[1], x, 0.0, z

@@ -73,18 +73,18 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
     n, turn = len(marks.xy_mm), patch.target_from_patch[:3, :3]
     points, axes, curvature = patch.place(marks.xy_mm)
     is_flat = patch.kind == PLANE
-    position, own = apply(patch.target_from_patch, points), turn @ axes
+    position, turned = apply(patch.target_from_patch, points), turn @ axes
     # The nominal shape of a cylinder is the cylinder; that of a board with a height map is flat.
     nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
     return TargetPoints(
         position_mm=position,
         nominal_mm=nominal,
-        axes=own,
+        axes=turned,
         curvature_per_mm=curvature,
         kinds=marks.kinds,
         radius_mm=marks.radius_mm,
         plane=np.zeros(n, int) if is_flat else np.arange(n),
-        frames=patch.target_from_patch[None] if is_flat else frames_at(position, own),
+        frames=patch.target_from_patch[None] if is_flat else frames_at(position, turned),
     )
 
 

@@ -88,7 +88,7 @@ def target_rows(
         found, visibility = seen(rig, surroundings, number, found, planes)
         rows = columns_of(table, posed, rig, found, visibility)
         for extra in settings.column_sets:
-            positions_of = column_set(extra, rig, target, pose, planes, found.found)
+            positions_of = column_set(extra, rig, target, pose, planes, found.solutions)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
             sets.append(positions_of.note)
         for column, values in rows.items():

@@ -11,7 +11,7 @@ from pipeline.records.shapes import Bool, Float64, Int64, Num, Shaped
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Solutions:
     """Raw solutions of a search, one row each.
 
     Attributes
@@ -34,13 +34,13 @@ class Found:
     noise_gain: Float64[np.ndarray, "n"]
     error_px: Float64[np.ndarray, "n"]
 
-    def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Found":
+    def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Solutions":
         """The rows selected by a mask or by indices."""
-        return Found(*(getattr(self, name)[kept] for name in self.__slots__))
+        return Solutions(*(getattr(self, name)[kept] for name in self.__slots__))
 
-    def joined(self, other: "Found") -> "Found":
+    def joined(self, other: "Solutions") -> "Solutions":
         """These rows and those of another."""
-        return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
+        return Solutions(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Correspondences:
 
     Attributes
     ----------
-    found : Found
+    solutions : Solutions
     sigma_px : (n, 2) float64
         Standard error from the ray sampling.
     hit_fraction, rho_px : (n,) float64
@@ -61,7 +61,7 @@ class Correspondences:
         Method by which each row was found.
     """
 
-    found: Found
+    solutions: Solutions
     sigma_px: Float64[np.ndarray, "n 2"]
     hit_fraction: Float64[np.ndarray, "n"]
     blur_px2: Float64[np.ndarray, "n 2 2"]
@@ -72,23 +72,25 @@ class Correspondences:
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":
         """The rows selected by a mask or by indices; counts are not changed."""
         columns = (getattr(self, name)[kept] for name in _PER_ROW)
-        return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
+        return dataclasses.replace(
+            self, solutions=self.solutions.only(kept), **dict(zip(_PER_ROW, columns, strict=True))
+        )
 
     def joined(self, other: "Correspondences") -> "Correspondences":
         """These rows and those of another; counts are those of this record."""
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
         }
-        return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
+        return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), **columns)
 
     def moved(self, by_px: Num[np.ndarray, "2"]) -> "Correspondences":
         """The same rows with their image positions moved by (2,) [px]."""
-        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
-        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
+        x, y = self.solutions.x_px + by_px[0], self.solutions.y_px + by_px[1]
+        return dataclasses.replace(self, solutions=dataclasses.replace(self.solutions, x_px=x, y_px=y))
 
     def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
         """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
-        return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
+        return self.only(np.lexsort((*axial[self.solutions.cell].T, self.solutions.point)))
 
 
 _PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
@@ -139,7 +141,9 @@ def which_exist(
 
 def existing(rows: Correspondences, image: Whereabouts, min_hit_fraction: float) -> Correspondences:
     """The rows that exist, sorted by point, l, k; the others are counted by reason."""
-    x_px = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
-    kept, dropped = which_exist(image, x_px, rows.found.cell, lambda some: rows.hit_fraction[some] >= min_hit_fraction)
+    x_px = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
+    kept, dropped = which_exist(
+        image, x_px, rows.solutions.cell, lambda some: rows.hit_fraction[some] >= min_hit_fraction
+    )
     counts = {**rows.counts, **dropped, "rows": len(kept)}
     return dataclasses.replace(rows.only(kept), counts=counts).sorted_by(image.axial)

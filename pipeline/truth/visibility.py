@@ -72,9 +72,9 @@ def seen(
     -------
     Correspondences, (n,) float64
     """
-    found = rows.found
-    x_px = np.stack([found.x_px, found.y_px], axis=1)
-    share, _ = visibility(rig, surroundings, target, rig.microlens(found.cell), x_px, planes[found.point])
+    solutions = rows.solutions
+    x_px = np.stack([solutions.x_px, solutions.y_px], axis=1)
+    share, _ = visibility(rig, surroundings, target, rig.microlens(solutions.cell), x_px, planes[solutions.point])
     kept = share != 0  # NaN (unknown) does not mean hidden
     counts = {name: count for name, count in rows.counts.items() if name != "rows"}
     counts |= {

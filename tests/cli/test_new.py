@@ -201,7 +201,7 @@ def test_what_is_around_the_points_is_in_the_image_as_well():
     camera = rigs.conventional(4.5, 192, 144, 0.05)
     board, wider = (Checkerboard(columns=4, rows=3, square_mm=square) for square in (1.2, 1.6))
     for pose in filled(camera, Target(board), Wish(count=8, seed=3, blur_px=4.0))[1]:
-        assert len(solved(rig_of(camera), wider, pose.vision_from_target).found.point) == 12
+        assert len(solved(rig_of(camera), wider, pose.vision_from_target).solutions.point) == 12
 
 
 @pytest.mark.heavy
@@ -249,11 +249,11 @@ def test_a_fitted_board_is_sharp_behind_microlenses_and_seen_by_a_pinhole(pipeli
         pose = np.array(frame.camera_from_world[entry.name]) @ np.array(frame.world_from_target[board.name])
         found = solved(rig, board.target.pattern, pose, 1e-2)
         if camera.microlenses is None:
-            assert len(found.found.point) == 28
+            assert len(found.solutions.point) == 28
             continue
-        assert len(found.found.point) > 0
-        for point in np.unique(found.found.point):  # 0.1 px of a diameter of 1 px: aberrations of the lens
-            assert 2 * np.abs(found.rho_px[found.found.point == point]).min() < camera.circle_of_confusion_px + 0.1
+        assert len(found.solutions.point) > 0
+        for point in np.unique(found.solutions.point):  # 0.1 px of a diameter of 1 px: aberrations of the lens
+            assert 2 * np.abs(found.rho_px[found.solutions.point == point]).min() < camera.circle_of_confusion_px + 0.1
         white = irradiance(rig, 16, None)
         lit = white > 0.5 * white.max()
         shown = irradiance(rig, 16, TargetLight([(board.target, pose)], 0.5, []).radiance)
@@ -263,7 +263,7 @@ def test_a_fitted_board_is_sharp_behind_microlenses_and_seen_by_a_pinhole(pipeli
 def found_by_opencv(field: Field, poses: list[Pose], tries: int) -> np.ndarray:
     """Standard deviations of f, x and y of the centre by calibrations of exact corners with 0.05 px of noise."""
     board, rng, rows = field.target.pattern, np.random.default_rng(1), []
-    exact = [solved(rig_of(field.camera), board, pose.vision_from_target).found for pose in poses]
+    exact = [solved(rig_of(field.camera), board, pose.vision_from_target).solutions for pose in poses]
     objects = [(board.points_mm()[found.point] * (1, -1, 0)).astype(np.float32) for found in exact]
     f, (x, y) = field.principal_distance_px, field.middle_px
     size = field.camera.sensor.width_px, field.camera.sensor.height_px
@@ -323,6 +323,6 @@ def test_a_stereo_rig_gets_poses_that_both_cameras_see(pipeline):
         for frame in dataset.frames:
             pose = np.array(frame.camera_from_world[entry.name]) @ np.array(frame.world_from_target["Board"])
             found = solved(rig_of(entry.camera), dataset.targets[0].target.pattern, pose, 1e-2)
-            assert len(found.found.point) == 28
+            assert len(found.solutions.point) == 28
     code, _, log = pipeline("new", "dataset", "e.usda", "--rig", "d.usda", *PARTS[2:])
     assert code == 2 and "d.usda is a dataset" in log

@@ -13,7 +13,7 @@ from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.column_sets import column_set
-from pipeline.truth.rows import Found
+from pipeline.truth.rows import Solutions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,11 +24,11 @@ class Case:
     target: Target
     pose: np.ndarray
     planes: np.ndarray
-    found: Found
+    solutions: Solutions
 
     @property
     def j_px(self) -> np.ndarray:
-        return np.stack([self.found.x_px, self.found.y_px], axis=1)
+        return np.stack([self.solutions.x_px, self.solutions.y_px], axis=1)
 
 
 def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
@@ -37,7 +37,7 @@ def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
     points = target.points()
     planes = tangent_planes(pose, points.position_mm, points.plane_axes)
     solved = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05)
-    return Case(rig, target, pose, planes, solved.found)
+    return Case(rig, target, pose, planes, solved.solutions)
 
 
 def board(square_mm: float = 1.5, white: float = 1.0, black: float = 0.0) -> Target:
@@ -51,4 +51,4 @@ def off_axis(stop_semi_mm: float, pitch_mm: float = 0.005) -> Camera:
 
 
 def saddles(case: Case) -> np.ndarray:
-    return column_set("saddle", case.rig, case.target, case.pose, case.planes, case.found).x_px
+    return column_set("saddle", case.rig, case.target, case.pose, case.planes, case.solutions).x_px

@@ -26,7 +26,7 @@ def by_direct(pitch_mm: float) -> tuple:
         rigs.facing(450.0, 20.0),
     )
     planes = tangent_planes(pose, board.points_mm())
-    rows = solved(rig, board, pose, CLAIM_PX).found
+    rows = solved(rig, board, pose, CLAIM_PX).solutions
     x = np.stack([rows.x_px, rows.y_px], axis=1)
     return rig, planes[rows.point], rows.cell, x, np.ones(len(x), bool)
 

@@ -47,7 +47,7 @@ def test_red_and_blue_differ_as_textbook_rays_of_all_wavelengths_say() -> None:
     for light in (RED, BLUE):
         camera = in_light(lens(), light)
         rig = rig_of(camera)
-        found = solved(rig, pattern, pose).found
+        found = solved(rig, pattern, pose).solutions
         x = np.array([found.x_px[0], found.y_px[0]])
         places.append(x)
         start = rig.tracer.positions_mm(*x[:, None])[0]
@@ -89,7 +89,7 @@ def test_a_split_wavelength_changes_nothing() -> None:
     halves = tuple(SpectralNode(wavelength_nm=550.0, weight=w, indices=middle.indices) for w in (0.25, 0.75))
     split = lens().in_light(Channel(name="", middle=middle, nodes=halves))
     both = [solved(rig_of(camera), board_, pose) for camera in (split, at(lens(), 550.0))]
-    np.testing.assert_allclose(both[0].found.x_px, both[1].found.x_px, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(both[0].solutions.x_px, both[1].solutions.x_px, rtol=0, atol=1e-9)
     np.testing.assert_allclose(both[0].blur_px2, both[1].blur_px2, rtol=1e-9)
     np.testing.assert_allclose(both[0].hit_fraction, both[1].hit_fraction, rtol=1e-12)
 
@@ -117,7 +117,7 @@ def test_lateral_colour_of_a_singlet_is_the_paraxial_one() -> None:
 
     point_mm, away_mm = 4.0, 1000.0
     target = Checkerboard(columns=2, rows=1, square_mm=2 * point_mm)
-    found = {nm: solved(rig_of(camera(n)), target, rigs.facing(away_mm), 1e-5).found for nm, n in indices.items()}
+    found = {nm: solved(rig_of(camera(n)), target, rigs.facing(away_mm), 1e-5).solutions for nm, n in indices.items()}
     traced = [(one.x_px.max() - one.x_px.min()) / 2 for one in found.values()]
     paraxial = [abs(height(n, point_mm / away_mm)) / 0.001 for n in indices.values()]
     assert abs(paraxial[0] - paraxial[1]) > 1
@@ -131,7 +131,7 @@ def test_the_centroid_of_a_channel_is_that_of_the_light_of_its_wavelengths() -> 
         rigs.facing(436.0, 12.0, 24.0),
     )
     whole = case_of(in_light(lens(4.5), RED), target, pose)
-    point = int(whole.found.point[0])
+    point = int(whole.solutions.point[0])
 
     def found(rig: Rig) -> np.ndarray:
         return centroid(rig, 0, whole.j_px[0], whole.planes[point], 1.5).x_px

@@ -45,7 +45,7 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
     camera = rigs.displaced(camera) if is_displaced else camera
     case = case_of(camera, board(), rigs.facing(440.0, 20.0, 27.0, 5.0))
     positions = chief_points(
-        case.rig.tracer, case.rig.microlens(case.found.cell), case.j_px, case.planes[case.found.point]
+        case.rig.tracer, case.rig.microlens(case.solutions.cell), case.j_px, case.planes[case.solutions.point]
     )
     table, stop = unbounded(towards_sensor(camera.prescription)), camera.prescription.stop_index
 
@@ -60,7 +60,7 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
         reached, _ = ray(table[: stop + 1], start, aim)
         return apply(inverse(motion_of(table[stop])), reached[None])[0, :2]
 
-    for point, x in zip(case.found.point, positions, strict=True):
+    for point, x in zip(case.solutions.point, positions, strict=True):
         start = case.planes[point, 0] * FLIP
         position, way = ray(table, start, root(beside, np.zeros(2), args=(start,)).x)
         landed = (position + (camera.sensor_distance_mm - position[2]) / way[2] * way) * FLIP
@@ -71,14 +71,14 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
 def test_behind_a_thin_microlens_the_ray_through_its_vertex_meets_the_point() -> None:
     camera = rigs.plenoptic(1.0, 64, 64)
     case = case_of(camera, board(0.5), rigs.facing(420.0, 20.0))
-    lens = case.rig.microlens(case.found.cell)
-    x = chief_points(case.rig.tracer, lens, case.j_px, case.planes[case.found.point])
+    lens = case.rig.microlens(case.solutions.cell)
+    x = chief_points(case.rig.tracer, lens, case.j_px, case.planes[case.solutions.point])
     assert len(x) > 10
     start, vertex = case.rig.tracer.positions_mm(*x.T), case.rig.tracer.vertices_mm[lens]
     way = np.column_stack([vertex - start, np.full(len(x), camera.microlenses.distance_mm)])
     plane = np.column_stack([vertex, np.full(len(x), case.rig.tracer.film_z_mm)])
     position, way, _ = textbook.trace(camera.prescription, plane, way)
-    missed = textbook.at_plane(position, way, case.pose) - case.target.points().position_mm[case.found.point, :2]
+    missed = textbook.at_plane(position, way, case.pose) - case.target.points().position_mm[case.solutions.point, :2]
     assert np.abs(missed).max() < 1e4 * TEXTBOOK_MM  # Newton's steps end at 1e-10 px, of 0.2 mm each
 
 
@@ -105,7 +105,7 @@ def test_white_and_black_may_change_places() -> None:
     """Two rows of a board have opposite corners; without fall-off of light over a pixel, their saddles do not care."""
     case = case_of(off_axis(4.0), board(), rigs.facing(436.0, 0.0, 27.0))
     around = corners_of(case.target)
-    for i, point in enumerate(case.found.point):
+    for i, point in enumerate(case.solutions.point):
         edges = around.edges[point] @ case.pose[:3, :3].T
         both = [
             saddle(case.rig.tracer, -1, case.j_px[i], corner_plane(case.planes[point], e), 1.0).x_px
@@ -116,7 +116,7 @@ def test_white_and_black_may_change_places() -> None:
 
 def dense_saddle(case: Case, i: int, half_px: int, reach_px: float, rays: int) -> tuple[np.ndarray, np.ndarray]:
     """The saddle of row i, and that of a rendered corner."""
-    point, cell, camera, lens = case.found.point[i], case.found.cell[i], case.rig.tracer.camera, None
+    point, cell, camera, lens = case.solutions.point[i], case.solutions.cell[i], case.rig.tracer.camera, None
     if camera.microlenses:
         focal = camera.microlenses.focal_lengths_mm[case.rig.tracer.lattice.type[cell]]
         lens = case.rig.tracer.vertices_mm[cell], focal
@@ -192,7 +192,7 @@ def test_the_centroid_is_that_of_a_rendered_disc(stop: float, radius: float) -> 
     sensor = Sensor(width_px=401, height_px=401, pitch_mm=0.05)
     camera = rigs.bare(rigs.tronnier(stop), sensor, 131.81, (400.0, 480.0))
     case = case_of(camera, discs(radius), rigs.facing(438.0, 30.0, 27.0, 3.0))
-    point, x = case.found.point[0], case.j_px[0]
+    point, x = case.solutions.point[0], case.j_px[0]
     found = centroid(case.rig, 0, x, case.planes[point], radius)
     middle = case.target.points().position_mm[point, :2]
     near, half = np.round(x), np.full(2, 36 if radius == 5 else 12)
@@ -212,10 +212,10 @@ def test_cells_are_empty_where_nothing_is_defined() -> None:
     camera = rigs.bare(rigs.tronnier(4.0), Sensor(width_px=101, height_px=101, pitch_mm=0.05), 131.81, (400.0, 480.0))
     dots = case_of(camera, discs(2.0), rigs.facing(434.4, 0.0, 4.0, 0.0))
     assert np.isnan(saddles(dots)).all()
-    cut = column_set("centroid", dots.rig, dots.target, dots.pose, dots.planes, dots.found)
+    cut = column_set("centroid", dots.rig, dots.target, dots.pose, dots.planes, dots.solutions)
     assert np.isnan(cut.x_px[:, 0]).tolist() == (dots.j_px[:, 0] > 80).tolist()
     assert "disc not whole in image or cell 1" in cut.note.text
     corners = case_of(camera, board(), rigs.facing(434.4))
-    none = column_set("centroid", corners.rig, corners.target, corners.pose, corners.planes, corners.found)
+    none = column_set("centroid", corners.rig, corners.target, corners.pose, corners.planes, corners.solutions)
     assert np.isnan(none.x_px).all()
     assert "not a disc 2" in none.note.text

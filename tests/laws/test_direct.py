@@ -164,10 +164,10 @@ def test_direct_finds_every_row_that_a_dense_scan_finds(small: Rig) -> None:
 
     point, cell = (part.ravel() for part in np.mgrid[:6, : len(small.images.centre_mm)])
     scanned = solve(small, Guess(point, cell, small.home_px(cell)), planes, 1e-4, 0.05)
-    assert len(found.found.point) > 40
-    assert found.found.point.tolist() == scanned.found.point.tolist()
-    assert found.found.cell.tolist() == scanned.found.cell.tolist()
-    both = np.abs(found.found.x_px - scanned.found.x_px), np.abs(found.found.y_px - scanned.found.y_px)
+    assert len(found.solutions.point) > 40
+    assert found.solutions.point.tolist() == scanned.solutions.point.tolist()
+    assert found.solutions.cell.tolist() == scanned.solutions.cell.tolist()
+    both = np.abs(found.solutions.x_px - scanned.solutions.x_px), np.abs(found.solutions.y_px - scanned.solutions.y_px)
     assert np.max(both) < 2 * DIRECT_PX
 
 
@@ -195,7 +195,7 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
         rigs.facing(distance_mm, tilt_deg),
     )
     direct = solved(rig_of(camera), board, pose)
-    assert len(direct.found.point) == 6 and direct.counts["inaccurate"] == 0
+    assert len(direct.solutions.point) == 6 and direct.counts["inaccurate"] == 0
     grid = rigs.ray_grid(tmp_path_factory.mktemp("rays"), camera, 1, 256, seed)
     flat = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
     sampling = Sampling(supersampling=1, samples=256, seed=seed)
@@ -205,8 +205,10 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
     }
     for method, image in images.items():
         rows = correspond(image, board.points_mm(), grid, pose, TruthSettings(method=method, filter="none"))
-        assert len(rows.found.point) == 6
-        apart = np.stack([rows.found.x_px - direct.found.x_px, rows.found.y_px - direct.found.y_px], axis=1)
+        assert len(rows.solutions.point) == 6
+        apart = np.stack(
+            [rows.solutions.x_px - direct.solutions.x_px, rows.solutions.y_px - direct.solutions.y_px], axis=1
+        )
         # Sigma comes from four replicas; second order leaves up to half a per cent of what it corrects.
         bias = np.abs(on_target_shift(flat, images["moments"])) / 0.17 * 0.01
         assert np.sqrt(np.mean(apart**2)) < 3 * np.sqrt(np.mean(rows.sigma_px**2)) + bias
@@ -221,7 +223,7 @@ def on_target_shift(before: np.ndarray, after: np.ndarray) -> float:
 def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: bool) -> None:
     board, pose = Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0)
     planes = tangent_planes(pose, board.points_mm())
-    rows = solved(small, board, pose).found
+    rows = solved(small, board, pose).solutions
     x = np.stack([rows.x_px, rows.y_px], axis=1)
 
     def verdict(bias_px: float) -> dict:

@@ -536,7 +536,7 @@ def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.n
     """
     image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
     truth = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments", filter="none"))
-    rows, found = truth.found, []
+    rows, found = truth.solutions, []
     positions = Tracer(camera).positions_mm(rows.x_px, rows.y_px)
     bright = np.flatnonzero(truth.hit_fraction > 0.9)
     for i in bright[:: max(1, len(bright) // count)]:

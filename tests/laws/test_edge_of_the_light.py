@@ -78,12 +78,12 @@ def test_rows_at_the_edge_of_the_light_keep_claim_and_sigma(name: str, count: in
         planes[i, 0], x_px[i] = apply(pose, np.array([*hit, 0.0])), rig.tracer.pixels_at(start[None])[0]
     guess = Guess(np.arange(count), np.zeros(count, np.int64), x_px + rng.uniform(-2, 2, x_px.shape))
     rows = solve(rig, guess, planes, CLAIM_PX, 0.0)
-    assert rows.counts["inaccurate"] == 0 and len(rows.found.point) + rows.counts["dropped_outside_image"] == count
-    assert len(rows.found.point) > count / 2
-    solved = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
-    apart = np.hypot(*(solved - x_px[rows.found.point]).T)
+    assert rows.counts["inaccurate"] == 0 and len(rows.solutions.point) + rows.counts["dropped_outside_image"] == count
+    assert len(rows.solutions.point) > count / 2
+    solved = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
+    apart = np.hypot(*(solved - x_px[rows.solutions.point]).T)
     assert apart.max() < CLAIM_PX
-    doubt = np.hypot(*np.linalg.solve(rows.found.jacobian, doubt_mm[rows.found.point, :, None])[..., 0].T)
+    doubt = np.hypot(*np.linalg.solve(rows.solutions.jacobian, doubt_mm[rows.solutions.point, :, None])[..., 0].T)
     assert np.all(apart <= 3 * np.hypot(*rows.sigma_px.T) + doubt + HALVED_PX)
 
 

@@ -73,24 +73,26 @@ def test_all_methods_find_the_same_rows(pixel: Rig, direct: Correspondences, tmp
     settings = TruthSettings(method="moments", filter="none")
     for name, image in images.items():
         rows = correspond(image, BOARD.points_mm(), grid, POSE, dataclasses.replace(settings, method=name))
-        number = {pair: i for i, pair in enumerate(zip(direct.found.point, direct.found.cell, strict=True))}
-        own = [number.get(pair, -1) for pair in zip(rows.found.point, rows.found.cell, strict=True)]
+        number = {pair: i for i, pair in enumerate(zip(direct.solutions.point, direct.solutions.cell, strict=True))}
+        own = [number.get(pair, -1) for pair in zip(rows.solutions.point, rows.solutions.cell, strict=True)]
         assert len(own) > 5 and own.count(-1) <= 1
-        apart = np.hypot(rows.found.x_px - direct.found.x_px[own], rows.found.y_px - direct.found.y_px[own])
+        apart = np.hypot(
+            rows.solutions.x_px - direct.solutions.x_px[own], rows.solutions.y_px - direct.solutions.y_px[own]
+        )
         assert np.median(apart[np.array(own) >= 0]) < 0.01  # K = 1: J bends within four pixels
         if name == "moments":
             whole = polished(pixel, rows, PLANES, settings)
-            assert whole.found.cell.tolist() == direct.found.cell.tolist()
-            both = whole.found.x_px - direct.found.x_px, whole.found.y_px - direct.found.y_px
+            assert whole.solutions.cell.tolist() == direct.solutions.cell.tolist()
+            both = whole.solutions.x_px - direct.solutions.x_px, whole.solutions.y_px - direct.solutions.y_px
             assert np.hypot(*both).max() < 2e-3
 
 
 def test_blur_is_that_of_the_point(point: Rig, pixel: Rig, direct: Correspondences) -> None:
     """Rows in full light: the pixel's own 1/12 px^2 per axis is not in the columns."""
     other = solved(point, BOARD, POSE)
-    rows = {pair: i for i, pair in enumerate(zip(other.found.point, other.found.cell, strict=True))}
+    rows = {pair: i for i, pair in enumerate(zip(other.solutions.point, other.solutions.cell, strict=True))}
     bright = np.flatnonzero(direct.hit_fraction > 0.999)
-    same = [rows[direct.found.point[i], direct.found.cell[i]] for i in bright]
+    same = [rows[direct.solutions.point[i], direct.solutions.cell[i]] for i in bright]
     assert len(same) > 3
     np.testing.assert_allclose(direct.blur_px2[bright], other.blur_px2[same], rtol=FIRST_ORDER_BLUR, atol=1e-4)
     np.testing.assert_allclose(direct.rho_px[bright], other.rho_px[same], rtol=FIRST_ORDER_BLUR)
@@ -101,8 +103,8 @@ def test_a_judge_with_the_other_footprint_objects(
     point: Rig, pixel: Rig, direct: Correspondences, is_direct: bool
 ) -> None:
     """Rows of pixels pass before a judge who means pixels; before one who means points they fail, by five claims."""
-    x = np.stack([direct.found.x_px, direct.found.y_px], axis=1)
-    rows = Rows(PLANES[direct.found.point], direct.found.cell, x, np.full(len(x), is_direct))
+    x = np.stack([direct.solutions.x_px, direct.solutions.y_px], axis=1)
+    rows = Rows(PLANES[direct.solutions.point], direct.solutions.cell, x, np.full(len(x), is_direct))
     own, other = (certify(rig, rows, len(x), 1e-3) for rig in (pixel, point))
     assert own["passed"] is True
     assert other["passed"] is False and other["max_px"] > 5e-3

@@ -72,8 +72,8 @@ def test_rows_have_the_hit_fraction_of_their_position(hole_grid: RayGrid) -> Non
     row, column = np.rint(fine_from_image(x[:, ::-1], 2)).astype(int).T
     points = np.column_stack([image[row, column] + 0.3, np.zeros(len(x))])  # not in the middle of pixels
     rows = correspond(image, points, hole_grid, pose, TruthSettings(method="moments", filter="none"))
-    assert len(rows.found.point) > 90
-    np.testing.assert_allclose(rows.hit_fraction, share_of_light(rows.found.x_px, rows.found.y_px), rtol=0.01)
+    assert len(rows.solutions.point) > 90
+    np.testing.assert_allclose(rows.hit_fraction, share_of_light(rows.solutions.x_px, rows.solutions.y_px), rtol=0.01)
 
 
 def test_behind_microlenses_it_is_the_share_that_the_main_lens_lets_through(tmp_path: Path) -> None:

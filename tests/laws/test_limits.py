@@ -52,7 +52,7 @@ def test_a_pinhole_camera_sees_points_where_central_projection_puts_them(tmp_pat
     for k in (1, 2, 3):
         grid = rigs.ray_grid(tmp_path / str(k), camera, k, 64)
         image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-        found = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments")).found
+        found = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments")).solutions
         assert list(found.point) == list(range(12))
         column, row = np.arange(12) % 4, np.arange(12) // 4
         x_mm, y_mm = 5.0 + 20.0 * (column - 1.5), -3.0 + 20.0 * (row - 1)

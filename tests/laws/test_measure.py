@@ -158,7 +158,7 @@ def test_an_image_and_a_truth_of_different_weights_are_caught(weight: str, tilte
     """
     board, pose = tilted
     rig = rig_of(weighed(fast(17.1), weight))
-    rows, planes = solved(rig, board, pose).found, tangent_planes(pose, board.points_mm())
+    rows, planes = solved(rig, board, pose).solutions, tangent_planes(pose, board.points_mm())
     assert len(rows.point) == 2
     x = np.array([rows.x_px[0], rows.y_px[0]])
     off = {
@@ -176,7 +176,7 @@ def test_a_certificate_judges_by_the_weight_of_the_camera(weight: str, tilted) -
     """Both rules of integration agree for either weight; a judge who weighs otherwise objects."""
     board, pose = tilted
     camera, planes = weighed(fast(17.1), weight), tangent_planes(pose, board.points_mm())
-    rows = solved(rig_of(camera), board, pose).found
+    rows = solved(rig_of(camera), board, pose).solutions
     x = np.stack([rows.x_px, rows.y_px], axis=1)
     judged = Rows(planes[rows.point], rows.cell, x, np.zeros(len(x), bool))
     own, other = (certify(rig_of(weighed(camera, by)), judged, len(x), 1e-3) for by in (weight, ODD[weight]))
@@ -184,7 +184,7 @@ def test_a_certificate_judges_by_the_weight_of_the_camera(weight: str, tilted) -
     assert other["passed"] is False and other["max_px"] > 0.8
     small = weighed(rigs.plenoptic(1.0, 48, 40), weight)
     rig, pose = rig_of(small, 3), rigs.facing(420.0, 20.0)
-    rows, planes = solved(rig, board, pose).found, tangent_planes(pose, board.points_mm())
+    rows, planes = solved(rig, board, pose).solutions, tangent_planes(pose, board.points_mm())
     x = np.stack([rows.x_px, rows.y_px], axis=1)
     verdict = certify(rig, Rows(planes[rows.point], rows.cell, x, np.ones(len(x), bool)), len(x), 1e-3)
     assert len(x) > 3 and verdict["passed"] is True

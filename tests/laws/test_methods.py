@@ -87,18 +87,18 @@ class Scene:
     def apart(self, rows: Correspondences) -> tuple[np.ndarray, np.ndarray]:
         """Differences from `direct` (n, 2) [px] of the rows that it knows, and which those are."""
         width = len(self.rig.axial)
-        here, there = (r.found.point * width + r.found.cell for r in (rows, self.direct))
+        here, there = (r.solutions.point * width + r.solutions.cell for r in (rows, self.direct))
         order = np.argsort(there)
         place = order[np.minimum(np.searchsorted(there[order], here), len(there) - 1)]
         known = there[place] == here
-        x, exact = (np.stack([r.found.x_px, r.found.y_px], axis=1) for r in (rows, self.direct))
+        x, exact = (np.stack([r.solutions.x_px, r.solutions.y_px], axis=1) for r in (rows, self.direct))
         return x[known] - exact[place[known]], known
 
 
 def judged(scene: Scene, rows: Correspondences, bias_px: float, claim_px: float) -> dict:
     """The certificate's verdict on a few rows, moved by a bias."""
-    some = np.random.default_rng(0).permutation(len(rows.found.point))[:16]
-    found = rows.found.only(some)
+    some = np.random.default_rng(0).permutation(len(rows.solutions.point))[:16]
+    found = rows.solutions.only(some)
     planes = tangent_planes(scene.pose, scene.points.position_mm, scene.points.plane_axes)[found.point]
     x = np.stack([found.x_px + bias_px, found.y_px], axis=1)
     return certify(scene.rig, Rows(planes, found.cell, x, rows.method[some] == "direct"), len(some), claim_px)
@@ -114,16 +114,16 @@ def most_by_chance(rows: int) -> float:
 
 def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
     """What two planes leave out, to second order, from moments by quadrature at each row, (n, 2) [px]."""
-    x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
+    x = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
     near_far = scene.grid.near_mm, scene.grid.far_mm
     planes = np.repeat(parallel_planes(*near_far)[None], len(x), axis=0)
-    flat = integrals(scene.rig.tracer, Bundles(x, scene.rig.microlens(rows.found.cell), planes), 2).moments
+    flat = integrals(scene.rig.tracer, Bundles(x, scene.rig.microlens(rows.solutions.cell), planes), 2).moments
     shift = np.empty((len(x), 2))
-    for row, (moments, point) in enumerate(zip(flat, rows.found.point, strict=True)):
+    for row, (moments, point) in enumerate(zip(flat, rows.solutions.point, strict=True)):
         pose = scene.pose @ scene.points.frames[scene.points.plane[point]]
         share, _, way = crossing_share(moments[None, :2], moments[None, 2:4], *near_far, pose)
         shift[row] = correction(moments[None, COVARIANCE:WEIGHT], share, way, pose)[0]
-    return np.linalg.solve(rows.found.jacobian, shift[..., None])[..., 0]
+    return np.linalg.solve(rows.solutions.jacobian, shift[..., None])[..., 0]
 
 
 QUICK = (7,)
@@ -137,7 +137,7 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Scene:
 
 def test_all_methods_agree_within_what_they_state(scene: Scene) -> None:
     direct = scene.direct
-    assert len(direct.found.point) >= 4
+    assert len(direct.solutions.point) >= 4
 
     honest = judged(scene, direct, 0.0, 5e-4)
     assert honest["passed"] is True, honest
@@ -150,7 +150,7 @@ def test_all_methods_agree_within_what_they_state(scene: Scene) -> None:
     claim_px = TruthSettings(method="moments").claim_px
     assert claim_px is not None
     assert np.mean(length <= claim_px) >= WITHIN and length.max() <= WORST * claim_px
-    assert abs(len(moments.found.point) - len(direct.found.point)) <= 2 and np.sum(~known) <= 1
+    assert abs(len(moments.solutions.point) - len(direct.solutions.point)) <= 2 and np.sum(~known) <= 1
 
     by_method = {"two-plane": scene.rows(TruthSettings(method="two-plane")), "moments": scene.second_order()}
     if len(scene.points.frames) <= 3:
@@ -182,9 +182,9 @@ def test_rows_of_a_bent_target_are_those_of_the_whole_image(tmp_path: Path, monk
     whole = correspond_points(points, grid, pose, TruthSettings(method="two-plane"), image_of)
     assert set(made[len(points.position_mm) :]) == {(96, 72)}
     assert found is not None and whole is not None
-    assert found.found.point.tolist() == whole.found.point.tolist() == list(range(40))
-    np.testing.assert_array_equal(found.found.x_px, whole.found.x_px)
-    np.testing.assert_array_equal(found.found.y_px, whole.found.y_px)
+    assert found.solutions.point.tolist() == whole.solutions.point.tolist() == list(range(40))
+    np.testing.assert_array_equal(found.solutions.x_px, whole.solutions.x_px)
+    np.testing.assert_array_equal(found.solutions.y_px, whole.solutions.y_px)
 
 
 BENT = Warped(deflection_mm=(0.3, -0.2))

@@ -70,7 +70,7 @@ def test_the_truth_of_a_pinhole_is_what_opencv_projects(distortion: tuple[float,
     found = pinhole(camera)
     assert found is not None
     for pose in POSES:
-        rows = solved(rig_of(camera), BOARD, pose).found
+        rows = solved(rig_of(camera), BOARD, pose).solutions
         assert len(rows.point) >= 6
         expected = by_opencv(found, BOARD.points_mm()[rows.point], pose)
         np.testing.assert_allclose(np.stack([rows.x_px, rows.y_px], axis=1), expected, rtol=0, atol=EXACT_PX)
@@ -164,7 +164,7 @@ def test_a_thin_lens_before_pinholes_is_the_camera_of_libpleno() -> None:
     camera = model(replace(rigs.plenoptic(2.0), microlenses=array), "thinLens", BROWN)
     board, pose = Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0, 0.3, 0.2)
     rig = rig_of(camera)
-    rows = solved(rig, board, pose, 1e-6).found
+    rows = solved(rig, board, pose, 1e-6).solutions
     assert len(rows.point) > 50
     film_mm = camera.sensor_distance_mm - array.distance_mm
     x, y, z = (pose @ np.column_stack([board.points_mm(), np.ones(len(board.points_mm()))])[rows.point].T)[:3]

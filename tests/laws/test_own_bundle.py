@@ -31,7 +31,7 @@ def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(met
     rows = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), None)
     assert rows is not None
     traced = rows.only(rows.method != "direct")
-    found = traced.found
+    found = traced.solutions
     assert len(found.point) > 20 and traced.hit_fraction.min() < 0.6
     x, planes = np.stack([found.x_px, found.y_px], axis=1), tangent_planes(pose, points.position_mm)[found.point]
     both, lens = np.stack([planes, planes], axis=1), rig.microlens(found.cell)

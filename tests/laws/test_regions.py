@@ -95,16 +95,16 @@ def test_a_row_has_all_of_the_light_of_its_bundle(region: str) -> None:
     points = np.array([[4.0, -7.0, 0.0], [-11.0, 6.0, 0.0]])
     planes = tangent_planes(rigs.facing(TARGET_MM), points)
     found = solve(rig, guesses(rig, planes)[0], planes, 1e-3, 0.01)
-    assert found.found.point.tolist() == [0, 1] and found.counts["random"] == 0
+    assert found.solutions.point.tolist() == [0, 1] and found.counts["random"] == 0
     _, reference = brute(region, np.array([31.5, 23.5]))
     for i, point in enumerate(planes[:, 0, :2]):
-        x = np.array([found.found.x_px[i], found.found.y_px[i]])
+        x = np.array([found.solutions.x_px[i], found.solutions.y_px[i]])
         hit, weight = brute(region, x)
         off_px = np.abs(hit - point) * SENSOR_MM / (PITCH_MM * TARGET_MM)
         assert np.all(off_px < SIGMAS * found.sigma_px[i] + BRUTE_PX)
         assert found.hit_fraction[i] == pytest.approx(weight / reference, rel=2e-3)
         along = planes[i, 1:3, :2] @ np.stack([brute(region, x + step)[0] - hit for step in np.eye(2)], axis=1)
-        assert np.abs(found.found.jacobian[i] - along).max() < DERIVATIVE * np.abs(along).max()
+        assert np.abs(found.solutions.jacobian[i] - along).max() < DERIVATIVE * np.abs(along).max()
 
 
 @pytest.mark.parametrize(

@@ -222,11 +222,11 @@ def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
         correspond(flat, points, grid, np.eye(4), TruthSettings(method="moments", filter="none"))
         for grid in (two, even)
     )
-    assert len(found.found.point) > 150
-    np.testing.assert_array_equal(found.found.point, reference.found.point)
-    expected = reference.sigma_px * np.where(found.found.cell == 0, 1.0, 100.0)[:, None]
+    assert len(found.solutions.point) > 150
+    np.testing.assert_array_equal(found.solutions.point, reference.solutions.point)
+    expected = reference.sigma_px * np.where(found.solutions.cell == 0, 1.0, 100.0)[:, None]
     np.testing.assert_allclose(found.sigma_px, expected, rtol=1e-9)
-    near_the_edge = np.abs(found.found.x_px - (width - 1) / 2) < 1.0
+    near_the_edge = np.abs(found.solutions.x_px - (width - 1) / 2) < 1.0
     assert np.isfinite(found.sigma_px[near_the_edge]).all() and near_the_edge.sum() > 5
 
 

@@ -88,8 +88,8 @@ def test_blur_columns_are_the_covariance_of_a_brute_force_bundle(tmp_path: Path,
     camera, board = rigs.conventional(4.5, 24, 18), Checkerboard(columns=2, rows=1, square_mm=1.5)
     pose = rigs.facing(distance_mm)
     found, tracer = truth_of(rigs.ray_grid(tmp_path / "many rays", camera, 1, 16_384), board, pose), Tracer(camera)
-    assert len(found.found.point) == 2
-    for x, y, blur in zip(found.found.x_px, found.found.y_px, found.blur_px2, strict=True):
+    assert len(found.solutions.point) == 2
+    for x, y, blur in zip(found.solutions.x_px, found.solutions.y_px, found.blur_px2, strict=True):
         (wide, weight), *steps = (
             hits_of(camera, tracer.positions_mm(np.array([x + dx]), np.array([y + dy]))[0], pose, count)
             for dx, dy, count in (
@@ -111,7 +111,7 @@ def test_rho_is_the_blur_radius_positive_beyond_focus(conventional: Camera, conv
     board, rhos = Checkerboard(columns=2, rows=1, square_mm=2.0), {}
     for distance in (395.0, 415.0, 455.0, 475.0):
         found = truth_of(conventional_grid, board, rigs.facing(distance))
-        mm_per_px = np.sqrt(np.abs(np.linalg.det(found.found.jacobian)))
+        mm_per_px = np.sqrt(np.abs(np.linalg.det(found.solutions.jacobian)))
         paraxial = pupil.diameter_mm / 2 * (distance - focus) / (focus - pupil.z_mm) / mm_per_px
         np.testing.assert_allclose(found.rho_px, paraxial, rtol=0, atol=0.12)
         rhos[distance] = found.rho_px
@@ -121,7 +121,7 @@ def test_rho_is_the_blur_radius_positive_beyond_focus(conventional: Camera, conv
 def test_rho_tells_the_types_of_microlenses_apart(plenoptic_grid: RayGrid) -> None:
     """440 mm lies beyond the focus of f = 1.9 mm (363), near that of 2.1 mm (430), before that of 2.3 mm (460)."""
     found = truth_of(plenoptic_grid, Checkerboard(columns=2, rows=1, square_mm=2.0), rigs.facing(440.0))
-    types = plenoptic_grid.microlenses[found.found.cell, 2]
+    types = plenoptic_grid.microlenses[found.solutions.cell, 2]
     lit = found.hit_fraction > 0.5
     assert set(types[lit]) == {0, 1, 2}
     assert found.rho_px[lit & (types == 0)].min() > 0
@@ -133,7 +133,7 @@ def actual_error_px(
     tracer: Tracer, grid: RayGrid, found: Correspondences, board: Checkerboard, pose: np.ndarray
 ) -> np.ndarray:
     """Distance of each row from the solution of J(x) = p with 64 times the rays: one Newton step, (n, 2) [px]."""
-    rows = found.found
+    rows = found.solutions
     positions = tracer.positions_mm(rows.x_px, rows.y_px)
     lens = rows.cell if grid.centres_px is not None else np.full(len(rows.cell), NO_MICROLENS)
     pixels = np.stack([np.arange(len(lens)) + 100_000, np.zeros(len(lens), int)], axis=1)
@@ -151,7 +151,7 @@ def test_sigma_of_conventional_rows_is_their_actual_error(
     for distance in (405.0, 434.0, 465.0):
         board, pose = Checkerboard(columns=10, rows=7, square_mm=0.9), rigs.facing(distance, tilt_deg)
         found = truth_of(conventional_grid, board, pose)
-        assert len(found.found.point) == 70
+        assert len(found.solutions.point) == 70
         ratios.append(actual_error_px(Tracer(conventional), conventional_grid, found, board, pose) / found.sigma_px)
     assert HONEST[0] < np.sqrt(np.mean(np.square(ratios))) < HONEST[1]
 
@@ -169,7 +169,7 @@ def test_sigma_of_plenoptic_rows_is_their_actual_error(plenoptic: Camera, tmp_pa
         found = truth_of(grid, board, pose)
         error = actual_error_px(Tracer(plenoptic), grid, found, board, pose)
         for kind in range(3):
-            rows = (found.hit_fraction > 0.98) & (grid.microlenses[found.found.cell, 2] == kind)
+            rows = (found.hit_fraction > 0.98) & (grid.microlenses[found.solutions.cell, 2] == kind)
             assert rows.sum() > 30
             ratio = np.sqrt(np.mean(error[rows] ** 2) / np.mean(found.sigma_px[rows] ** 2))
             assert HONEST[0] < ratio < HONEST[1]
@@ -189,12 +189,12 @@ def test_sigma_of_rows_in_the_penumbra_is_their_spread_over_seeds(
     grids = [rigs.ray_grid(tmp_path / f"{seed}", camera, 2, 64, seed) for seed in range(seeds)]
     for distance in (400.0, 430.0, 460.0):
         tables = [truth_of(grid, board, rigs.facing(distance, 10.0)) for grid in grids]
-        pairs = [list(zip(found.found.point, found.found.cell, strict=True)) for found in tables]
+        pairs = [list(zip(found.solutions.point, found.solutions.cell, strict=True)) for found in tables]
         common = sorted(set.intersection(*map(set, pairs)))
         order = [[rows.index(pair) for pair in common] for rows in pairs]
         same = [found.only(np.array(rows)) for found, rows in zip(tables, order, strict=True)]
         light = np.mean([found.hit_fraction for found in same], axis=0)
-        x = np.array([np.stack([found.found.x_px, found.found.y_px], axis=1) for found in same])
+        x = np.array([np.stack([found.solutions.x_px, found.solutions.y_px], axis=1) for found in same])
         sigma = np.array([found.sigma_px for found in same])
         rows = (light > 0.2) & (light < 0.9)
         # Every row counts the same: one at the very edge may have half of all variance.

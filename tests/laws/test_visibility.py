@@ -345,13 +345,13 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     rows, planes = solved_rows(rig, board, pose)
     wall = half_plane(0.0, 0.0, 430.0)
     found, share = seen(rig, Surroundings([(board, pose)], [(wall, HERE)]), 0, rows, planes)
-    left = planes[rows.found.point, 0, 0] < 0
-    assert np.array_equal(found.found.point, rows.found.point[left]) and (share == 1).all()
+    left = planes[rows.solutions.point, 0, 0] < 0
+    assert np.array_equal(found.solutions.point, rows.solutions.point[left]) and (share == 1).all()
     assert found.counts["dropped_hidden"] == np.sum(~left) == 6
     assert found.counts["partly_hidden"] == 0 and found.counts["rows"] == 6 == len(share)
     before = {name: count for name, count in rows.counts.items() if name != "rows"}
     assert before and before.items() <= found.counts.items()  # the fate of the other points stays known
-    dark = dataclasses.replace(rows, found=dataclasses.replace(rows.found, x_px=rows.found.x_px + 1e4))
+    dark = dataclasses.replace(rows, solutions=dataclasses.replace(rows.solutions, x_px=rows.solutions.x_px + 1e4))
     unknown, share = seen(rig, Surroundings([(board, pose)], [(wall, HERE)]), 0, dark, planes)
     assert np.isnan(share).all() and len(share) == 12 and unknown.counts["dropped_hidden"] == 0
 
@@ -373,15 +373,15 @@ def test_behind_microlenses_the_share_is_that_of_textbook_rays() -> None:
     rig, target = rig_of(camera), Target(Checkerboard(columns=2, rows=1, square_mm=1.5, white=1.0))
     rows, planes = solved_rows(rig, target, pose)
     walls = [(half_plane(*wall), HERE) for wall in WALLS]
-    x_px = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
+    x_px = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
     around = Surroundings([(target, pose)], walls)
-    share, sigma = visibility(rig, around, 0, rig.microlens(rows.found.cell), x_px, planes[rows.found.point])
+    share, sigma = visibility(rig, around, 0, rig.microlens(rows.solutions.cell), x_px, planes[rows.solutions.point])
     partly = np.flatnonzero((share > 0.02) & (share < 0.98))
-    types = rig.tracer.lattice.type[rows.found.cell]
+    types = rig.tracer.lattice.type[rows.solutions.cell]
     assert set(types[partly]) == {0, 1, 2} and len(partly) > 9
     rng, ratio = np.random.default_rng(8), []
     for row in partly:
-        cell = rows.found.cell[row]
+        cell = rows.solutions.cell[row]
         start, focal = rig.tracer.positions_mm(*x_px[row]), camera.microlenses.focal_lengths_mm[types[row]]
         vertex = rig.tracer.vertices_mm[cell]
         position, direction, weight = brute.rays_through(camera, start, vertex, focal, 15_000, rng)

@@ -207,7 +207,7 @@ class Field:
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
         planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
-        found = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).found
+        found = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).solutions
         seen = np.full((len(planes), 2), np.nan)
         seen[found.point] = np.stack([found.x_px, found.y_px], axis=1)
         return seen

@@ -74,9 +74,9 @@ def stated(
             raise BadAbsorption(
                 what, hint="write them in ascending order, and their values in the same", code="glass-wavelengths"
             )
-    if not all(0 < one <= 1 for one in transmittance) or not thickness_mm > 0:
+    if not all(0 < value <= 1 for value in transmittance) or not thickness_mm > 0:
         raise BadAbsorption(f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm")
-    coefficients = tuple(-math.log(one) / thickness_mm + 0.0 for one in transmittance)
+    coefficients = tuple(-math.log(value) / thickness_mm + 0.0 for value in transmittance)
     return Absorption(label=label, wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
 
 

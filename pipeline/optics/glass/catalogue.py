@@ -57,15 +57,15 @@ def find(name: str) -> Glass:
         Several vendors have an entry of this name and none is named.
     """
     vendor, _, bare = name.rpartition(":")
-    found = [one for one in _named(bare) if vendor.casefold() in ("", one.vendor)]
-    if not found:
+    glasses = [glass for glass in _named(bare) if vendor.casefold() in ("", glass.vendor)]
+    if not glasses:
         near = near_names(name)
         hint = f"near names: {listed(near)}" if near else "write vendor:name, as in schott:N-BK7"
         raise UnknownGlass(f'no glass "{name}" in the catalogue', hint=hint)
-    if len(found) > 1:
-        what = f'"{name}" is a glass of {len(found)} vendors: {listed(found)}'
-        raise AmbiguousGlass(what, hint=f'write one of them with its vendor, as in "{found[-1].label}"')
-    return found[0]
+    if len(glasses) > 1:
+        what = f'"{name}" is a glass of {len(glasses)} vendors: {listed(glasses)}'
+        raise AmbiguousGlass(what, hint=f'write one of them with its vendor, as in "{glasses[-1].label}"')
+    return glasses[0]
 
 
 def near_names(name: str) -> list[Glass]:
@@ -74,26 +74,27 @@ def near_names(name: str) -> list[Glass]:
     exact = _named(bare)
     if exact:
         return exact
-    close = [one for match in _close(bare, _rows_by_name()) for one in _named(match)]
-    return ([one for one in close if one.vendor == vendor] or close)[:_NEAR_NAMES]
+    close = [glass for match in _close(bare, _rows_by_name()) for glass in _named(match)]
+    return ([glass for glass in close if glass.vendor == vendor] or close)[:_NEAR_NAMES]
 
 
 def nearest(nd: float, vd: float, max_dnd: float, max_dvd: float) -> list[Glass]:
     """Glasses within a distance of an n_d and a V_d, nearest first, distances counted in these limits."""
-    found = []
+    ranked = []
     for glass in catalogue():
         if glass.nd is None or glass.vd is None:
             continue
         dnd, dvd = abs(glass.nd - nd) / max_dnd, abs(glass.vd - vd) / max_dvd
         if max(dnd, dvd) <= 1:
-            found.append((dnd + dvd, glass.label, glass))
-    return [glass for _, _, glass in sorted(found, key=lambda row: row[:2])]
+            ranked.append((dnd + dvd, glass.label, glass))
+    return [glass for _, _, glass in sorted(ranked, key=lambda row: row[:2])]
 
 
 def listed(glasses: Iterable[Glass]) -> str:
     """Names with n_d and V_d, for messages."""
     return ", ".join(
-        one.label if one.nd is None or one.vd is None else f"{one.label} ({one.nd:.5f}/{one.vd:.2f})" for one in glasses
+        glass.label if glass.nd is None or glass.vd is None else f"{glass.label} ({glass.nd:.5f}/{glass.vd:.2f})"
+        for glass in glasses
     )
 
 
@@ -111,10 +112,10 @@ def _table() -> list[dict[str, str]]:
 
 @cache
 def _rows_by_name() -> dict[str, list[int]]:
-    found: dict[str, list[int]] = {}
+    rows: dict[str, list[int]] = {}
     for number, row in enumerate(_table()):
-        found.setdefault(row["glass"].casefold(), []).append(number)
-    return found
+        rows.setdefault(row["glass"].casefold(), []).append(number)
+    return rows
 
 
 def _named(bare: str) -> list[Glass]:

@@ -51,11 +51,11 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
     if not glass:
         return _nameless(index, abbe, wavelength_nm)
     try:
-        found = _written(glass) if _is_written(glass) else find(glass)
+        stated = _written(glass) if _is_written(glass) else find(glass)
     except (UnknownGlass, AmbiguousGlass) as error:
         raise _with_neighbours(error, glass, index, abbe) from None
-    _compare(found, index, abbe, wavelength_nm)
-    return found
+    _compare(stated, index, abbe, wavelength_nm)
+    return stated
 
 
 def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:

@@ -55,7 +55,7 @@ class Coating:
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
-        if not all(0 <= one <= 1 for one in self.reflectance):
+        if not all(0 <= share <= 1 for share in self.reflectance):
             raise PrescriptionError(f"a coating reflects a share of light between 0 and 1: {self.reflectance}")
         if len(self.reflectance) != (0 if self.films else max(1, len(self.angles_deg))):
             raise PrescriptionError("a coating is a reflectance, one for each of its angles, or films")

@@ -36,7 +36,7 @@ class Losses:
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
-        if not all(0 < one <= 1 for one in self.per_mm):
+        if not all(0 < share <= 1 for share in self.per_mm):
             raise PrescriptionError(f"a medium lets a share of light above 0 and up to 1 pass: {self.per_mm} per mm")
 
 
@@ -85,7 +85,7 @@ def steepest_deg(
     for at in _met(table, position_mm, direction):
         angles.append(angles_deg(at.before, at.behind, at.cosine))
         alive &= at.passes
-    return np.array([one[alive].max(initial=0.0) for one in angles])
+    return np.array([angle[alive].max(initial=0.0) for angle in angles])
 
 
 class _Met(NamedTuple):

@@ -19,8 +19,8 @@ Placed = Sequence[tuple[AnyTarget, np.ndarray]]
 def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
     """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
     return [
-        (_in_colours(target, np.mean(own[number][slices], axis=0).tolist()) if own else target, pose)
-        for (target, pose), own in zip(targets, colours or [()] * len(targets), strict=True)
+        (_in_colours(target, np.mean(light[number][slices], axis=0).tolist()) if light else target, pose)
+        for (target, pose), light in zip(targets, colours or [()] * len(targets), strict=True)
     ]
 
 

@@ -88,10 +88,10 @@ def _nearer_root(a, b, c, low, high):
     if not inner > 0.0:
         return math.inf
     q = -(b + math.copysign(math.sqrt(inner), b))
-    one, other = min(q / a, c / q), max(q / a, c / q)
-    if one > 0.0 and low <= one <= high:
-        return one
-    return other if other > 0.0 and low <= other <= high else math.inf
+    near, far = min(q / a, c / q), max(q / a, c / q)
+    if near > 0.0 and low <= near <= high:
+        return near
+    return far if far > 0.0 and low <= far <= high else math.inf
 
 
 @inline
@@ -179,12 +179,12 @@ def _towards_dome(lamps, k, normal, pair):
     table = lamps.table
     x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
     if lamps.dome.texels.shape[0] > 0:
-        own, chance = dome_sample(lamps.dome, pair)
-        return world(own, x, y, z), math.inf, table[k, RADIANCE] * dome_texel(lamps.dome, own), chance
+        in_dome, chance = dome_sample(lamps.dome, pair)
+        return world(in_dome, x, y, z), math.inf, table[k, RADIANCE] * dome_texel(lamps.dome, in_dome), chance
     radius, turn = math.sqrt(pair[0]), 2.0 * math.pi * pair[1]
     height = math.sqrt(max(0.0, 1.0 - pair[0]))
-    one, other = across(normal)
-    direction = world((radius * math.cos(turn), radius * math.sin(turn), height), one, other, normal)
+    right, up = across(normal)
+    direction = world((radius * math.cos(turn), radius * math.sin(turn), height), right, up, normal)
     return direction, math.inf, table[k, RADIANCE], height / math.pi
 
 
@@ -204,8 +204,8 @@ def far_light(lamps, k, direction, cosine):
         return 0.0, 0.0
     if lamps.dome.texels.shape[0] > 0:
         x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
-        own = dot(direction, x), dot(direction, y), dot(direction, z)
-        return table[k, RADIANCE] * dome_texel(lamps.dome, own), dome_density(lamps.dome, own)
+        in_dome = dot(direction, x), dot(direction, y), dot(direction, z)
+        return table[k, RADIANCE] * dome_texel(lamps.dome, in_dome), dome_density(lamps.dome, in_dome)
     return table[k, RADIANCE], max(cosine, 0.0) / math.pi
 
 

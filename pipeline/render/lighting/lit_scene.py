@@ -104,7 +104,7 @@ class LitScene:
         self._shapes = shapes.joined(pieces)
         self._embree = MeshScene([self._shapes.corners])
         corners = self._shapes.corners.reshape(-1, 3)
-        weights = np.array([weights_of_rgb(one) for one in view.lights[number]])
+        weights = np.array([weights_of_rgb(light) for light in view.lights[number]])
         sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
         for k, raised in enumerate(weights):
             materials, art = table.arrays(raised), list[PatchLight]()
@@ -145,8 +145,8 @@ class LitScene:
         draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
         for k, tint in enumerate(self._tints):
             some = chosen == k
-            own = Names(*_those(names, some))
-            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], own))
+            names_here = Names(*_those(names, some))
+            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], names_here))
         return light
 
     def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
@@ -197,10 +197,10 @@ class LitScene:
         hits = Hits(np.empty(count), triangle, places[0], places[1], places[2], places[3], np.empty(count))
         albedo = np.full(count, np.nan)
         for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
-            own = (triangle >= first) & (triangle < end)
-            if own.any():
-                albedo[own] = 0.0
-                art.shine(np.where(own, triangle - first, -1), paths.origin, paths.direction, albedo)
+            on_art = (triangle >= first) & (triangle < end)
+            if on_art.any():
+                albedo[on_art] = 0.0
+                art.shine(np.where(on_art, triangle - first, -1), paths.origin, paths.direction, albedo)
         kernels.meet(self._shapes, tint.materials, albedo, paths, hits)
         return hits
 

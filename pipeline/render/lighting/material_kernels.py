@@ -78,26 +78,26 @@ def _texel(materials, picture, x, y, place):
 @inline
 def input_at(materials, m, which, st):
     """An input of a material at texture coordinates, between the centres of four texels."""
-    own = materials.inputs[m, which]
-    value, picture = own[CONSTANT], int(own[TEXTURE])
+    row = materials.inputs[m, which]
+    value, picture = row[CONSTANT], int(row[TEXTURE])
     if picture < 0:
         return value
     width, height = materials.pictures[picture, 1], materials.pictures[picture, 2]
-    s = own[MAP] * st[0] + own[MAP + 1] * st[1] + own[MAP + 2]
-    t = own[MAP + 3] * st[0] + own[MAP + 4] * st[1] + own[MAP + 5]
+    s = row[MAP] * st[0] + row[MAP + 1] * st[1] + row[MAP + 2]
+    t = row[MAP + 3] * st[0] + row[MAP + 4] * st[1] + row[MAP + 5]
     x, y = s * width - 0.5, (1.0 - t) * height - 0.5
     if not abs(x) + abs(y) < 1e15:
         return value
     i, j = math.floor(x), math.floor(y)
     a, b = x - i, y - j
-    left, right = _wrapped(i, width, own[WRAP_S]), _wrapped(i + 1, width, own[WRAP_S])
-    up, down = _wrapped(j, height, own[WRAP_T]), _wrapped(j + 1, height, own[WRAP_T])
+    left, right = _wrapped(i, width, row[WRAP_S]), _wrapped(i + 1, width, row[WRAP_S])
+    up, down = _wrapped(j, height, row[WRAP_T]), _wrapped(j + 1, height, row[WRAP_T])
     for k in range(4):
-        if own[COEFFICIENTS + k] != 0.0:
+        if row[COEFFICIENTS + k] != 0.0:
             upper = (1.0 - a) * _texel(materials, picture, left, up, k) + a * _texel(materials, picture, right, up, k)
             lower = (1.0 - a) * _texel(materials, picture, left, down, k)
             lower += a * _texel(materials, picture, right, down, k)
-            value += own[COEFFICIENTS + k] * ((1.0 - b) * upper + b * lower)
+            value += row[COEFFICIENTS + k] * ((1.0 - b) * upper + b * lower)
     return value
 
 

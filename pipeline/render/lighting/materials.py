@@ -47,7 +47,7 @@ class MaterialTable:
 
     def arrays(self, raised: Float64[np.ndarray, "3"]) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
-        inputs = [self._inputs(*one, raised) for one in self._materials]
+        inputs = [self._inputs(*material, raised) for material in self._materials]
         flags = np.array(self._flags, float).reshape(-1, kernels.FLAGS)
         return Materials(np.array(inputs).reshape(-1, INPUTS, kernels.COLUMNS), flags, self._pictures, self._texels)
 
@@ -56,11 +56,11 @@ class MaterialTable:
         colours = {kernels.DIFFUSE: material.diffuse_color, kernels.EMISSION: material.emissive_color}
         if material.specular_color:
             colours[kernels.SPECULAR] = material.specular_color
-        for place, one in colours.items():
-            inputs[place] = self._row(one, raised)
+        for place, value in colours.items():
+            inputs[place] = self._row(value, raised)
         numbers = (material.metallic, material.roughness, material.opacity)
-        for place, one in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
-            inputs[place] = self._row(one, np.ones(1))
+        for place, value in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
+            inputs[place] = self._row(value, np.ones(1))
         for axis in range(3):
             inputs[kernels.NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
         inputs[kernels.EMISSION, kernels.CONSTANT] += radiance
@@ -96,9 +96,11 @@ def _has_layer(material: Material) -> bool:
 
 def all_of(materials: Sequence[Material]) -> list[str]:
     """Names of the pictures that materials ask for, each once."""
-    return list(dict.fromkeys(one.texture.name for material in materials for one in _inputs(material) if one.texture))
+    return list(
+        dict.fromkeys(value.texture.name for material in materials for value in _inputs(material) if value.texture)
+    )
 
 
 def _inputs(material: Material) -> list[Input]:
     named = (getattr(material, name) for name in Material.__slots__)
-    return [one for one in named if isinstance(one, Input)]
+    return [value for value in named if isinstance(value, Input)]

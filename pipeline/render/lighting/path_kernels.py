@@ -178,16 +178,16 @@ def gather(lamps, asked, paths, hits, light):
     """
     for i in range(paths.power.size):
         start, way = row(paths.origin, i), row(paths.direction, i)
-        nearest, own, bright = hits.distance[i], -1, 0.0
+        nearest, lamp, bright = hits.distance[i], -1, 0.0
         for k in range(lamps.table.shape[0]):
             t, cosine = meet_lamp(lamps.table, k, start, way)
             if t < nearest:
-                nearest, own, bright = t, k, cosine
-        if own >= 0:
+                nearest, lamp, bright = t, k, cosine
+        if lamp >= 0:
             hits.distance[i] = math.inf
             if bright > 0.0:
-                chance = asked * lamps.table[own, CHANCE] * density(lamps.table, own, start, nearest, bright)
-                light[paths.ray[i]] += paths.power[i] * lamps.table[own, OF_LAMP] * _share(paths.density[i], chance)
+                chance = asked * lamps.table[lamp, CHANCE] * density(lamps.table, lamp, start, nearest, bright)
+                light[paths.ray[i]] += paths.power[i] * lamps.table[lamp, OF_LAMP] * _share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
                 chance = asked * glow_density(lamps.glow, hits.triangle[i], way, nearest)

@@ -181,14 +181,14 @@ def seen_along(layers, paint, seen):
 @inline
 def reflected_as(layers, paint, as_seen, lit):
     """Values of `reflected`, for many directions of light."""
-    seen, one = as_seen.direction, as_seen.layer
+    seen, layer = as_seen.direction, as_seen.layer
     if not (seen[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
     if paint.alpha == 0.0:
         return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
     other = _layer(layers, paint, lit[2])
-    many = one.many * other.many / as_seen.many
-    below = paint.diffuse * (1.0 - one.returned) * (1.0 - other.returned) / as_seen.kept
+    many = layer.many * other.many / as_seen.many
+    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept
     half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
     facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])

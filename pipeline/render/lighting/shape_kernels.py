@@ -109,9 +109,9 @@ def weights(corners, normal, point):
     """Weights of the three corners at a point of the plane."""
     a, area = row(corners, 0), dot(normal, normal)
     e1, e2, off = minus(row(corners, 1), a), minus(row(corners, 2), a), minus(point, a)
-    one, other = dot(cross(off, e2), normal) / area, dot(cross(e1, off), normal) / area
-    one, other = min(max(one, 0.0), 1.0), min(max(other, 0.0), 1.0)
-    return 1.0 - one - other, one, other
+    second, third = dot(cross(off, e2), normal) / area, dot(cross(e1, off), normal) / area
+    second, third = min(max(second, 0.0), 1.0), min(max(third, 0.0), 1.0)
+    return 1.0 - second - third, second, third
 
 
 @inline

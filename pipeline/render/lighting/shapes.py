@@ -41,8 +41,8 @@ def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish
     count = len(corners)
     normals = _flat(corners)
     if finish.normals:
-        own = np.array(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
-        normals = (own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
+        turned = np.array(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
+        normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
     st = np.array(finish.st, float).reshape(-1, 3, 2) if finish.st else np.zeros((count, 3, 2))
     chosen = np.array(rows)[np.array(finish.material_of, int)] if finish.material_of else np.full(count, rows[0])
     return Shapes(corners, normals, st, chosen)
@@ -59,13 +59,13 @@ def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
     """Triangles that shine by themselves, by area and emission, still without a chance; and the sum of both products
     [mm^2 of radiance].
     """
-    one, other = (shapes.corners[:, k] - shapes.corners[:, 0] for k in (1, 2))
-    area = 0.5 * np.linalg.norm(np.cross(one, other), axis=1)
+    edge, next_edge = (shapes.corners[:, k] - shapes.corners[:, 0] for k in (1, 2))
+    area = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
     power = area * _emission(materials)[shapes.material] if len(area) else area
-    found = np.flatnonzero(power > 0)
-    share = power / power.sum() if len(found) else power
+    shining = np.flatnonzero(power > 0)
+    share = power / power.sum() if len(shining) else power
     per_mm2 = np.divide(share, area, out=np.zeros(len(area)), where=area > 0)
-    return Glow(0.0, found, np.cumsum(share[found]), per_mm2, shapes, materials), float(power.sum())
+    return Glow(0.0, shining, np.cumsum(share[shining]), per_mm2, shapes, materials), float(power.sum())
 
 
 def _emission(materials: Materials) -> np.ndarray:

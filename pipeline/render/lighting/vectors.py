@@ -56,8 +56,8 @@ def across(normal):
     sign = math.copysign(1.0, normal[2])
     a = -1.0 / (sign + normal[2])
     b = normal[0] * normal[1] * a
-    one = 1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0]
-    return one, (b, sign + normal[1] * normal[1] * a, -normal[1])
+    right = 1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0]
+    return right, (b, sign + normal[1] * normal[1] * a, -normal[1])
 
 
 @inline

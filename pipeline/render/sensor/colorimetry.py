@@ -56,7 +56,7 @@ def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> C
     if not (counted.any(axis=1).all() and seen.any()):
         return None
     xyz, white = patches @ seen.T / seen[1].sum(), seen.sum(axis=1) / seen[1].sum()
-    red, green, blue = ((patches @ one / one.sum())[:, None] for one in counted)
+    red, green, blue = ((patches @ curve / curve.sum())[:, None] for curve in counted)
     # White fixes the sum of the columns: red and blue count by how they differ from green.
     (by_red, by_blue), *_ = np.linalg.lstsq(np.hstack([red, blue]) - green, xyz - green * white, rcond=None)
     matrix = np.column_stack([by_red, white - by_red - by_blue, by_blue]).round(9)

@@ -137,7 +137,7 @@ class SensorResponse:
             _require(getattr(self, name) >= 0, f"{name} = {getattr(self, name)}, which is negative")
         _require(self.hot_share <= 1 and self.dead_share <= 1, "a share of defects above 1")
         temperatures = self.temperature_degc, self.dark_current_at_degc, self.doubling_k
-        _require(len({one is None for one in temperatures}) == 1, "some but not all temperatures of a dark current")
+        _require(len({value is None for value in temperatures}) == 1, "some but not all temperatures of a dark current")
         _require(self.doubling_k is None or self.doubling_k > 0, "a dark current that does not grow with temperature")
 
     def _settle_filters(self) -> None:
@@ -145,7 +145,7 @@ class SensorResponse:
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
         what = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
         _require(len(given) == channels, what, f"one for each of: {', '.join(self.channels)}")
-        is_usual = all(LEAST_EFFICIENCY <= one <= 1 for one in given)
+        is_usual = all(LEAST_EFFICIENCY <= efficiency <= 1 for efficiency in given)
         _require(is_usual, f"quantum efficiencies of {given}, not in [{LEAST_EFFICIENCY:g}, 1]")
 
     def _settle_tables(self) -> None:

@@ -62,7 +62,7 @@ def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, 
     grid_nm = _GRID_NM * (np.floor(point[0] / _GRID_NM) + np.arange(before[-1] + 2))
     near = [np.bincount(before, row * (1.0 - above), len(grid_nm)) for row in inside]
     far = [np.bincount(before + 1, row * above, len(grid_nm)) for row in inside]
-    slices = [_slice(grid_nm, one + other) for one, other in zip(near, far, strict=True)]
+    slices = [_slice(grid_nm, near_part + far_part) for near_part, far_part in zip(near, far, strict=True)]
     return tuple(tuple(slices[first : first + SLICES]) for first in range(0, len(slices), SLICES))
 
 

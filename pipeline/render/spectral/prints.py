@@ -42,10 +42,10 @@ class Print:
         return tuple(
             tuple(
                 (
-                    white * self.ink.mean(one) if self.ink.reflectance else black,
-                    white * self.paper.mean(one) if self.paper.reflectance else white,
+                    white * self.ink.mean(slices_of_light) if self.ink.reflectance else black,
+                    white * self.paper.mean(slices_of_light) if self.paper.reflectance else white,
                 )
-                for one in slices
+                for slices_of_light in slices
             )
             for slices in lights
         )

@@ -62,7 +62,7 @@ def sensitivity(camera: str, component: str) -> Table:
     SpectrumError
         There is no such camera.
     """
-    cameras = [name for name, one in MSDS_CAMERA_SENSITIVITIES.items() if component in one.labels]
+    cameras = [name for name, curves in MSDS_CAMERA_SENSITIVITIES.items() if component in curves.labels]
     table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)

@@ -82,7 +82,7 @@ def columns_of(
     table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray
 ) -> dict[str, Any]:
     """Columns of one target, but those of the sets that the stage asks for besides."""
-    found, lattice = truth.found, rig.tracer.lattice
+    found, lattice = truth.solutions, rig.tracer.lattice
     rows = len(found.point)
     microlens = [[None] * rows] * 3
     if lattice is not None:

@@ -16,7 +16,7 @@ from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.direct.newton import NEARLY_PX, Search
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import faces_camera
-from pipeline.truth.rows import Correspondences, Found, which_exist
+from pipeline.truth.rows import Correspondences, Solutions, which_exist
 
 _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
@@ -44,8 +44,8 @@ def guesses(rig: Rig, planes: Float64[np.ndarray, "n 4 3"]) -> tuple[Guess, int]
     rays.
     """
     facing = np.flatnonzero(faces_camera(planes))
-    found = candidates(rig, planes[facing, 0])
-    return Guess(facing[found.point], np.maximum(found.microlens, 0), found.x_px), found.rays
+    pairs = candidates(rig, planes[facing, 0])
+    return Guess(facing[pairs.point], np.maximum(pairs.microlens, 0), pairs.x_px), pairs.rays
 
 
 def solve(
@@ -100,9 +100,9 @@ def _with_blur(
     blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], planes[point], jacobian, moments)
     error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T
-    found = Found(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)
+    solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)
     solved = Correspondences(
-        found,
+        solutions,
         search.sigma_px[rows],
         rig.hit_fraction(moments),
         blurred,

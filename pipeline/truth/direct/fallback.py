@@ -17,7 +17,7 @@ them.
 
 
 def polished(
-    rig: Rig, found: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
+    rig: Rig, estimated: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
 ) -> Correspondences:
     """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`.
 
@@ -27,7 +27,7 @@ def polished(
         Tangent planes at the target points, as in `direct_rows.solve`.
     """
     assert settings.claim_px is not None
-    rows = found.found
+    rows = estimated.solutions
     trusted = _SIGMAS * rows.error_px <= settings.claim_px
     doubtful = rows.only(~trusted)
     seeds = Guess(doubtful.point, doubtful.cell, np.stack([doubtful.x_px, doubtful.y_px], axis=1))
@@ -37,14 +37,14 @@ def polished(
     width = int(max(everywhere.cell.max(initial=0), rows.cell.max(initial=0))) + 1
     new = ~np.isin(everywhere.point * width + everywhere.cell, rows.point * width + rows.cell)
     added = solve(rig, everywhere.only(new), planes, *limits)
-    whole = found.only(trusted).joined(mended).joined(added)
-    counts = {name: count for name, count in found.counts.items() if name != "rows"}
+    whole = estimated.only(trusted).joined(mended).joined(added)
+    counts = {name: count for name, count in estimated.counts.items() if name != "rows"}
     counts |= {
         "kept": int(trusted.sum()),
-        "polished": len(mended.found.point),
-        "added": len(added.found.point),
+        "polished": len(mended.solutions.point),
+        "added": len(added.solutions.point),
         "inaccurate": mended.counts["inaccurate"] + added.counts["inaccurate"],
-        "rows": len(whole.found.point),
+        "rows": len(whole.solutions.point),
         "rays_of_direct": mended.counts["rays"] + added.counts["rays"] + rays,
     }
     return dataclasses.replace(whole, counts=counts).sorted_by(rig.axial)

@@ -71,9 +71,9 @@ def _integrated(
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
     rows = np.arange(len(x_px))
     for level in range(1, LEVELS):
-        found = integrals(rig.tracer, _some(bundles, rows), level)
-        moments[rows], error[rows] = found.moments, errors_px(inverse[rows], found)
-        is_done = np.isnan(found.moments[:, 0]) | (np.hypot(*error[rows].T) < accuracy_px)
+        integral = integrals(rig.tracer, _some(bundles, rows), level)
+        moments[rows], error[rows] = integral.moments, errors_px(inverse[rows], integral)
+        is_done = np.isnan(integral.moments[:, 0]) | (np.hypot(*error[rows].T) < accuracy_px)
         rows = rows[~is_done]
         if not len(rows):
             break
@@ -91,7 +91,7 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
             integrals(rig.tracer, Bundles(some.x_px + sign * step, some.microlens, some.planes, rig.square_px), 0)
             for sign in (1, -1)
         )
-        plus, minus = (found.moments[:, :2] for found in ends)
+        plus, minus = (integral.moments[:, :2] for integral in ends)
         jacobian[lacking, :, axis] = (plus - minus) / (2 * _DIFFERENCE_PX)
     with np.errstate(invalid="ignore"):
         is_regular = np.abs(np.linalg.det(jacobian)) > 0

@@ -150,16 +150,16 @@ class Search:
         step, coarser = np.zeros_like(self.x_px), self.random_mm.copy()
         self.anchor_px[rows] = self.x_px[rows]
         for turn in range(_FINE_STEPS):
-            found = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
-            self.moments[rows] = found.moments
+            integral = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
+            self.moments[rows] = integral.moments
             if turn:
-                self._measure(rows, step[rows], found.moments[:, :2])
-                self._update(rows, step[rows], found.moments[:, :2])
-            self.residual[rows] = found.moments[:, :2]
-            step[rows] = -_times(self.inverse[rows], found.moments[:, :2])
+                self._measure(rows, step[rows], integral.moments[:, :2])
+                self._update(rows, step[rows], integral.moments[:, :2])
+            self.residual[rows] = integral.moments[:, :2]
+            step[rows] = -_times(self.inverse[rows], integral.moments[:, :2])
             self.x_px[rows] += step[rows]
             left = self._left(rows, step[rows])
-            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
+            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], integral), left)
             # Each row ends independently, so that its result does not depend on the rows solved with it.
             rows = rows[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
             if not len(rows):
@@ -257,18 +257,18 @@ class Search:
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
         bundles = Bundles(x_px, self.microlens[rows], self.planes[rows], self.square_px, self.anchor_px[rows])
-        found = integrals(self.tracer, bundles, level)
-        self.rays += found.rays
-        self.is_random[rows] = found.is_random
-        self.random_mm[rows] = np.where(found.is_random[:, None], found.error_mm, np.nan)
-        return found
+        integral = integrals(self.tracer, bundles, level)
+        self.rays += integral.rays
+        self.is_random[rows] = integral.is_random
+        self.random_mm[rows] = np.where(integral.is_random[:, None], integral.error_mm, np.nan)
+        return integral
 
 
-def errors_px(inverse: Float64[np.ndarray, "n 2 2"], found: Integral) -> np.ndarray:
+def errors_px(inverse: Float64[np.ndarray, "n 2 2"], integral: Integral) -> np.ndarray:
     """Error of J in the image [px]: random errors are added in squares, differences of two levels linearly."""
-    in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, found.error_mm**2))
-    directly = np.einsum("nij,nj->ni", np.abs(inverse), found.error_mm)
-    return np.where(found.is_random[:, None], in_squares, directly)
+    in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, integral.error_mm**2))
+    directly = np.einsum("nij,nj->ni", np.abs(inverse), integral.error_mm)
+    return np.where(integral.is_random[:, None], in_squares, directly)
 
 
 def _inverse(jacobian: np.ndarray) -> np.ndarray:

@@ -32,11 +32,11 @@ def with_own_bundles(
         Tangent planes at the target points, as in `direct_rows.solve`.
     """
     others = np.flatnonzero(rows.method != "direct")
-    found = rows.found.only(others)
-    x_px, on = np.stack([found.x_px, found.y_px], axis=1), planes[found.point]
-    wanted = Bundles(x_px, rig.microlens(found.cell), np.stack([on, on], axis=1), rig.square_px)
+    solutions = rows.solutions.only(others)
+    x_px, on = np.stack([solutions.x_px, solutions.y_px], axis=1), planes[solutions.point]
+    wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
     bundles = integrals(rig.tracer, wanted, _LEVEL)
-    blurred, rho, rays = blur_of(rig, found.cell, x_px, on, found.jacobian, bundles.moments)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, solutions.jacobian, bundles.moments)
     hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
     hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)

@@ -10,7 +10,7 @@ from pipeline.truth import blur
 from pipeline.truth.grid import quad_search, quadratic
 from pipeline.truth.grid.position_image import crossing_share
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine, matrix_4
-from pipeline.truth.rows import Correspondences, Found, existing
+from pipeline.truth.rows import Correspondences, Solutions, existing
 from pipeline.truth.settings import TruthSettings
 from pipeline.units import DEGREE_RAD
 
@@ -21,7 +21,7 @@ class Sightings:
 
     Attributes
     ----------
-    found : Found
+    solutions : Solutions
         Solutions in the order of the grid.
     nearest_mm : (n,) float64
         Distance of the nearest value from the point; the solution with the smallest is the best.
@@ -29,14 +29,14 @@ class Sightings:
         Counts of candidates, and of rejections by reason.
     """
 
-    found: Found
+    solutions: Solutions
     nearest_mm: Float64[np.ndarray, "n"]
     counts: dict[str, int]
 
 
 def find(
     image: Float64[np.ndarray, "n m 2"], points_mm: Float64[np.ndarray, "p 3"], grid: RayGrid, settings: TruthSettings
-) -> tuple[Found, dict]:
+) -> tuple[Solutions, dict]:
     """Search target points in a position image.
 
     Parameters
@@ -48,14 +48,14 @@ def find(
 
     Returns
     -------
-    Found
+    Solutions
         At most one row per point and cell.
     dict
         Counts of candidates, rejections by reason, and ambiguous rows.
     """
     seen = sightings(image, points_mm, grid, settings, slice(0, len(image)))
-    best, ambiguous = best_of(seen.found, seen.nearest_mm, settings)
-    return seen.found.only(best), {**seen.counts, "ambiguous": ambiguous}
+    best, ambiguous = best_of(seen.solutions, seen.nearest_mm, settings)
+    return seen.solutions.only(best), {**seen.counts, "ambiguous": ambiguous}
 
 
 def sightings(
@@ -71,11 +71,13 @@ def sightings(
     return search_for(image, points, grid, settings, own)
 
 
-def best_of(found: Found, nearest_mm: Float64[np.ndarray, "n"], settings: TruthSettings) -> tuple[np.ndarray, int]:
+def best_of(
+    solutions: Solutions, nearest_mm: Float64[np.ndarray, "n"], settings: TruthSettings
+) -> tuple[np.ndarray, int]:
     """Indices of the best solutions by point and cell, and the number of the others."""
     # The quad whose nearest value is closest to the point wins its (point, cell); among equals the first.
-    order = np.lexsort((nearest_mm, found.cell, found.point))
-    pair = np.stack([found.point[order], found.cell[order]], axis=1)
+    order = np.lexsort((nearest_mm, solutions.cell, solutions.point))
+    pair = np.stack([solutions.point[order], solutions.cell[order]], axis=1)
     first = np.ones(len(order), bool)
     first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
     return order[first], int(np.sum(~first)) if settings.search == "quad" else 0
@@ -115,7 +117,7 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
     return Sightings(
-        Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, quad_search.DISTANCE], counts
+        Solutions(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, quad_search.DISTANCE], counts
     )
 
 
@@ -136,7 +138,7 @@ def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tru
     column, row = where[point, cell].T
     row = row + own.start
     first = np.array(grid.first_px) * grid.supersampling
-    found = Found(
+    solutions = Solutions(
         point,
         cell,
         image_from_fine(column + first[0], grid.supersampling),
@@ -145,7 +147,7 @@ def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tru
         np.ones(len(point)),
         np.full(len(point), np.nan),
     )
-    return Sightings(found, best[point, cell], {"quads": 0})
+    return Sightings(solutions, best[point, cell], {"quads": 0})
 
 
 def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -170,70 +172,74 @@ def correspond(
 
 
 def completed(
-    found: Found, counts: dict, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
+    solutions: Solutions,
+    counts: dict,
+    grid: RayGrid,
+    vision_from_target: Float64[np.ndarray, "4 4"],
+    settings: TruthSettings,
 ) -> Correspondences:
     """The rows that exist among the results of a search, sorted by point, l, k, with blur and error."""
-    rows = with_light(found, grid, vision_from_target, settings)
+    rows = with_light(solutions, grid, vision_from_target, settings)
     return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 
 def with_light(
-    found: Found, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
+    solutions: Solutions, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
 ) -> Correspondences:
     """All results of a search with light, blur and error; nothing is counted."""
-    covariance, ray_near, ray_far = _bundle_at(found, grid)
+    covariance, ray_near, ray_far = _bundle_at(solutions, grid)
     share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
     uu, uv = blur.deviations(covariance, share)
-    blurred = blur.in_image(blur.on_plane(uu, way, vision_from_target), found.jacobian)
+    blurred = blur.in_image(blur.on_plane(uu, way, vision_from_target), solutions.jacobian)
     return Correspondences(
-        found,
-        _sigma(found, grid, blurred, covariance),
-        _sampled(grid.hit_fraction, found, grid),
+        solutions,
+        _sigma(solutions, grid, blurred, covariance),
+        _sampled(grid.hit_fraction, solutions, grid),
         blurred,
         blur.signed_radius_px(blurred, uv),
         {},
-        np.full(len(found.point), settings.method),
+        np.full(len(solutions.point), settings.method),
     )
 
 
-def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of the fine position nearest to each solution."""
     k, (height, width) = grid.supersampling, grid.cell.shape
     column, row = (
         np.rint(fine_from_image(np.nan_to_num(x), k)) - first * k
-        for x, first in zip((found.x_px, found.y_px), grid.first_px, strict=True)
+        for x, first in zip((solutions.x_px, solutions.y_px), grid.first_px, strict=True)
     )
     return row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
 
 
-def _sampled(values: np.ndarray, found: Found, grid: RayGrid) -> np.ndarray:
-    return values[_nearest_fine(found, grid)]
+def _sampled(values: np.ndarray, solutions: Solutions, grid: RayGrid) -> np.ndarray:
+    return values[_nearest_fine(solutions, grid)]
 
 
-def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell.
 
     NaN if none of the nine pixels around belongs to the cell.
     """
     (width, height), (left, above) = grid.size_px, grid.first_px
-    k, n = grid.supersampling, len(found.point)
+    k, n = grid.supersampling, len(solutions.point)
     covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     closest = np.full(n, np.inf)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            x = (np.rint(np.nan_to_num(found.x_px)) - left + dx).clip(0, width - 1).astype(int)
-            y = (np.rint(np.nan_to_num(found.y_px)) - above + dy).clip(0, height - 1).astype(int)
+            x = (np.rint(np.nan_to_num(solutions.x_px)) - left + dx).clip(0, width - 1).astype(int)
+            y = (np.rint(np.nan_to_num(solutions.y_px)) - above + dy).clip(0, height - 1).astype(int)
             # The fine position next to the pixel's centre determines whose bundle the pixel kept.
             fine = y * k + k // 2, x * k + k // 2
-            distance = np.hypot(x + left - found.x_px, y + above - found.y_px)
-            usable = (grid.cell[fine] == found.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
+            distance = np.hypot(x + left - solutions.x_px, y + above - solutions.y_px)
+            usable = (grid.cell[fine] == solutions.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
             closest = np.where(usable, distance, closest)
             covariance[usable] = grid.covariance[y, x][usable]
             near[usable], far[usable] = grid.near[fine][usable], grid.far[fine][usable]
     return matrix_4(covariance), near, far
 
 
-def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _sigma(solutions: Solutions, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Standard error of each row: that of the worse plane, scaled by the blur.
 
     The error of a bundle's mean is proportional to the bundle's width, because both are linear in the crossings with
@@ -241,7 +247,7 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
     error are those of the surrounding positions, not of the row's own bundle, because the row is computed from these
     positions.
     """
-    row, column = _nearest_fine(found, grid)
+    row, column = _nearest_fine(solutions, grid)
     widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
     for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
         jacobian = _central_jacobian(image, column, row) * grid.supersampling
@@ -251,7 +257,7 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
         widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
     worst = np.fmax(*widths) + square_px2
     here = np.diagonal(blurred, axis1=1, axis2=2) + square_px2
-    return _pooled_error(grid, row, column, found.cell) * np.sqrt(here / worst) * found.noise_gain[:, None]
+    return _pooled_error(grid, row, column, solutions.cell) * np.sqrt(here / worst) * solutions.noise_gain[:, None]
 
 
 def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ def correspond_points(
     settings: TruthSettings,
     image_of: ImageOf,
 ) -> Correspondences | None:
-    """All rows of a target that exist, with `found.point` indexing its points; None if all points face away.
+    """All rows of a target that exist, with `solutions.point` indexing its points; None if all points face away.
 
     The image is searched band by band, so that memory does not grow with it.
     """
@@ -54,8 +54,8 @@ def correspond_points(
     if not planes:
         return None
     seen: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
-    for own, rows in _bands(rays):
-        band = _Band(rays.window(rows, slice(0, rays.size_px[0])), own, settings)
+    for rows_px, rows in _bands(rays):
+        band = _Band(rays.window(rows, slice(0, rays.size_px[0])), rows_px, settings)
         for plane in planes:
             seen[plane.number].append(band.rows_of(plane, image_of))
     parts = [_best(plane, seen[plane.number], rays, settings) for plane in planes]
@@ -102,7 +102,7 @@ class _Band:
         low, high = ((row - window.first_px[1]) * k for row in (self.own.start, self.own.stop))
         own = slice(max(low, 0), max(min(high, len(image)), 0))
         seen = sightings(image, plane.plane.points_mm, window, self.settings, own)
-        lit = with_light(seen.found, self.rays, plane.pose, self.settings)
+        lit = with_light(seen.solutions, self.rays, plane.pose, self.settings)
         return replace(lit, counts=seen.counts), seen.nearest_mm
 
 
@@ -113,10 +113,10 @@ def _best(
     parts = [part for part, _ in seen]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     rows = functools.reduce(Correspondences.joined, parts)
-    best, ambiguous = best_of(rows.found, np.concatenate([nearest for _, nearest in seen]), settings)
+    best, ambiguous = best_of(rows.solutions, np.concatenate([nearest for _, nearest in seen]), settings)
     chosen = replace(rows.only(best), counts={**counts, "ambiguous": ambiguous})
     kept = existing(chosen, rays, settings.min_hit_fraction)
-    return replace(kept, found=replace(kept.found, point=plane.plane.members[kept.found.point]))
+    return replace(kept, solutions=replace(kept.solutions, point=plane.plane.members[kept.solutions.point]))
 
 
 def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
@@ -140,10 +140,10 @@ def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
 
     Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """
-    bend = points.curvature_per_mm[rows.found.point]
+    bend = points.curvature_per_mm[rows.solutions.point]
     if not bend.any():
         return 0.0
-    jacobian = rows.found.jacobian
+    jacobian = rows.solutions.jacobian
     on_plane = jacobian @ rows.blur_px2 @ jacobian.transpose(0, 2, 1)
     known = ~np.isnan(on_plane).any(axis=(1, 2))
     if not known.any():

@@ -111,11 +111,11 @@ def quads_that_hold(image, cell, points, quads):
     quads : (n, 3) int64
         Written: point, column and row of the quad's top-left position.
     """
-    found = 0
+    count = 0
     for j in range(image.shape[0] - 1):
         for i in range(image.shape[1] - 1):
-            own = cell[j, i]
-            if own < 0 or cell[j, i + 1] != own or cell[j + 1, i] != own or cell[j + 1, i + 1] != own:
+            label = cell[j, i]
+            if label < 0 or cell[j, i + 1] != label or cell[j + 1, i] != label or cell[j + 1, i + 1] != label:
                 continue
             a, b, c, d = image[j, i], image[j, i + 1], image[j + 1, i + 1], image[j + 1, i]
             low_x, high_x = min(a[0], b[0], c[0], d[0]), max(a[0], b[0], c[0], d[0])
@@ -126,10 +126,10 @@ def quads_that_hold(image, cell, points, quads):
                 x, y = points[p, 0], points[p, 1]
                 if x < low_x or x > high_x or y < low_y or y > high_y or not _holds(a, b, c, d, x, y):
                     continue
-                if found < quads.shape[0]:
-                    quads[found, 0], quads[found, 1], quads[found, 2] = p, i, j
-                found += 1
-    return found
+                if count < quads.shape[0]:
+                    quads[count, 0], quads[count, 1], quads[count, 2] = p, i, j
+                count += 1
+    return count
 
 
 @kernel
@@ -192,11 +192,11 @@ def nearest_positions(image, cell, points, best, where):
     """
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
-            own = cell[j, i]
-            if own < 0 or math.isnan(image[j, i, 0]):
+            label = cell[j, i]
+            if label < 0 or math.isnan(image[j, i, 0]):
                 continue
             for p in range(points.shape[0]):
                 distance = math.hypot(image[j, i, 0] - points[p, 0], image[j, i, 1] - points[p, 1])
-                if distance < best[p, own]:
-                    best[p, own] = distance
-                    where[p, own, 0], where[p, own, 1] = i, j
+                if distance < best[p, label]:
+                    best[p, label] = distance
+                    where[p, label, 0], where[p, label, 1] = i, j

@@ -84,8 +84,8 @@ def _windows(image: np.ndarray, cell: np.ndarray, quads: np.ndarray) -> tuple[np
     inside = ((column >= 0) & (column < width) & (row >= 0) & (row < height)).all(axis=(1, 2))
     column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
     values = image[row, column].reshape(-1, 16, 2)
-    own = cell[quads[:, 1], quads[:, 0]]
-    complete = inside & (cell[row, column].reshape(-1, 16) == own[:, None]).all(axis=1)
+    label = cell[quads[:, 1], quads[:, 0]]
+    complete = inside & (cell[row, column].reshape(-1, 16) == label[:, None]).all(axis=1)
     return values, complete & ~np.isnan(values).any(axis=(1, 2))
 
 
@@ -96,8 +96,8 @@ def _terms(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 def _surface(coefficients: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Value (n, 2) and derivative (n, 2, 2) of fitted surfaces (n, 6, 2)."""
     u, v = x.T
-    zero, one = np.zeros_like(u), np.ones_like(u)
-    along_u = np.stack([zero, one, zero, 2 * u, v, zero], axis=-1)
-    along_v = np.stack([zero, zero, one, zero, u, 2 * v], axis=-1)
+    zero, ones = np.zeros_like(u), np.ones_like(u)
+    along_u = np.stack([zero, ones, zero, 2 * u, v, zero], axis=-1)
+    along_v = np.stack([zero, zero, ones, zero, u, 2 * v], axis=-1)
     value, du, dv = (np.einsum("na,nai->ni", terms, coefficients) for terms in (_terms(u, v), along_u, along_v))
     return value, np.stack([du, dv], axis=-1)

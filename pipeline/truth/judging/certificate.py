@@ -42,7 +42,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         None: no claim, no verdict.
     """
     apart, sigma = differences(rig, rows, NO_CLAIM_PX if claim_px is None else claim_px)
-    length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
+    length, sigma_length = np.hypot(*apart.T), np.hypot(*sigma.T)
     document = {
         "claim_px": claim_px,
         "rows": len(length),
@@ -50,8 +50,8 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         "by_quadrature": int(np.sum(~rows.is_direct)),
         "by_random_rays": int(np.sum(rows.is_direct)),
         **_figures(length),
-        "own_sigma_px": _plain(rms(own)) if len(own) else None,
-        "differences_px": [_plain(one) for one in np.sort(length).tolist()],
+        "own_sigma_px": _plain(rms(sigma_length)) if len(sigma_length) else None,
+        "differences_px": [_plain(difference) for difference in np.sort(length).tolist()],
         "by_kind": [_of_kind(kind, rows.weights[here], length[here], claim_px) for kind, here in _kinds(rows)],
         "by_distance_from_cell_edge": [
             {
@@ -67,7 +67,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         return {**document, "passed": None, "reason": NOTHING}
     if claim_px is None:
         return {**document, "passed": None, "reason": "the method makes no claim"}
-    passed, reason = _verdict(length, own, rows.weights, claim_px)
+    passed, reason = _verdict(length, sigma_length, rows.weights, claim_px)
     return {**document, "passed": passed, "reason": reason}
 
 

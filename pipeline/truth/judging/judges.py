@@ -85,8 +85,8 @@ class _RandomRays:
                 self.apart_px[doubtful] += step
                 if not (np.abs(step) > _ROUGH_PX).any():
                     break
-            length, own = np.hypot(*self.apart_px[doubtful].T), np.hypot(*self.sigma_px[doubtful].T)
-            doubtful = doubtful[(length + SHARPER * own > claim_px) & (own > claim_px / SHARPER / 2)]
+            length, sigma = np.hypot(*self.apart_px[doubtful].T), np.hypot(*self.sigma_px[doubtful].T)
+            doubtful = doubtful[(length + SHARPER * sigma > claim_px) & (sigma > claim_px / SHARPER / 2)]
             if not len(doubtful):
                 break
 
@@ -94,11 +94,11 @@ class _RandomRays:
         """Average independent batches of the largest number of rays, for rows that prevent a decision."""
         batches = np.ones((len(self.lit), 1))
         for stream in range(1, _BATCHES):
-            own = np.hypot(*self.sigma_px[self.lit].T)
+            sigma = np.hypot(*self.sigma_px[self.lit].T)
             # Accurate enough, or too far from it
-            if not wanted_px <= rms(own) < wanted_px * math.sqrt(_BATCHES / stream):
+            if not wanted_px <= rms(sigma) < wanted_px * math.sqrt(_BATCHES / stream):
                 break
-            blunt = np.flatnonzero(own >= wanted_px)
+            blunt = np.flatnonzero(sigma >= wanted_px)
             here = self.lit[blunt]
             step, error = self._step(here, _RANDOM_RAYS[-1], stream)
             # The mean of independent, equally accurate estimates.
@@ -115,10 +115,10 @@ class _RandomRays:
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
         microlens = self.rig.microlens(self.rows.cell[here])
         bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
-        found = random_integrals(self.rig.tracer, bundles, rays, stream)
-        self._error_mm[here] = found.error_mm
-        sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))
-        return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma
+        integral = random_integrals(self.rig.tracer, bundles, rays, stream)
+        self._error_mm[here] = integral.error_mm
+        sigma = errors_px(self.inverse[here], pooled(integral, self._coarser_mm[here]))
+        return -np.einsum("nij,nj->ni", self.inverse[here], integral.moments[:, :2]), sigma
 
 
 def rms(values: Float64[np.ndarray, "n"]) -> float:

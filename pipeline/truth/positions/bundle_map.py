@@ -83,10 +83,10 @@ def bundle_map(
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
     places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
     positions = tracer.positions_mm(*(grid.x_px + grid.half_px * places).T)
-    found = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(places) // 2))
-    if not found.whole.all():
+    hits = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(places) // 2))
+    if not hits.whole.all():
         return None
-    fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)
+    fields = np.concatenate([hits.on_plane, hits.density_sr[..., None]], axis=-1)
     return BundleMap(grid.x_px, grid.half_px, offsets, fields)
 
 

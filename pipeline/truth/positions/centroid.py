@@ -69,10 +69,10 @@ def centroid(
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
     parts = []
     for share, tracer in rig.tracer.lights:
-        found = _disc_images(rig, tracer, cell, x_px, plane, radius_mm)
-        if found is None:
+        images = _disc_images(rig, tracer, cell, x_px, plane, radius_mm)
+        if images is None:
             return Centroid(np.full(2, np.nan), np.nan)
-        parts.append([(share * light, x) for light, x in found])
+        parts.append([(share * light, x) for light, x in images])
     rough, fine = (_mean(list(level)) for level in zip(*parts, strict=True))
     return Centroid(fine, float(np.hypot(*(fine - rough))))
 
@@ -87,7 +87,7 @@ def _disc_images(
     rig: Rig, tracer: Tracer, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float
 ) -> list[tuple[float, np.ndarray]] | None:
     """Light and centroid of the disc's image in one wavelength, roughly and finely; None where it is not whole."""
-    microlens, found = int(rig.microlens(np.array([cell]))[0]), []
+    microlens, images = int(rig.microlens(np.array([cell]))[0]), []
     grid = Grid(x_px, np.full(2, _LOOK_PX), 3)
     look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
@@ -111,8 +111,8 @@ def _disc_images(
         rim = seen.reshape(-1, 2)
         if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
             return None
-        found.append(_light_and_centroid(around, shares * weight, radius_mm, disc))
-    return found
+        images.append(_light_and_centroid(around, shares * weight, radius_mm, disc))
+    return images
 
 
 def _light_and_centroid(

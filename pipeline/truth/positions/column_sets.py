@@ -15,7 +15,7 @@ from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.chief_points import chief_points
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
-from pipeline.truth.rows import Found
+from pipeline.truth.rows import Solutions
 
 SETS = {
     "chief": "chief: where the ray through the centre of the stop sees the point; behind a microlens, that through its"
@@ -90,7 +90,7 @@ def column_set(
     target: AnyTarget,
     pose: Float64[np.ndarray, "4 4"],
     planes: Float64[np.ndarray, "p 4 3"],
-    rows: Found,
+    rows: Solutions,
 ) -> ColumnSet:
     """The positions of one set for the rows of a target.
 
@@ -105,40 +105,40 @@ def column_set(
     return make(rig, target, pose, planes[rows.point], rows)
 
 
-def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
     x = chief_points(rig.tracer, rig.microlens(rows.cell), _positions(rows), planes)
     return _noted("chief", x, {"no such ray": np.isnan(x[:, 0])}, None)
 
 
-def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
     around, microlens, start = corners_of(target), rig.microlens(rows.cell), _positions(rows)
     edges = around.edges[rows.point] @ pose[:3, :3].T
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(is_corner):
         plane, ratio = corner_plane(planes[i], edges[i]), float(around.mean_over_contrast[rows.point[i]])
-        found = saddle(rig.tracer, int(microlens[i]), start[i], plane, ratio)
-        x[i], error[i] = found.x_px, found.error_px
+        solution = saddle(rig.tracer, int(microlens[i]), start[i], plane, ratio)
+        x[i], error[i] = solution.x_px, solution.error_px
     lost = is_corner & np.isnan(x[:, 0])
     return _noted("saddle", x, {"not a corner of four sectors": ~is_corner, "none in the own micro-image": lost}, error)
 
 
-def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
     radius, start = target.points().radius_mm[rows.point], _positions(rows)
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(~np.isnan(radius)):
-        found = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
-        x[i], error[i] = found.x_px, found.error_px
+        solution = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
+        x[i], error[i] = solution.x_px, solution.error_px
     lost = ~np.isnan(radius) & np.isnan(x[:, 0])
     return _noted("centroid", x, {"not a disc": np.isnan(radius), "disc not whole in image or cell": lost}, error)
 
 
-def _positions(rows: Found) -> np.ndarray:
+def _positions(rows: Solutions) -> np.ndarray:
     return np.stack([rows.x_px, rows.y_px], axis=1)
 
 
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
-    found = ~np.isnan(x_px[:, 0])
-    largest = float(error_px[found].max()) if error_px is not None and found.any() else None
+    is_known = ~np.isnan(x_px[:, 0])
+    largest = float(error_px[is_known].max()) if error_px is not None and is_known.any() else None
     empty = {why: int(here.sum()) for why, here in reasons.items()}
-    return ColumnSet(x_px, SetNote(name=name, rows=int(found.sum()), empty=empty, error_px=largest))
+    return ColumnSet(x_px, SetNote(name=name, rows=int(is_known.sum()), empty=empty, error_px=largest))

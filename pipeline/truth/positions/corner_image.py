@@ -81,7 +81,7 @@ class CornerImages:
     """
 
     def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
-        self.images = [(share, CornerImage(one, ratio, step)) for share, one in around]
+        self.images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]
 
     def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Derivative of the light of a pixel by its position, (2,) [sr per px]."""

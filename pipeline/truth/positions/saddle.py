@@ -87,8 +87,8 @@ def saddle(
                 return lost
             image = CornerImages(around, ratio)
             hessian = hessian if level else image.hessian(x_px)
-            found, hessian = _newton(image, x_px, hessian)
-            moved, x_px = np.hypot(*(found - x_px)), found
+            solution, hessian = _newton(image, x_px, hessian)
+            moved, x_px = np.hypot(*(solution - x_px)), solution
             if not moved > _CENTRED_PX:
                 break
         if not moved <= _CENTRED_PX:
