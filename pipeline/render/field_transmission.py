@@ -19,7 +19,7 @@ from pipeline.optics.table import EDGES, is_centred, towards_sensor
 from pipeline.optics.transmission.losses import Losses, transmitted
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
-from pipeline.render.sensor.errors import SensorError
+from pipeline.render.sensor.response import SensorError
 
 RAYS = 4096
 """Rays of a bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""

@@ -9,8 +9,8 @@ that stand for it add W T by their shares.
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.render.field_transmission import axial_transmission
-from pipeline.render.sensor.errors import SensorError
 from pipeline.render.sensor.irradiation import ChannelRadiance, Radiance
+from pipeline.render.sensor.response import SensorError
 
 
 def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:

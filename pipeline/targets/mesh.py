@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.errors import TargetError
 from pipeline.targets.patches import MESH, Patch
+from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.points import TargetPoints, frames_at
 
 Triple = tuple[float, float, float]

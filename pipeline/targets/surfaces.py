@@ -11,9 +11,8 @@ import numpy as np
 
 from pipeline.frames import rigid
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.errors import TargetError
 from pipeline.targets.patches import CYLINDER, HEIGHTS, PLANE, Patch
-from pipeline.targets.patterns.pattern import Pattern
+from pipeline.targets.patterns.pattern import Pattern, TargetError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.records.plain import from_plain, to_plain
-from pipeline.targets.errors import TargetError
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patches import PLANE, Patch
 from pipeline.targets.patterns.aprilgrid import AprilGrid
@@ -18,7 +17,7 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.patterns.lines import Lines, SlantedEdge
-from pipeline.targets.patterns.pattern import Pattern
+from pipeline.targets.patterns.pattern import Pattern, TargetError
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.points import TargetPoints, frames_at
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Surface, Warped

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.files.npy import read_npy, write_npy
-from pipeline.render.glow.inks import GlowingView
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow.light import GlowingView, TargetLight
 from pipeline.render.in_lights import pictures_in_lights
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig

@@ -20,9 +20,7 @@ from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column
 from pipeline.tasks.params.placed import View
 from pipeline.tasks.params.truth import Truth as Params
 from pipeline.tasks.params.truth import TruthTable
-from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.direct.fallback import polished
-from pipeline.truth.direct.own_bundle import with_own_bundles
+from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, Rays

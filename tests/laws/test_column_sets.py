@@ -29,7 +29,7 @@ from pipeline.targets.corners import corners_of
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
-from pipeline.truth.direct.chief_points import chief_points
+from pipeline.truth.direct.candidates import chief_points
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.column_sets import column_set

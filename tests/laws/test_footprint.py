@@ -19,7 +19,7 @@ from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
-from pipeline.truth.direct.fallback import polished
+from pipeline.truth.direct.direct_rows import polished
 from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.second_order import corrected

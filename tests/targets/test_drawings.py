@@ -5,11 +5,11 @@ import pytest
 from targets.examples import EXAMPLES, name_of
 
 from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Spokes
-from pipeline.targets.errors import TargetError
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.patterns.lines import Lines, SlantedEdge
+from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.target import PATTERNS, SURFACES, Target, plain_from_target, target_from_plain
 

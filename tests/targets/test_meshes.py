@@ -2,9 +2,9 @@
 
 import pytest
 
-from pipeline.targets.errors import TargetError
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder
+from pipeline.targets.patterns.pattern import TargetError
 
 VERTICES = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 WHOLE = (0, 1, 2)

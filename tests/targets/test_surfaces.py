@@ -9,11 +9,11 @@ from tolerances import ROUNDING_MM
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
 from pipeline.render.glow.light import TargetLight
-from pipeline.targets.errors import TargetError
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.lines import Lines
+from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target

@@ -23,7 +23,7 @@ from pipeline.scene.load import Loaded, load
 from pipeline.scene.read.targets import PATTERNS
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
-from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.target import Target
 
 _FAR_MM = 1e5

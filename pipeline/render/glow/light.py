@@ -5,7 +5,9 @@ a box around any object ask Embree for the first triangle, and the hit is comput
 true surface. The pattern is evaluated there by its formula, without texture or filter.
 """
 
+import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,17 +16,20 @@ from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Sight
-from pipeline.render.glow.boxes import may_meet
-from pipeline.render.glow.sheets import first_sheet
+from pipeline.render.glow.meeting import first_sheet, may_meet
 from pipeline.render.patch_light import PatchLight
 from pipeline.render.pixel_rays import PixelRays
+from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import in_vision
+from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patches import PLANE, Patch
-from pipeline.targets.target import AnyTarget
+from pipeline.targets.target import AnyTarget, Target
 
 _FEW = 8
 """Most flat sheets that are tried one by one for every ray; for more of them Embree's tree is faster."""
+Placed = Sequence[tuple[AnyTarget, np.ndarray]]
+"""Targets with their poses vision_from_target."""
 
 
 class TargetLight:
@@ -142,3 +147,33 @@ def _stacked(patches: Sequence[tuple[Patch, np.ndarray]]) -> tuple[np.ndarray, n
     poses = np.array([pose for _, pose in patches]).reshape(-1, 4, 4)
     halves = np.array([(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in patches]).reshape(-1, 2)
     return poses, halves
+
+
+def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
+    """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
+    return [
+        (_in_colours(target, np.mean(light[number][slices], axis=0).tolist()) if light else target, pose)
+        for (target, pose), light in zip(targets, colours or [()] * len(targets), strict=True)
+    ]
+
+
+def _in_colours(target: AnyTarget, colours: Sequence[float]) -> AnyTarget:
+    """A target with other radiances of black and white."""
+    if isinstance(target, MeshTarget):
+        return target
+    black, white = colours
+    return Target(dataclasses.replace(target.pattern, black=black, white=white), target.surface)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, slots=True)
+class GlowingView:
+    """Targets with coloured ink or paper that glow evenly, without lamps."""
+
+    targets: Placed
+    background: float
+    occluders: Sequence[tuple[Occluder, np.ndarray]]
+    colours: Sequence[Colours]
+
+    def in_light(self, number: int) -> TargetLight:
+        """The view at one of its wavelengths."""
+        return TargetLight(inked(self.targets, self.colours, number), self.background, self.occluders)

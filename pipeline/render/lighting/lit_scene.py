@@ -18,7 +18,7 @@ from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Sight
-from pipeline.render.glow.inks import inked
+from pipeline.render.glow.light import inked
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.albedo import layers

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from pipeline.optics.transmission.losses import Losses
 from pipeline.records.declared import settle
-from pipeline.render.sensor.errors import SensorError
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.response import SensorError, SensorResponse
 
 PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
 """Planck constant [J s] and speed of light [m/s]: exact, by definition of the SI (2019)."""

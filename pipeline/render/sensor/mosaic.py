@@ -6,8 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipeline.records.shapes import Float64
-from pipeline.render.sensor.errors import SensorError
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.response import SensorError, SensorResponse
 
 
 def mosaic(response: SensorResponse, photons: Mapping[str, np.ndarray], corner: tuple[int, int]) -> np.ndarray:

@@ -3,8 +3,13 @@
 import math
 from dataclasses import dataclass
 
+from pipeline.errors import PipelineError
 from pipeline.records.declared import settle
-from pipeline.render.sensor.errors import SensorError
+
+
+class SensorError(PipelineError):
+    """A sensor that cannot be, or light that it cannot take."""
+
 
 MOST_BITS = 16
 """Bits of a digital number at most [bit]: raw files hold 16 of them."""

@@ -14,7 +14,7 @@ from pipeline.scene.usd.poses import product, world_from, xform_ops
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, targets
-from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import TargetError
 
 
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:

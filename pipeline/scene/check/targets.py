@@ -13,8 +13,8 @@ from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read, target
-from pipeline.targets.errors import TargetError
 from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.target import AnyTarget
 
 OFF_MESH_MM = 1e-3

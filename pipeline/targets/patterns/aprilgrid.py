@@ -10,9 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
-from pipeline.targets.errors import TargetError
 from pipeline.targets.patterns.dictionaries import bits_of, require_tags
-from pipeline.targets.patterns.pattern import Base, Marks, drawn_once
+from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once
 from pipeline.targets.patterns.tags import tag_shapes
 
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from pipeline.records.declared import settle
 from pipeline.targets.drawing import Checks, Drawing
-from pipeline.targets.errors import TargetError
-from pipeline.targets.patterns.pattern import Base, Marks, grid
+from pipeline.targets.patterns.pattern import Base, Marks, TargetError, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon
-from pipeline.targets.errors import TargetError
-from pipeline.targets.patterns.pattern import Base, Marks, drawn_once, points_of
+from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once, points_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import TargetError
 
 DICTIONARIES = (
     *(f"{n}x{n}_{count}" for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)),

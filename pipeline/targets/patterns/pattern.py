@@ -7,8 +7,15 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from pipeline.errors import PipelineError
 from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
+
+
+class TargetError(PipelineError):
+    """A target that cannot be built, or that would not have one orientation."""
+
+    code = "bad-target"
 
 
 @dataclass(frozen=True, slots=True)

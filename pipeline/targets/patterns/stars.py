@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Spokes
-from pipeline.targets.errors import TargetError
-from pipeline.targets.patterns.pattern import Base, Marks, grid
+from pipeline.targets.patterns.pattern import Base, Marks, TargetError, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,10 @@
 """Rows of correspondences by method `direct`: candidates from forward tracing, solutions, and the rules for existing
-rows.
+rows. Rows of position images use it, too: for their light, for the nearest position of the grid is not sufficient (in
+the penumbra of a micro-image its hit fraction is off by 0.1, and its blur by a quarter of the trace), and in place of
+themselves where they are not accurate enough.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +20,18 @@ from pipeline.truth.direct.newton import NEARLY_PX, Search
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
+from pipeline.truth.settings import TruthSettings
 
 _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
 rounding would do.
 """
 _BLUR_LEVEL = 1
-"""Level of quadrature for the blur: second moments need fewer digits than positions."""
+"""Level of quadrature for light and blur, which need fewer digits than positions."""
+_SIGMAS = 2.0
+"""Expected errors of a row that must stay below the claim [1]: only one row in twenty has an error above two of
+them.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +152,66 @@ def blur_of(
     across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
+
+
+def with_own_bundles(
+    rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
+) -> Correspondences:
+    """The same rows with hit fraction and blur of their own bundles; rows with too little light are dropped and
+    counted.
+
+    Rows by `direct` have both already.
+
+    Parameters
+    ----------
+    planes : (p, 4, 3) float64
+        Tangent planes at the target points, as in `direct_rows.solve`.
+    """
+    others = np.flatnonzero(rows.method != "direct")
+    solutions = rows.solutions.only(others)
+    x_px, on = np.stack([solutions.x_px, solutions.y_px], axis=1), planes[solutions.point]
+    wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
+    bundles = integrals(rig.tracer, wanted, _BLUR_LEVEL)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, solutions.jacobian, bundles.moments)
+    hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
+    hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
+    kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
+    counts = {name: count for name, count in rows.counts.items() if name != "rows"}
+    counts["dropped_hit_fraction"] = counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept))
+    counts |= {"rays_of_bundles": bundles.rays + rays, "rows": int(kept.sum())}
+    traced = dataclasses.replace(rows, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px, counts=counts)
+    return traced.only(kept)
+
+
+def polished(
+    rig: Rig, estimated: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
+) -> Correspondences:
+    """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`.
+
+    Parameters
+    ----------
+    planes : (p, 4, 3) float64
+        Tangent planes at the target points, as in `direct_rows.solve`.
+    """
+    assert settings.claim_px is not None
+    rows = estimated.solutions
+    trusted = _SIGMAS * rows.error_px <= settings.claim_px
+    doubtful = rows.only(~trusted)
+    seeds = Guess(doubtful.point, doubtful.cell, np.stack([doubtful.x_px, doubtful.y_px], axis=1))
+    limits = settings.claim_px / 4, settings.min_hit_fraction
+    mended = solve(rig, seeds, planes, *limits, doubtful.jacobian)
+    everywhere, rays = guesses(rig, planes)
+    width = int(max(everywhere.cell.max(initial=0), rows.cell.max(initial=0))) + 1
+    new = ~np.isin(everywhere.point * width + everywhere.cell, rows.point * width + rows.cell)
+    added = solve(rig, everywhere.only(new), planes, *limits)
+    whole = estimated.only(trusted).joined(mended).joined(added)
+    counts = {name: count for name, count in estimated.counts.items() if name != "rows"}
+    counts |= {
+        "kept": int(trusted.sum()),
+        "polished": len(mended.solutions.point),
+        "added": len(added.solutions.point),
+        "inaccurate": mended.counts["inaccurate"] + added.counts["inaccurate"],
+        "rows": len(whole.solutions.point),
+        "rays_of_direct": mended.counts["rays"] + added.counts["rays"] + rays,
+    }
+    return dataclasses.replace(whole, counts=counts).sorted_by(rig.axial)

@@ -13,7 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
-from pipeline.truth.direct.chief_points import chief_jacobian
+from pipeline.truth.direct.candidates import chief_jacobian
 from pipeline.truth.direct.newton import errors_px
 
 _AT_ONCE = 1 << 14

@@ -12,7 +12,7 @@ from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pool
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
-from pipeline.truth.direct.chief_points import chief_jacobian
+from pipeline.truth.direct.candidates import chief_jacobian
 
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""

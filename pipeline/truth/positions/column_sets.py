@@ -12,7 +12,7 @@ from pipeline.camera.rig import Rig
 from pipeline.records.shapes import Float64
 from pipeline.targets.corners import corners_of
 from pipeline.targets.target import AnyTarget
-from pipeline.truth.direct.chief_points import chief_points
+from pipeline.truth.direct.candidates import chief_points
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
 from pipeline.truth.rows import Solutions
