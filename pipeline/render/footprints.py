@@ -66,7 +66,7 @@ class Meeting(NamedTuple):
     more: np.ndarray
 
 
-class Sight:
+class Footprints:
     """Footprints of the pixels of some rows, on whatever is before the camera."""
 
     def __init__(self, band: Band) -> None:

@@ -12,7 +12,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
-from pipeline.render.footprints import Sight
+from pipeline.render.footprints import Footprints
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.passes import Batch, batch_of
@@ -98,7 +98,7 @@ def pictures(
 
 def colours(band: Band, scenes: Sequence[TargetLight | LitScene]) -> np.ndarray:
     """Colour of both parts of each pixel, (scenes, 2, n); NaN where it must be sampled."""
-    sight = Sight(band)
+    sight = Footprints(band)
     return np.array([scene.seen(sight) for scene in scenes])
 
 

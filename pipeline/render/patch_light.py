@@ -36,7 +36,7 @@ class PatchLight:
         image: Float64[np.ndarray, "m"],
     ) -> None:
         """Add the light of a flat patch that nothing hides, and of the background beside it: see `TargetLight.add`."""
-        sheet_image.add_light(sheet_image.Sheet(self._artwork, background), rays, pixels, wanted, image)
+        sheet_image.add_light(sheet_image.FlatSheet(self._artwork, background), rays, pixels, wanted, image)
 
     def shine(
         self,

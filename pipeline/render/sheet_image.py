@@ -7,7 +7,7 @@ from pipeline.jit.decorators import kernel
 from pipeline.targets.kernels import Artwork, check_colour, on_plane, only_checks, whiteness
 
 
-class Sheet(NamedTuple):
+class FlatSheet(NamedTuple):
     """A flat patch before a background.
 
     Attributes

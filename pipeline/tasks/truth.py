@@ -23,7 +23,7 @@ from pipeline.tasks.params.truth import TruthTable
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import on_target
-from pipeline.truth.grid.ray_grid import RayGrid, Rays
+from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.grid.second_order import corrected
 from pipeline.truth.planes import faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set
@@ -111,7 +111,7 @@ def joined(inputs: Inputs, tiles: int) -> tuple[list[TargetNote], dict[str, list
 
 def correspondences(
     rig: Rig,
-    rays: Rays | None,
+    rays: AnyRayGrid | None,
     settings: TruthSettings,
     posed: PosedPoints,
     traced: Traced | None,

@@ -15,7 +15,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.render.band import Band
-from pipeline.render.footprints import Sight
+from pipeline.render.footprints import Footprints
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.passes import Batch
@@ -60,7 +60,7 @@ def extremes(rig: Rig, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
 
 def seen(rig: Rig, light: TargetLight) -> np.ndarray:
     """Colour of both parts of each pixel, (2, n), NaN where it is not sure."""
-    return light.seen(Sight(Band.of(rig, ROWS)))
+    return light.seen(Footprints(Band.of(rig, ROWS)))
 
 
 @pytest.mark.parametrize("seed", one_in(4, range(SCENES)))

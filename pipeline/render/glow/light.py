@@ -15,7 +15,7 @@ from pipeline.camera.tracing.records import Leaving
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
-from pipeline.render.footprints import TOUCHING_MM, Sight
+from pipeline.render.footprints import TOUCHING_MM, Footprints
 from pipeline.render.glow.meeting import first_sheet, may_meet
 from pipeline.render.patch_light import PatchLight
 from pipeline.render.pixel_rays import PixelRays
@@ -69,8 +69,8 @@ class TargetLight:
         """The same for every wavelength: nothing here has a colour."""
         return self
 
-    def seen(self, sight: Sight) -> np.ndarray:
-        """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Sight.judged`."""
+    def seen(self, sight: Footprints) -> np.ndarray:
+        """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Footprints.judged`."""
         return sight.judged(self._flat, self._solids, self._background)
 
     def add(

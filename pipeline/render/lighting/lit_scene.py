@@ -17,7 +17,7 @@ from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
-from pipeline.render.footprints import Sight
+from pipeline.render.footprints import Footprints
 from pipeline.render.glow.light import inked
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
@@ -118,7 +118,7 @@ class LitScene:
         self._scene = layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
 
-    def seen(self, sight: Sight) -> np.ndarray:
+    def seen(self, sight: Footprints) -> np.ndarray:
         """NaN for both parts of each pixel, (2, n): a lit scene has no light that is known without rays."""
         return sight.undecided()
 

@@ -26,7 +26,7 @@ from pipeline.render.lighting.lamp_kernels import (
 )
 from pipeline.render.lighting.lamp_kernels import RADIANCE as OF_LAMP
 from pipeline.render.lighting.material_kernels import EMISSION, input_at, paint_at
-from pipeline.render.lighting.reflection import Paint, Seen, reflected, reflected_as, scattered, seen_along
+from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, reflected_as, scattered, seen_along
 from pipeline.render.lighting.shape_kernels import (
     glow_density,
     path_to,
@@ -289,7 +289,7 @@ def _aimed(hits, i, way, end, gap_mm):
     return start, times(1.0 / path, off), path
 
 
-class Place(NamedTuple):
+class SurfacePoint(NamedTuple):
     """A place of a surface: point, unit axes of its frame and normal of the triangle, and how it is seen."""
 
     point: tuple[float, float, float]
@@ -297,16 +297,16 @@ class Place(NamedTuple):
     y: tuple[float, float, float]
     normal: tuple[float, float, float]
     flat: tuple[float, float, float]
-    seen: Seen
+    seen: SeenSurface
 
 
 @inline
 def _place(layers, paths, hits, i):
-    """Place where a path meets a surface."""
+    """The place where a path meets a surface."""
     normal = row(hits.normal, i)
     x, y = across(normal)
     seen = seen_along(layers, _paint(hits, i), local(times(-1.0, row(paths.direction, i)), x, y, normal))
-    return Place(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
+    return SurfacePoint(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
 
 
 @inline

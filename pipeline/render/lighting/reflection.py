@@ -75,7 +75,7 @@ class Layer(NamedTuple):
     returned: float
 
 
-class Seen(NamedTuple):
+class SeenSurface(NamedTuple):
     """A surface as it is seen along a direction: what does not depend on where light comes from.
 
     Attributes
@@ -169,13 +169,13 @@ def reflected(layers, paint, seen, lit):
 def seen_along(layers, paint, seen):
     """The surface as it is seen along a direction."""
     if paint.alpha == 0.0:
-        return Seen(seen, Layer(0.0, 0.0), 1.0, 1.0, 0.0)
+        return SeenSurface(seen, Layer(0.0, 0.0), 1.0, 1.0, 0.0)
     layer = _layer(layers, paint, seen[2])
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(paint.facing)
     many = max(_between(layers.means, i, a, j, b, 0), 1e-12)
     kept = max(1.0 - _between(layers.means, i, a, j, b, 1), 1e-9)
-    return Seen(seen, layer, many, kept, specular_chance(paint, layer))
+    return SeenSurface(seen, layer, many, kept, specular_chance(paint, layer))
 
 
 @inline

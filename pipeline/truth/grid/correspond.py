@@ -16,7 +16,7 @@ from pipeline.units import DEGREE_RAD
 
 
 @dataclass(frozen=True, slots=True)
-class Sightings:
+class RawSolutions:
     """Solutions found by a search, before the best one of each point and cell is chosen.
 
     Attributes
@@ -64,7 +64,7 @@ def sightings(
     grid: RayGrid,
     settings: TruthSettings,
     own: slice,
-) -> Sightings:
+) -> RawSolutions:
     """All solutions that begin in the rows `own` of a position image; the rows around them are only read."""
     image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
     search_for = _nearest if settings.search == "nearest" else _in_quads
@@ -83,7 +83,9 @@ def best_of(
     return order[first], int(np.sum(~first)) if settings.search == "quad" else 0
 
 
-def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
+def _in_quads(
+    image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
+) -> RawSolutions:
     none = np.empty((0, 3), np.int64)
     quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
     quad_search.quads_that_hold(image, grid.cell, points, quads)
@@ -116,7 +118,7 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
         jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
     k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
-    return Sightings(
+    return RawSolutions(
         Solutions(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, quad_search.DISTANCE], counts
     )
 
@@ -130,7 +132,7 @@ def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) ->
     return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
 
 
-def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
+def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> RawSolutions:
     shape = (len(points), len(grid.microlenses))
     best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
     quad_search.nearest_positions(image[own], grid.cell[own], points, best, where)
@@ -147,7 +149,7 @@ def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tru
         np.ones(len(point)),
         np.full(len(point), np.nan),
     )
-    return Sightings(solutions, best[point, cell], {"quads": 0})
+    return RawSolutions(solutions, best[point, cell], {"quads": 0})
 
 
 def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:

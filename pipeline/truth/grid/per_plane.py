@@ -16,7 +16,7 @@ from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 from pipeline.targets.points import TangentPlane, TargetPoints
 from pipeline.truth.grid.correspond import best_of, sightings, with_light
-from pipeline.truth.grid.ray_grid import RayGrid, Rays
+from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.rows import Correspondences, existing
 from pipeline.truth.settings import TruthSettings
 
@@ -40,7 +40,7 @@ the plane.
 
 def correspond_points(
     points: TargetPoints,
-    rays: Rays,
+    rays: AnyRayGrid,
     vision_from_target: Float64[np.ndarray, "4 4"],
     settings: TruthSettings,
     image_of: ImageOf,
@@ -73,7 +73,7 @@ class _Plane:
     pose: np.ndarray
 
 
-def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
+def _bands(rays: AnyRayGrid) -> Iterator[tuple[slice, slice]]:
     """Bands of rows of the image, each also with the surrounding rows that a search reads."""
     width, height = rays.size_px
     rows = max(1, _BAND_POSITIONS // (width * rays.supersampling**2))
@@ -85,7 +85,7 @@ def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """Rays of a band of whole rows; `own` holds the rows of the image to search."""
+    """A band of whole rows; `own` holds the rows of the image to search."""
 
     rays: RayGrid
     own: slice
@@ -107,7 +107,7 @@ class _Band:
 
 
 def _best(
-    plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: Rays, settings: TruthSettings
+    plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
 ) -> Correspondences:
     """The rows of a plane that exist, from the results of all bands."""
     parts = [part for part, _ in seen]

@@ -19,7 +19,7 @@ _FREEDOM = 16 - 6
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class QuadSolutions:
     """Solutions J(x) = p of the fitted surfaces.
 
     Attributes
@@ -45,7 +45,7 @@ def solve(
     cell: Int64[np.ndarray, "h w"],
     quads: Int64[np.ndarray, "n 2"],
     points: Float64[np.ndarray, "n 2"],
-) -> Fit:
+) -> QuadSolutions:
     """Solve J(x) = p in the surfaces around quads.
 
     Parameters
@@ -74,7 +74,7 @@ def solve(
     terms = _terms(*x.T)
     gain = np.sqrt(np.einsum("na,ab,nb->n", terms, np.linalg.inv(design.T @ design), terms))
     steps_per_mm = np.sqrt((np.linalg.inv(jacobian) ** 2).sum(axis=(1, 2)))
-    return Fit(x, jacobian, gain, gain * noise * steps_per_mm)
+    return QuadSolutions(x, jacobian, gain, gain * noise * steps_per_mm)
 
 
 def _windows(image: np.ndarray, cell: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

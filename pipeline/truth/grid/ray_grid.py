@@ -45,7 +45,7 @@ class Cells:
         return nearby_of(self.centres_px).nearest(x_px)[1][:, 0] == cell
 
 
-class Rays(Whereabouts, Protocol):
+class AnyRayGrid(Whereabouts, Protocol):
     """The bundles of a camera, in memory or in a file that is read by windows; attributes as in `RayGrid`."""
 
     @property

@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 
 
-class Grid(NamedTuple):
+class TracedGrid(NamedTuple):
     """Positions that are traced for a bundle map.
 
     Attributes
@@ -67,7 +67,7 @@ class BundleMap:
 
 
 def bundle_map(
-    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: Grid, nodes: Polar
+    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: TracedGrid, nodes: Polar
 ) -> BundleMap | None:
     """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped.
 
@@ -91,7 +91,7 @@ def bundle_map(
 
 
 def bundle_maps(
-    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: Grid, nodes: Polar
+    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: TracedGrid, nodes: Polar
 ) -> list[tuple[float, BundleMap]] | None:
     """The bundles of a grid in each wavelength of a camera's light, with its share; None where one map is None."""
     maps = []

@@ -20,7 +20,7 @@ from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
 """Numbers for each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
@@ -88,7 +88,7 @@ def _disc_images(
 ) -> list[tuple[float, np.ndarray]] | None:
     """Light and centroid of the disc's image in one wavelength, roughly and finely; None where it is not whole."""
     microlens, images = int(rig.microlens(np.array([cell]))[0]), []
-    grid = Grid(x_px, np.full(2, _LOOK_PX), 3)
+    grid = TracedGrid(x_px, np.full(2, _LOOK_PX), 3)
     look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
         return None
@@ -98,7 +98,7 @@ def _disc_images(
         for _ in range(_BOXES):
             low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
             half = (high - low) / 2
-            grid = Grid((low + high) / 2, _SLACK * half, order)
+            grid = TracedGrid((low + high) / 2, _SLACK * half, order)
             around = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
                 return None

@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import Grid, bundle_maps
+from pipeline.truth.positions.bundle_map import TracedGrid, bundle_maps
 from pipeline.truth.positions.corner_image import CornerImages
 from pipeline.truth.positions.saddle_start import start_of
 
@@ -82,7 +82,7 @@ def saddle(
     for level, (rings, directions) in enumerate(_LEVELS):
         for _ in range(_ROUNDS):
             nodes = Polar(np.arange(rings + 1) / rings, directions)
-            around = bundle_maps(tracer, microlens, plane, Grid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
+            around = bundle_maps(tracer, microlens, plane, TracedGrid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
             if around is None:
                 return lost
             image = CornerImages(around, ratio)

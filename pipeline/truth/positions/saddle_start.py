@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
 _RINGS, _DIRECTIONS = 16, 64
@@ -50,7 +50,7 @@ def start_of(
     None if bundles around J's position are cut. Parameters are those of `saddle.saddle`.
     """
     half, nodes = np.full(2, _HALF_PX), Polar(np.arange(_RINGS + 1) / _RINGS, _DIRECTIONS)
-    around = bundle_map(tracer, microlens, plane, Grid(x_px, half, _ORDER), nodes)
+    around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDER), nodes)
     if around is None:
         return None
     weight = _weights(around.at(x_px))
@@ -60,7 +60,7 @@ def start_of(
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
     if spread < _WIDE_PX:
         return Start(x_px, spread)
-    wide = bundle_map(tracer, microlens, plane, Grid(x_px, half + spread, _ORDER), nodes)
+    wide = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half + spread, _ORDER), nodes)
     if wide is None:
         return None
     x_px = _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread)
