@@ -51,7 +51,7 @@ def said_of(path, *, write):
     return []
 
 
-def project(path, out=None, allow_roots=(), untrusted=False, preview=False):
+def project(path, out=None, allow_roots=(), preview=False):
     """A project, if the stage has no errors."""
     errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
     if errors:

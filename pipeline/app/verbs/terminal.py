@@ -39,14 +39,6 @@ Roots = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object.")]
-Untrusted = Annotated[
-    bool,
-    typer.Option(
-        "--untrusted",
-        rich_help_panel=READING,
-        help="Do not trust the stage: read it in a confined process that cannot write files.",
-    ),
-]
 
 
 def library_file(path: Any) -> Any:
