@@ -13,9 +13,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks
+from pipeline.app.verbs import building, exporting, fitting, graph, library, planning, reporting, tasks
 from pipeline.app.verbs.authoring import imports, new
-from pipeline.app.verbs.cache import cache
+from pipeline.app.verbs.care import cache, doctor
 from pipeline.app.verbs.terminal import (
     CHECKING,
     OUTPUT,
@@ -226,7 +226,7 @@ _VERBS = (
     (USE, "report", reporting.report),
     (USE, "export", exporting.export),
     (USE, "fit", fitting.fit),
-    (CARE, "doctor", doctor.doctor),
+    (CARE, "doctor", doctor),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:
