@@ -28,6 +28,7 @@ from pipeline.app.verbs.terminal import (
     new_family,
     note,
     number_of,
+    require_suffix,
     say,
     say_json,
     written,
@@ -127,8 +128,7 @@ def show(
     from pipeline.app.show import show as cameras_of
 
     for file in (plot, psf):
-        if file is not None and file.suffix != ".svg":
-            raise UsageError(f"{file} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+        require_suffix(file, ".svg")
     if psf is None and (at, distance) != (None, None):
         raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
     if distance is not None and not distance > 0:
@@ -166,8 +166,7 @@ def print_target(
     from pipeline.app.printed_target import artwork
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
-        if path is not None and path.suffix != suffix:
-            raise UsageError(f"{path} is no {suffix} file")
+        require_suffix(path, suffix)
     shown = artwork(stage, target, tuple(allow_root or ()))
     for warning in shown.warnings:
         note(str(warning))

@@ -17,7 +17,7 @@ from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.write.for_viewers import fallback_types, pinhole, view_of
+from pipeline.scene.write.flatten import fallback_types, pinhole, view_of
 from pipeline.units import mm_per_unit
 
 _NEAR = 0.01
