@@ -88,8 +88,8 @@ def check(
             for line in cost_lines(loaded.dataset, loaded.cameras):
                 note(line)
     for path in stages if not errors else ():
-        for line in said_of(path, write=fix):
-            note(printable(line))  # it names the file of the stage, which may have any name
+        if said := said_of(path, write=fix):
+            note(printable(said))  # it names the file of the stage, which may have any name
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
