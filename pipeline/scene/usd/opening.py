@@ -145,7 +145,9 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
         hint = of_missing_asset(_as_written(asset[1], layer), layer)
     if text.startswith("Cycle detected"):
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
-    message, _, _ = text.partition(" introduced by ")
+    message, is_introduced, _ = text.partition(" introduced by ")
+    if is_introduced and reason:
+        message = f"{message}: {reason.rstrip('. ')}"
     message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
 
