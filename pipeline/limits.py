@@ -1,10 +1,10 @@
 """Limits of the size of a dataset, checked before memory is allocated for it; see docs/limits.md."""
 
-import difflib
 import os
 from dataclasses import dataclass, fields
 
 from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
 
 VARIABLE = "PIPELINE_LIMITS"
 MOST_SAMPLES = 1 << 16
@@ -35,16 +35,8 @@ class Limits:
         Triangles of one mesh.
     f_numbers : int
         Further white images of a camera.
-    layers : int
-        Files that a stage is composed of.
-    layer_bytes : int
-        Size of one of these files.
     picture_bytes, picture_pixels : int
         Size of one picture on a surface or in the sky, and its pixels.
-    prims : int
-        Upper bound of the prims of a stage, in all variants.
-    task_bytes, task_s : int
-        Memory, in addresses, and time [s] that a task of a stage read with `--untrusted` may take.
     """
 
     frames: int = 5_000
@@ -54,13 +46,8 @@ class Limits:
     points: int = 200_000
     triangles: int = 1_000_000
     f_numbers: int = 100
-    layers: int = 1_000
-    layer_bytes: int = 256 * 2**20
     picture_bytes: int = 256 * 2**20
     picture_pixels: int = 40_000_000
-    prims: int = 1_000_000
-    task_bytes: int = 16 * 2**30
-    task_s: int = 3600
 
 
 def limits() -> Limits:
@@ -87,8 +74,7 @@ def _name(name: str, item: str) -> str:
     known = [field.name for field in fields(Limits)]
     if name in known:
         return name
-    guess = difflib.get_close_matches(name, known, n=1)
-    hint = f'did you mean "{guess[0]}"?' if guess else f"limits are: {', '.join(known)}"
+    hint = did_you_mean(name, known) or f"limits are: {', '.join(known)}"
     raise UsageError(f'{VARIABLE}: "{item}" names no limit', hint=hint)
 
 

@@ -8,25 +8,15 @@ import shlex
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any
 
 Event = dict[str, Any]
 
 
-class Display(Protocol):
-    """A listener of events; while its context is open it may own part of the screen."""
-
-    def __call__(self, event: Event) -> None: ...
-
-    def __enter__(self) -> "Display": ...
-
-    def __exit__(self, *error: object) -> None: ...
-
-
-def display(verbosity: int) -> Display:
+def display(verbosity: int) -> "Lines":
     """A progress bar on a terminal, else lines. A negative verbosity shows failures and warnings only."""
-    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    return Bar() if terminal and verbosity == 0 else Lines(verbosity)
+    is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    return Bar() if is_terminal and verbosity == 0 else Lines(verbosity)
 
 
 class Tally:
@@ -84,15 +74,20 @@ class Lines:
     def __call__(self, event: Event) -> None:
         """Print a line if the event deserves one at this verbosity."""
         self._tally.add(event)
+        if text := self._line(event):
+            self._say(text)
+
+    def _line(self, event: Event) -> str | None:
         if event["event"] == "warning":
-            self._say(f"warning: {event['text']}")
-        elif event["event"] == "retry":
-            self._say(f"{event['task']} tried again: {event['error'].splitlines()[0]}")
-        elif event["event"] == "started" and self._verbosity > 0:
-            self._say(f"{self._tally.line()} {event['task']} started")
-        elif event["event"] == "done" and self._is_shown(event["state"]):
+            return f"warning: {event['text']}"
+        if event["event"] == "retry":
+            return f"{event['task']} tried again: {event['error'].splitlines()[0]}"
+        if event["event"] == "started" and self._verbosity > 0:
+            return f"{self._tally.line()} {event['task']} started"
+        if event["event"] == "done" and self._is_shown(event["state"]):
             news = f": {event['news']}" if "news" in event else ""
-            self._say(f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s{news}")
+            return f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s{news}"
+        return None
 
     def _is_shown(self, state: str) -> bool:
         return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
@@ -101,7 +96,7 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
-class Bar:
+class Bar(Lines):
     """A bar with the counts, the last finished task, the estimate, and the last news of a task. Warnings and failures
     remain above it.
     """
@@ -110,38 +105,31 @@ class Bar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self._tally, self._news = Tally(), ""
+        super().__init__(verbosity=-1)
+        self._news = ""
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        # The original stream: while a task runs in this process, sys.stderr is a log file.
-        console = Console(file=sys.stderr)
+        console = Console(file=self._stream)
         self._progress = Progress(
             *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
         self._bar = self._progress.add_task("", total=None)
-
-    def __enter__(self) -> "Bar":
-        return self  # the bar starts with the first event, so a process that ends before leaves the cursor alone
 
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
     def __call__(self, event: Event) -> None:
         """Redraw the bar after an event."""
-        self._progress.start()
-        self._tally.add(event)
-        if event["event"] == "warning":
-            self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)
-        elif event["event"] == "retry":
-            text = f"{event['task']} tried again: {event['error'].splitlines()[0]}"
-            self._progress.console.print(text, markup=False, highlight=False)
-        elif event["event"] == "done" and event["state"] == "failed":
-            self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
+        self._progress.start()  # at the first event: a process that ends before leaves the cursor alone
+        super().__call__(event)
         if "news" in event:
             self._news = f"  ({event['task']}: {event['news']})"
         done, left = self._tally.counts.total(), self._tally.seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
         text = f"{self._tally.line()} {event.get('task', '')}{eta}{self._news}"
         self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
+
+    def _say(self, text: str) -> None:
+        self._progress.console.print(text, markup=False, highlight=False)
 
 
 class Ending:

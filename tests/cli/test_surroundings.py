@@ -44,6 +44,17 @@ def test_a_store_that_cannot_be_named_ends_with_5(pipeline, stage, monkeypatch):
     assert code == 5 and "not UTF-8" in log
 
 
+def test_a_user_without_a_home_is_told_what_names_a_folder(pipeline, stage, monkeypatch):
+    def gone() -> Path:
+        raise RuntimeError("no home")
+
+    for name in ("PIPELINE_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", gone)
+    code, _, log = pipeline("build", stage())
+    assert code == 5 and "has no home" in log and "XDG_CACHE_HOME" in log
+
+
 def test_events_on_a_full_disk_end_with_5_and_one_error(pipeline, stage):
     code, _, log = pipeline("build", stage(), "-j1", "--events", "/dev/full")
     assert code == 5 and log.count("cannot write events to /dev/full: No space left on device") == 1

@@ -37,17 +37,6 @@ def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
     assert outcome.results["lens"].state == "executed"
 
 
-@pytest.mark.parametrize(("most_bytes", "state"), [(2**30, "failed"), (None, "executed")])
-def test_a_task_that_asks_for_more_memory_than_it_may_take_fails_and_says_what_allows_it(store, most_bytes, state):
-    graph = toy.graph_of(("vast", "vast", {"bytes": 2**30}), ("lens", "lens", {"power": 1.0}))
-    engine = Processes(store, graph.packages, 2, memory_bytes=most_bytes)
-    results = run(graph, store, BuildOptions(keep_going=True), engine=engine).results
-    assert (results["vast"].state, results["lens"].state) == (state, "executed")
-    if state == "failed":
-        assert "MemoryError" in results["vast"].error
-        assert 'PIPELINE_LIMITS="task_bytes=2147483648"' in results["vast"].error
-
-
 @pytest.mark.parametrize("stopped_before", [True, False])
 def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monkeypatch, stopped_before):
     close = Processes.close
