@@ -179,9 +179,12 @@ def test_commands_are_refused_as_their_programs_would(words, reason):
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_in_sentences_exist(page):
-    """Scripts, targets of make, and verbs with their options, in backticks or indented; values may be left out."""
-    text = re.sub(r"^( *)```.*?^\1```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    for line in re.findall(r"(?:`|^    )((?:make|pipeline|python [\w/]+\.py)\b[^`\n]*)", text, re.MULTILINE):
+    """Scripts, targets of make, and verbs with their options, wherever a line or backticks begin with them.
+
+    Values may be left out: what a block tells to type has all of them.
+    """
+    text = page.read_text(encoding="utf-8")
+    for line in re.findall(r"(?:`|^ *\$ |^    )((?:make|pipeline|python [\w/]+\.py)\b[^`\n]*)", text, re.MULTILINE):
         words = re.sub(r"  .*|[\[\]]", "", line).split()
         if words[0] != "pipeline":
             assert refusal(words) == "", line
