@@ -38,7 +38,6 @@ referees: $(STAMP) warm
 		tests/render/test_raw_colours.py tests/rerun/test_raw_images.py
 	$(BIN)/python benchmarks/sensor.py
 	$(BIN)/python benchmarks/diffraction.py
-	$(BIN)/python docs/lateral_colour.py
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)
@@ -94,7 +93,6 @@ picture: $(STAMP)
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \
 		--window 330 225 70 84 --zoom 4
 	$(BIN)/python docs/target_sheet.py docs/targets.png
-	$(BIN)/python docs/detectors.py
 	$(BIN)/python docs/report_pictures.py
 
 # The scripts of the report page, by npm; what they are bundled into is committed, so that nothing else needs npm.

@@ -5,14 +5,14 @@ a file browser as on the site. `docs/index.md` is the first page.
 """
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-sys.path[:0] = [str(DOCS), str(ROOT)]
+sys.path.insert(0, str(ROOT))
 
-import cli_reference  # noqa: E402
 from sphinx.application import Sphinx  # noqa: E402
 
 import pipeline as documented  # noqa: E402
@@ -84,9 +84,16 @@ def finish_source(_app: Sphinx, page: str, source: list[str]) -> None:
 
     source[0] = LINK.sub(led, source[0])
     if page == "docs/cli":
-        source[0] += cli_reference.page()
+        source[0] += reference_of_the_command()
     if page == root_doc:
         source[0] = TOCTREE_PATTERN.sub(lambda line: line[0] if any(here.glob(f"{line[1]}.md")) else "", source[0])
+
+
+def reference_of_the_command() -> str:
+    """Every verb with its options, as Typer documents them."""
+    command = [sys.executable, "-m", "typer", "pipeline.cli", "utils", "docs", "--name", "pipeline"]
+    text = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    return text[text.index("\n## ") :]
 
 
 def lead_to_the_first_page(app: Sphinx, exception: Exception | None) -> None:

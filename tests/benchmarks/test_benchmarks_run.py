@@ -1,4 +1,4 @@
-"""The benchmarks run on tiny stages and say what the README of benchmarks/ promises; figures come from full runs."""
+"""The benchmarks run on tiny stages, and what they compare holds there, too; figures come from full runs."""
 
 import importlib
 import itertools
@@ -53,17 +53,6 @@ def test_lit_images_have_little_noise_at_few_rays(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
-    """Five races, two shares of the floor, six shapes and two cameras; about three quarters of rays pass at f/2."""
-    text = output_of("trace.py", tmp_path)
-    assert len(re.findall(r"packets +[\d.e+]+ rays/s \(best", text)) == 5
-    assert len(re.findall(r"f/2: [\d.e+]+ rays/s .* share median [\d.]+%", text)) == 2
-    assert len(re.findall(r"ray-surfaces/s, costs [\d.]+ spheres, passing: 100.00%", text)) == 6
-    assert len(re.findall(r"tiny_\w+, 64 samples +[\d.e+]+ rays/s", text)) == 2
-    assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75, 77, 75, 77]
-
-
-@pytest.mark.heavy
 def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> None:
     """A conventional camera loses no corner, no search finds rows that do not exist, the reference is the finer one.
 
@@ -92,18 +81,6 @@ def test_direct_needs_fewer_rays_than_images(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_path: Path) -> None:
-    """Graphs of two sizes, and a warm plan and build."""
-    text = output_of("engine.py", tmp_path)
-    assert (
-        len(re.findall(r"nodes: +\d+ µs to make, +\d+ µs to keep, +\d+ µs to plan, +\d+ µs to build again, each", text))
-        == 2
-    )
-    assert len(re.findall(r"warm (?:plan|build) +[\d.]+ s, of them computing [\d.]+ s", text)) == 2
-    assert len(re.findall(r"plan after \d edits [\d.]+ s, of them computing [\d.]+ s", text)) == 5
-
-
-@pytest.mark.heavy
 def test_a_schedule_adds_up(tmp_path: Path) -> None:
     """One worker takes the sum; n take the critical path or more, at most that and an nth of the sum (Graham 1966)."""
     text = output_of("schedule.py", tmp_path)
@@ -111,24 +88,6 @@ def test_a_schedule_adds_up(tmp_path: Path) -> None:
     times = {int(n): float(time) for n, time in re.findall(r"(\d+) workers: +([\d.]+) s", text)}
     assert abs(times[1] - whole) < 0.1 and len(times) > 2
     assert all(path - 0.01 <= time <= path + whole / n + 0.1 for n, time in times.items())
-
-
-@pytest.mark.heavy
-def test_every_kind_of_task_states_its_memory(tmp_path: Path) -> None:
-    text = output_of("memory.py", tmp_path)
-    peaks = {name.strip(): float(peak) for name, peak in re.findall(r"^([a-z_, ]+?) {2,}(\d+) ", text, re.MULTILINE)}
-    assert {"rays", "truth, direct", "truth, moments", "truth, image", "positions", "image", "white"} <= peaks.keys()
-    assert all(100 < peak < 1000 for peak in peaks.values()), "MB: libraries, and next to nothing"
-
-
-@pytest.mark.heavy
-def test_a_cold_start_and_the_truth_of_the_full_rig_have_a_price(tmp_path: Path) -> None:
-    """Compilation costs more than a build that is finished; a certificate is judged, for next to nothing here."""
-    (figures,) = re.findall(r"^now +([\d.]+) +([\d.]+) +([\d.]+) +([\d.]+)$", output_of("cold.py", tmp_path), re.M)
-    compiled, _, told, finished = map(float, figures)
-    assert compiled > finished > told > 0
-    text = output_of("chain.py", tmp_path)
-    assert re.search(r"^full rig, one pose +now +truth +[\d.]+ CPU s, certificate -?\d+% of that$", text, re.M)
 
 
 @pytest.mark.heavy
@@ -143,36 +102,29 @@ def test_position_images_by_three_ways(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_single_precision_errs_by_its_rounding_and_has_a_bound(tmp_path: Path) -> None:
+def test_single_precision_errs_by_its_rounding(tmp_path: Path) -> None:
     """Half an ulp of a direction in float32 is 2e-5 mm at 400 mm, a thousandth of a pixel there; a dozen surfaces add
     some. The mean of 64 rays, whose roundings are independent, moves by an eighth."""
     text = output_of("single.py", tmp_path)
-    (double, single), (whole, kernel), (gain,) = (
-        [float(number) for number in re.search(pattern, text, re.MULTILINE).groups()]
-        for pattern in (
-            r"float64 ([\d.]+) ns a ray, float32 ([\d.]+) ns",
-            r"image: ([\d.]+) ns a ray, ([\d.]+) of it",
-            r"gain at most ([\d.]+)$",
-        )
-    )
-    assert kernel > 0 and abs(gain - whole / (whole - double + single)) < 0.05
     pairs = r"rays move by (\S+) px rms, (\S+) px at most,\s+the mean of a pixel by (\S+) px rms, (\S+) px at most"
-    moved = [tuple(map(float, found)) for found in re.findall(pairs, text)]
+    moved = [tuple(map(float, figures)) for figures in re.findall(pairs, text)]
     assert len(moved) == 2
     for rms, most, mean_rms, mean_most in moved:
         assert 1e-6 < mean_rms < rms < most < 1e-2 and mean_rms < mean_most < most
     assert moved[0][0] / 16 < moved[0][2] < moved[0][0] / 4
-    lost = [int(lost) / int(rays) for rays, lost in re.findall(r"of (\d+) rays (\d+) pass in one precision only", text)]
-    light = [float(off) for off in re.findall(r"its light by (\S+) of it", text)]
-    assert len(lost) == len(light) == 2 and max(lost) < 1e-4 and 0 < max(light) < 1e-5
 
 
 @pytest.mark.heavy
-def test_frames_start_fewer_rays_than_pixels_have(tmp_path: Path) -> None:
-    """Both cameras; each is asked with Embree and without."""
-    text = output_of("images.py", tmp_path)
-    whole = [float(rays) for rays in re.findall(r"([\d.e+]+) rays without a shortcut", text)]
-    traced = [float(rays) for rays in re.findall(r"a frame starts ([\d.e+]+) rays", text)]
-    assert len(whole) == len(traced) == 2
-    assert all(0 < some < all_rays for some, all_rays in zip(traced, whole, strict=True))
-    assert len(re.findall(r"all asked of Embree \d+%", text)) == 2
+@pytest.mark.parametrize(
+    ("script", "figures"),
+    [
+        ("trace.py", r"packets +[\d.e+]+ rays/s \(best"),
+        ("engine.py", r"warm (?:plan|build) +[\d.]+ s, of them computing [\d.]+ s"),
+        ("memory.py", r"^truth, direct {2,}\d+ "),
+        ("images.py", r"a frame starts [\d.e+]+ rays"),
+        ("cold.py", r"^now +[\d.]+ +[\d.]+ +[\d.]+ +[\d.]+$"),
+        ("chain.py", r"^full rig, one pose +now +truth +[\d.]+ CPU s, certificate -?\d+% of that$"),
+    ],
+)
+def test_a_benchmark_of_speed_prints_its_figures(script: str, figures: str, tmp_path: Path) -> None:
+    assert re.search(figures, output_of(script, tmp_path), re.MULTILINE)

@@ -1,209 +1,206 @@
-"""Every block of every page runs, is read by USD, or is a command that exists; every page is in the contents."""
+"""Every page: its Python runs, its USD is read, its commands are ones that exist, and its links lead somewhere."""
 
-import contextlib
-import io
-import json
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
+from typing import Any
 
-import cli_reference
-import pages
 import pytest
 import schema_reference
-from builds import tiny
-from other_commands import refusal_of_other
-from pages import ROOT
+import typer
+from pxr import Sdf
+from sybil import Document, Example, Sybil
+from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.scene.load import load
 
-LANGUAGES = {"python", "usda", "bash", "console", "text", "diff", "", "{toctree}", "{eval-rst}"}
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = ("README", "CONTRIBUTING", "CONVENTIONS", "docs/**/*", *(f"{folder}/**/*" for folder in ("examples", "stages")))
+PAGES = sorted(page for name in (*NAMES, "schemas/*", "benchmarks/*") for page in ROOT.glob(f"{name}.md"))
+HOW_TOS = [ROOT / "docs/tour.md", *sorted((ROOT / "docs/how_to").glob("*.md"))]
 RUN = {"check", "new", "target", "import", "library"}
 """Verbs of the how-tos that take no build: they run as they are written, in the order of the page."""
-FORM = ("The model", "The data", "Validation", "Result", "What is not modelled")
-"""Parts of the page of an effect; lists of attributes and outputs may stand between."""
-HOW_TO = sorted((ROOT / "docs/how_to").glob("*.md"))
-BY_THEMSELVES = {"docs/reading.md", "docs/rays.md", "docs/when_something_is_wrong.md", "README.md"}
-"""Pages whose Python has a test of its own: they need a build."""
+ENDS_A_COMMAND = {"|", "||", "&", "&&", ";", ">", "<"}
 
 
-def schema_names() -> set[str]:
-    """All properties of the schema, and those of an array of values such as plen:shape:…"""
-    return {prop.name for spec in schema_reference.classes().values() for prop in spec.properties}
+def name_of(page: Path) -> str:
+    """A short test id."""
+    return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_every_block_is_in_a_language_that_is_checked(page):
-    assert {block.language for block in pages.blocks(page)} <= LANGUAGES
+def read_usd(example: Example) -> None:
+    """A stage passes `pipeline check`; the attributes of a fragment are those of the schema."""
+    text = str(example.parsed)
+    save(example)
+    if "metersPerUnit" in text:
+        Path("stage_of_a_page.usda").write_text(text, encoding="utf-8")
+        assert load(Path("stage_of_a_page.usda")).problems == []
+        return
+    if re.match(r"(?!def|over|#usda)", text):
+        text = f'over "Fragment"\n{{\n{text}\n}}'
+    layer, names = Sdf.Layer.CreateAnonymous(".usda"), set()
+    assert layer.ImportFromString(text if text.startswith("#usda") else f"#usda 1.0\n{text}\n")
+    layer.Traverse("/", lambda path: names.add(path.name) if path.IsPropertyPath() else None)
+    known = {prop.name for spec in schema_reference.classes().values() for prop in spec.properties}
+    assert {name for name in names if name.startswith("plen:")} <= known
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_python_compiles_and_usd_is_read_with_attributes_of_the_schema(page):
-    known = schema_names()
-    for block in pages.blocks(page):
-        if block.language == "python":
-            compile(block.text, pages.name_of(page), "exec")
-        elif block.language == "usda":
-            layer, found = pages.usd_layer(block.text), set()
-            layer.Traverse("/", lambda path, found=found: found.add(str(path.name)) if path.IsPropertyPath() else None)
-            assert {name for name in found if name.startswith("plen:")} <= known
+def save(example: Example) -> None:
+    """Write a block that the page tells to save as a file."""
+    before = example.document.text[: example.region.start].rstrip()
+    if name := re.search(r"as `([\w.]+)`[^`]*:$", before):
+        Path(name[1]).write_text(str(example.parsed), encoding="utf-8")
 
 
-def test_usd_is_fenced_so_that_it_is_checked():
-    indented = re.compile(r"^    (?:def|over|uniform|rel) ", re.MULTILINE)
-    assert [pages.name_of(page) for page in pages.PAGES if indented.search(pages.prose(page))] == []
+def commands(text: str) -> list[list[str]]:
+    """Words of each command: of the lines behind `$ ` where there are such, else of all."""
+    lines = [line.strip() for line in re.sub(r"\s*\\\n\s*", " ", text).split("\n") if line.strip()]
+    lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")] or lines
+    return [words for line in lines if (words := words_of(line))]
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_every_command_is_one_that_the_parser_takes(page):
-    refused = {" ".join(words): pages.refusal(words) for words in pages.typed_commands(page)}
-    assert {words: reason for words, reason in refused.items() if reason} == {}
+def words_of(line: str) -> list[str]:
+    """Words of a line of a shell up to the end of its first command, without variables that stand before it."""
+    lexer = shlex.shlex(line, posix=True, punctuation_chars=";<>|&")
+    lexer.whitespace_split, lexer.commenters = True, "#"
+    words = list(lexer)
+    end = next((place for place, word in enumerate(words) if word in ENDS_A_COMMAND), len(words))
+    first = next((place for place, word in enumerate(words) if not re.match(r"\w+=", word)), 0)
+    return words[first:end]
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        ("build", "needs stage"),
-        ("biuld x.usda", "no verb biuld"),
-        ("new dataset x.usda --rigg r --target t", "--rigg"),
-        ("show a b c d", "too much"),
-        ("build x.usda frames/1 -j 4", ""),
-    ],
-)
-def test_the_parser_refuses_what_the_command_would(words, reason):
-    assert (reason in pages.refusal(words.split())) and bool(reason) == bool(pages.refusal(words.split()))
+def refusal(words: list[str]) -> str:
+    """What a program has against a command; empty: nothing. No file is read."""
+    program, *rest = words
+    if program == "make":
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+        return "; ".join(f"no target {word}" for word in rest if word not in targets)
+    if program == "python":
+        return "" if (ROOT / rest[0]).is_file() else "no script"
+    return _refused_by_pipeline(rest) if program == "pipeline" else ""
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_every_other_command_is_one_that_its_program_takes(page):
-    typed = [words for block in pages.blocks(page) for line in block.commands if (words := pages.words_of(line))]
-    others = [words for words in typed if words[0] != "pipeline"]
-    assert {" ".join(words): refusal_of_other(words) for words in others if refusal_of_other(words)} == {}
+def verb_of(words: list[str]) -> tuple[Any, list[str]]:
+    """The command of `pipeline` that words call, itself or a verb, and what follows."""
+    command, rest = typer.main.get_command(app), list(words)
+    while rest and rest[0] in getattr(command, "commands", {}):
+        command = command.commands[rest.pop(0)]
+    return command, rest
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        ("dask wroker --nthreads 1", "no verb"),
-        ("dask worker --scheduler-file x.json --nthreds 1", "unexpected"),
-        ("dask worker --scheduler-file x.json --nworkers 8", ""),
-        ("pip install plenoptic-pipeline[clutser]", "no extra"),
-        ("make tets", "no target"),
-        ("python benchmarks/trase.py", "no file"),
-        ("python examples/06_arena/tables.py --breif", "no option"),
-        ("export PIPELINE_CASH=x", "nothing reads"),
-        ("rm -rf build", "no test knows"),
-    ],
-)
-def test_other_commands_are_refused_as_their_programs_would(words, reason):
-    found = refusal_of_other(words.split())
-    assert reason in found and bool(reason) == bool(found)
+def _refused_by_pipeline(words: list[str]) -> str:
+    command, rest = verb_of(words)
+    if hasattr(command, "commands") and rest:
+        return "" if rest[0] in options_of(command) else f"no verb {rest[0]}"
+    try:
+        command.make_context(command.name, rest)
+    except typer.Exit:  # --help, --list: they print and end
+        return ""
+    except Exception as error:  # the parser's own classes are private to typer
+        return f"{type(error).__name__}: {error}"
+    return ""
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_verbs_and_options_in_sentences_exist(page):
-    tree = {" ".join(path): verb for path, verb in cli_reference.verbs()}
-    for said in re.findall(r"`pipeline ([a-z][^`]*)`", pages.prose(page)):
-        words = said.split()
-        verb = tree.get(" ".join(words[:2])) or tree.get(words[0])
-        assert verb is not None, said
-        known = {name for option in verb.params for name in option.opts} | {"--help"}
-        below = getattr(verb, "commands", {}).values()
-        known |= {name for one in below for option in one.params for name in option.opts}
-        assert {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= known, said
+def options_of(command: Any) -> set[str]:
+    """All options of a verb, and of a family of verbs."""
+    below = getattr(command, "commands", {}).values()
+    return {"-h", "--help", *(name for verb in (command, *below) for option in verb.params for name in option.opts)}
 
 
-@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
-def test_links_lead_to_headings_that_exist(page):
-    wrong = []
-    for path, anchor in pages.links(page):
-        there = (page.parent / path).resolve() if path else page
-        if not there.exists():
-            wrong.append(path)
-        elif anchor and there.suffix == ".md" and anchor not in pages.anchors(there) and there.name != "cli.md":
-            wrong.append(f"{path}#{anchor}")
-    assert wrong == []
+def reader(run: set[str]) -> Sybil:
+    """A reader of pages that runs these verbs of how-tos, and looks at all other commands alone."""
+
+    def look_at(example: Example) -> None:
+        for words in commands(str(example.parsed)):
+            assert refusal(words) == "", " ".join(words)
+            shown = example.region.lexemes["arguments"] == "console" and Path(example.path) in HOW_TOS
+            if shown and words[1] in run:
+                done = CliRunner().invoke(app, words[1:])
+                assert done.exit_code == 0 and "error:" not in done.output, f"{' '.join(words)}\n{done.output}"
+
+    shells = [CodeBlockParser(language, look_at) for language in ("console", "bash")]
+    return Sybil([PythonCodeBlockParser(), CodeBlockParser("usda", read_usd), CodeBlockParser("text", save), *shells])
 
 
-def test_every_page_is_in_the_contents():
-    of_docs = set((ROOT / "docs").rglob("*.md")) - {pages.INDEX}
-    assert of_docs - pages.contents() == set()
-
-
-def test_files_that_pages_name_exist():
-    """Paths of the repository in backticks; `<kind>` and … stand for something else."""
-    named = re.compile(r"`((?:pipeline|tests|docs|schemas|stages|benchmarks|examples)/[\w./-]+)`")
-    wrong = [
-        f"{pages.name_of(page)}: {path}"
-        for page in {*pages.PAGES} - {ROOT / "CONTRIBUTING.md"}
-        for path in named.findall(pages.prose(page))
-        if not any((base / path).exists() for base in (ROOT, ROOT / "pipeline"))
-    ]
-    assert wrong == []
-    tests = {path.name for path in (ROOT / "tests").rglob("test_*.py")}
-    named_tests = {name for page in pages.PAGES for name in re.findall(r"\btest_\w+\.py", pages.text_of(page))}
-    assert named_tests - tests == set()
-
-
-@pytest.mark.parametrize("verbs", [RUN, pytest.param({*RUN, "show"}, marks=pytest.mark.heavy)], ids=["quick", "all"])
-@pytest.mark.parametrize("page", [*HOW_TO, ROOT / "docs/tour.md"], ids=pages.name_of)
-def test_commands_of_a_how_to_run_as_they_are_written(page, verbs, tmp_path, monkeypatch):
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    (tmp_path / "stages").symlink_to(ROOT / "stages")
+@pytest.fixture
+def folder(tmp_path: Path, builds: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory like that of a reader who has built the examples."""
+    for name, there in (("build", builds / "build"), ("examples", ROOT / "examples"), ("stages", ROOT / "stages")):
+        (tmp_path / name).symlink_to(there)
     monkeypatch.chdir(tmp_path)
-    for block in pages.blocks(page):
-        saved = re.search(r"as `([\w.]+)`[^`]*:$", block.before)
-        if saved:
-            (tmp_path / saved[1]).write_text(block.text, encoding="utf-8")
-        for line in block.commands if block.language == "console" else ():
-            words = pages.words_of(line)[1:]
-            if words[0] in verbs:
-                done = CliRunner().invoke(app, words)
-                assert done.exit_code == 0 and "error:" not in done.output, f"{line}\n{done.output}"
+    return tmp_path
 
 
-@pytest.fixture(scope="module")
-def in_a_build(tmp_path_factory, common_store):
-    """A working directory with the tiny build in the place of that of example 01."""
-    folder = tmp_path_factory.mktemp("pages")
-    (folder / "build").mkdir()
-    tiny("conventional", folder / "build", common_store).rename(folder / "build/01_conventional")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        yield folder
+def evaluated(page: Path, run: set[str]) -> Document:
+    """A page, all of whose blocks hold."""
+    document = reader(run).parse(page)
+    for example in document.examples():
+        example.evaluate()
+    return document
 
 
-def said_by(page, names):
-    """What the Python of a page prints, one block after the other."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        for block in pages.blocks(page):
-            if block.language == "python":
-                exec(compile(block.text, pages.name_of(page), "exec"), names)
-    return said.getvalue()
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_holds(page, folder):
+    evaluated(page, RUN)
 
 
-def test_the_tour_runs_on_the_tiny_build(in_a_build):
-    """Its truth is by `moments` with few rays, so solving it again agrees about only."""
-    said = said_by(ROOT / "docs/tour.md", names := {})
-    assert said.split()[0] == str(len(names["view"].correspondences))
-    assert float(re.search(r"solved again: (\S+) px", said)[1]) < 0.05
-    assert said.splitlines()[-1] == "2 views for cv2.calibrateCamera"
+@pytest.mark.heavy
+@pytest.mark.parametrize("page", HOW_TOS, ids=name_of)
+def test_how_tos_hold_with_what_they_show(page, folder):
+    evaluated(page, {*RUN, "show"})
 
 
-def test_python_of_all_other_pages_runs(in_a_build):
-    for page in pages.PAGES:
-        if pages.name_of(page) not in {*BY_THEMSELVES, "docs/tour.md"}:
-            said_by(page, {"__name__": "page"})
+def test_the_task_of_the_how_to_runs_on_a_white_image(folder):
+    run = evaluated(ROOT / "docs/how_to/task.md", set()).namespace["run"]
+    run(None, {"white": {"white.exr": folder / "build/01_conventional/cameras/Rig.Camera/white.exr"}}, folder)
+    assert '"irradiance": 0.' in (folder / "darkest.json").read_text(encoding="utf-8")
 
 
-def test_the_task_of_the_how_to_runs_on_a_white_image(in_a_build, tmp_path):
-    said_by(ROOT / "docs/how_to/task.md", names := {})
-    white = in_a_build / "build/01_conventional/cameras/Rig.Camera/white.exr"
-    names["run"](None, {"white": {"white.exr": white}}, tmp_path)
-    assert 0 < json.loads((tmp_path / "darkest.json").read_text(encoding="utf-8"))["irradiance"] < 1
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("pipeline build", "stage"),
+        ("pipeline biuld x.usda", "no verb biuld"),
+        ("pipeline new dataset x.usda --rigg r --target t", "--rigg"),
+        ("pipeline show a b c d", "extra"),
+        ("pipeline build x.usda frames/1 -j 4", ""),
+        ("make tets", "no target"),
+        ("python benchmarks/trase.py", "no script"),
+    ],
+)
+def test_commands_are_refused_as_their_programs_would(words, reason):
+    assert reason in refusal(words.split()) and bool(reason) == bool(refusal(words.split()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_in_sentences_exist(page):
+    """Scripts, targets of make, and verbs with their options, wherever a line or backticks begin with them.
+
+    Values may be left out: what a block tells to type has all of them.
+    """
+    text = page.read_text(encoding="utf-8")
+    for line in re.findall(r"(?:`|^ *\$ |^    )((?:make|pipeline|python [\w/]+\.py)\b[^`\n]*)", text, re.MULTILINE):
+        words = re.sub(r"  .*|[\[\]]", "", line).split()
+        if words[0] != "pipeline":
+            assert refusal(words) == "", line
+        elif len(words) > 1:
+            command, rest = verb_of(words[1:])
+            named = {word.split("=")[0] for word in rest if re.match(r"--?[a-z]", word)}
+            is_verb = not hasattr(command, "commands") or not rest or rest[0].isupper()  # VERB stands for any
+            assert is_verb or rest[0] in options_of(command), line
+            assert named <= options_of(command), line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files(page):
+    """Their headings are looked for where the site is built."""
+    links = re.findall(r"\]\(([^()#\s]+)(?:#[^()\s]+)?\)", page.read_text(encoding="utf-8"))
+    assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
 
 
 def test_the_reference_of_the_schema_is_what_the_schema_says():
@@ -212,34 +209,11 @@ def test_the_reference_of_the_schema_is_what_the_schema_says():
     assert sorted(shown) == sorted(schema_reference.classes()), "docs/schema.toml: each class on one page"
 
 
-def test_the_reference_of_the_command_has_every_option():
-    text = cli_reference.page()
-    for path, verb in cli_reference.verbs():
-        section = text.split(f" pipeline {' '.join(path)}\n", 1)[1].split("\n##", 1)[0]
-        if not getattr(verb, "commands", None):
-            assert [
-                name
-                for one in verb.params
-                for name in getattr(one, "opts", [])
-                if name.startswith("-") and f"`{name}" not in section
-            ] == []
-
-
-def test_every_effect_has_a_page_of_the_same_form():
-    matrix = ROOT / "docs/effects.md"
-    named = dict.fromkeys(re.findall(r"\| \[[^\]]+\]\((\w+)\.md\) \|$", pages.text_of(matrix), re.MULTILINE))
-    listed = re.search(r":caption: Effects\n:hidden:\n\n(.*?)```", pages.text_of(pages.INDEX), re.DOTALL)[1].split()
-    assert [matrix.stem, *named] == listed
-    for page in named:
-        headings = re.findall(r"^## (.*)$", pages.text_of(ROOT / f"docs/{page}.md"), re.MULTILINE)
-        parts = [next((form for form in FORM if heading.startswith(form)), None) for heading in headings]
-        assert list(dict.fromkeys(part for part in parts if part)) == list(FORM), page
-
-
-def test_tools_of_the_site_are_pinned():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    pinned = {line.split("==")[0].lower() for line in (ROOT / "constraints.txt").read_text().splitlines()}
-    assert {re.split("[<>=]", need)[0] for need in project["optional-dependencies"]["docs"]} <= pinned
+def test_version_is_one():
+    """Of the package, the citation and the changelog."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f'version: "{version}"' in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.heavy
@@ -249,6 +223,13 @@ def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "sphinx", *options, str(ROOT), str(tmp_path / "site")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "site/index.html").is_file()
     assert "plen:squareSize" in (tmp_path / "site/docs/schema/targets.html").read_text(encoding="utf-8")
     assert "--check-determinism" in (tmp_path / "site/docs/cli.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.heavy
+def test_the_notebook_prints_what_it_holds(common_store, monkeypatch):
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    run = [sys.executable, ROOT / "docs/notebook.py", ROOT / "docs/tutorial.ipynb"]
+    done = subprocess.run(run, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]

@@ -1,10 +1,7 @@
-"""docs/reading.md reads every file that a build writes, and OpenCV finds in them what the documents promise."""
+"""docs/reading.md names every file that a build writes, and OpenCV finds in them what the documents promise."""
 
-import contextlib
 import csv
-import io
 import json
-import re
 from pathlib import Path
 
 import cv2
@@ -12,89 +9,20 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tiff import read_tiff
 from pipeline.frames import rigid, rotation_vector
 from pipeline.tasks.frame_poses import poses
 from pipeline.tasks.params.poses import PosedFrame
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
-FIRST, *BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+PAGE = (Path(__file__).resolve().parents[2] / "docs/reading.md").read_text(encoding="utf-8")
 TURN_DEG, BOARD_MM = 12.0, 430.0
-
-STEREO = """
-    def "{name}" (
-        prepend references = @rigs/conventional_100mm.usda@
-    )
-    {{
-        double3 xformOp:translate = ({x!r}, 0, {z!r})
-        double xformOp:rotateY = {turn}
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
-
-        over "Camera"
-        {{
-            uniform int plen:image:samples = 4
-            uniform token plen:truth:method = "direct"
-        }}
-
-        over "Sensor"
-        {{
-            uniform double plen:pixelPitch = 0.1
-            uniform int2 plen:resolution = (32, 24)
-        }}
-    }}
-"""
-LIT = """
-uniform token plen:image:exposure = "level"
-uniform double plen:image:exposureTime = 0.01
-uniform double plen:image:whiteLevel = 0.7"""
-RESPONDING = """
-    prepend apiSchemas = ["PlenSensorResponseAPI"]
-"""
-RESPONSE = """
-    uniform int plen:response:bitDepth = 12
-    uniform double plen:response:blackLevel = 60
-    uniform double plen:response:darkNoise = 2
-    uniform double plen:response:fullWell = 9000
-    uniform double plen:response:gain = 0.4
-    uniform double[] plen:response:quantumEfficiency = [0.6]
-"""
+"""Angle between the cameras of the pair, and their distance from the board [mm]: tests/data/reading."""
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
-    """The tiny plenoptic dataset by position images, with a converging stereo pair beside it."""
-    folder, angle = tmp_path_factory.mktemp("reading"), np.deg2rad(TURN_DEG)
-    text = (ROOT / "tests/data/tiny_plenoptic/dataset.usda").read_text(encoding="utf-8")
-    right = BOARD_MM * np.sin(angle), BOARD_MM * (np.cos(angle) - 1)
-    rigs = STEREO.format(name="Left", x=0.0, z=0.0, turn=0.0)
-    rigs += STEREO.format(name="Right", x=float(right[0]), z=float(right[1]), turn=TURN_DEG)
-    cameras = ", ".join(f"</TinyPlenoptic/{name}/Camera>" for name in ("Rig", "Left", "Right"))
-    text = text.replace(
-        "cameras = </TinyPlenoptic/Rig/Camera>", f"cameras = [{cameras}]\nuniform int[] plen:frames = [1]"
-    )
-    text = text.replace(
-        "verticalAperture = 12", 'verticalAperture = 12\nuniform token plen:truth:method = "image"' + LIT
-    )
-    text = text.replace('over "Sensor"\n        {', f'over "Sensor" ({RESPONDING})\n{{{RESPONSE}', 1)
-    assert RESPONSE in text
-    (folder / "dataset.usda").write_text(text.rstrip().removesuffix("}") + rigs + "}\n", encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        result = pipeline.build(folder / "dataset.usda", folder / "build/02_plenoptic", jobs=1)
-    assert result.exit_code == 0, [task.error for task in result.failures]
-    return folder / "build/02_plenoptic"
-
-
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"\w*\.(?:csv|json|exr|usda|tiff)", block)[0])
-def test_every_block_of_the_page_runs(block: str, built: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(built.parents[1])
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exec(compile(FIRST + block, "docs/reading.md", "exec"), {})
-    assert printed.getvalue().strip() and "0 files" not in printed.getvalue()
+def built(builds: Path) -> Path:
+    return builds / "build/02_plenoptic"
 
 
 def test_the_page_names_every_file_of_the_folder(built: Path) -> None:

@@ -285,10 +285,10 @@ def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
 
 
 def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
-    from pipeline.scene.read.targets import PATTERNS, SHAPES
+    from pipeline.scene.read.targets import SHAPES, TYPES
     from pipeline.targets.patterns.dictionaries import DICTIONARIES
 
     for schema in ("PlenCharuco", "PlenAprilGrid"):
         assert tuple(definition(schema).GetPropertyMetadata("plen:dictionary", "allowedTokens")) == DICTIONARIES
     assert list(definition("PlenLines").GetPropertyMetadata("plen:shape", "allowedTokens")) == list(SHAPES)
-    assert set(TARGETS) == {*PATTERNS, "PlenMeshTarget"}
+    assert set(TARGETS) == {*TYPES, "PlenMeshTarget"}

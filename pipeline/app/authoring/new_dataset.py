@@ -19,7 +19,6 @@ from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load
-from pipeline.scene.read.targets import PATTERNS
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
 from pipeline.targets.patterns.pattern import TargetError
@@ -164,8 +163,7 @@ def _lengths(target: Any) -> dict[str, str]:
     """Names of the lengths of a pattern, and their attributes."""
     if not isinstance(target, Target):
         raise UsageError("a mesh has no lengths to scale", hint="leave out --fit")
-    names = next(names for kind, names in PATTERNS.values() if kind is type(target.pattern))
-    return {name: attribute for name, attribute in names.items() if name.endswith("_mm")}
+    return {name: attribute for name, attribute in target.pattern.ATTRIBUTES.items() if name.endswith("_mm")}
 
 
 def _scaled(target: Any, scale: float) -> Any:

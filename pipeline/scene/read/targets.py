@@ -13,63 +13,14 @@ from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.poses import product, world_from
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.patterns.aprilgrid import AprilGrid
-from pipeline.targets.patterns.charuco import Charuco
-from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.deltille import Deltille
-from pipeline.targets.patterns.lines import Lines, SlantedEdge
-from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
-from pipeline.targets.target import AnyTarget, Target
+from pipeline.targets.target import PATTERNS, AnyTarget, Target
 from pipeline.units import mm_per_unit
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""
-_GRID = {"columns": "plen:columns", "rows": "plen:rows"}
-_STARS = {"diameter_mm": "plen:diameter", "spokes": "plen:spokes"}
-_TAGS = {"dictionary": "plen:dictionary", "first_tag": "plen:firstTag"}
-PATTERNS: dict[str, tuple[type, dict[str, str]]] = {
-    "PlenCheckerboard": (Checkerboard, {**_GRID, "square_mm": "plen:squareSize"}),
-    "PlenCharuco": (
-        Charuco,
-        {
-            **_GRID,
-            **_TAGS,
-            "square_mm": "plen:squareSize",
-            "marker_mm": "plen:markerSize",
-            "marker_corners": "plen:markerCorners",
-        },
-    ),
-    "PlenAprilGrid": (
-        AprilGrid,
-        {
-            **_GRID,
-            **_TAGS,
-            "tag_mm": "plen:tagSize",
-            "spacing": "plen:tagSpacing",
-            "border_bits": "plen:borderBits",
-        },
-    ),
-    "PlenCircleGrid": (
-        CircleGrid,
-        {
-            **_GRID,
-            "spacing_mm": "plen:spacing",
-            "diameter_mm": "plen:diameter",
-            "asymmetric": "plen:asymmetric",
-        },
-    ),
-    "PlenDeltille": (Deltille, {**_GRID, "edge_mm": "plen:edgeLength"}),
-    "PlenStars": (Stars, {**_GRID, **_STARS, "spacing_mm": "plen:spacing"}),
-    "PlenSiemensStar": (SiemensStar, {**_STARS, "hub_mm": "plen:hubDiameter"}),
-    "PlenSlantedEdge": (
-        SlantedEdge,
-        {"width_mm": "plen:width", "height_mm": "plen:height", "angle_deg": "plen:angle"},
-    ),
-    "PlenLines": (Lines, {**_GRID, "spacing_mm": "plen:spacing", "width_mm": "plen:lineWidth"}),
-}
-"""The pattern of each type of prim with the attributes of its fields; all patterns also have white and black."""
+TYPES: dict[str, type[Any]] = {f"Plen{kind.__name__}": kind for kind in PATTERNS.values()}
+"""The pattern of each type of prim."""
 
 SHAPES: dict[str, tuple[type, dict[str, str]]] = {
     "flat": (Flat, {}),
@@ -134,10 +85,10 @@ def read_target(prim: Usd.Prim) -> AnyTarget:
     """
     if prim.IsA("PlenMeshTarget"):
         return read_mesh_target(prim)
-    pattern, fields = PATTERNS[str(prim.GetTypeName())]
+    pattern = TYPES[str(prim.GetTypeName())]
     surface, shape = SHAPES[need(prim, "plen:shape")]
     return Target(
-        pattern(white=need(prim, "plen:white"), black=need(prim, "plen:black"), **_values(prim, fields)),
+        pattern(white=need(prim, "plen:white"), black=need(prim, "plen:black"), **_values(prim, pattern.ATTRIBUTES)),
         surface(**_values(prim, shape)),
     )
 

@@ -36,6 +36,15 @@ class AprilGrid(Base):
     """
 
     KIND: ClassVar[str] = "aprilgrid"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "dictionary": "plen:dictionary",
+        "first_tag": "plen:firstTag",
+        "tag_mm": "plen:tagSize",
+        "spacing": "plen:tagSpacing",
+        "border_bits": "plen:borderBits",
+    }
     ORDER: ClassVar[str] = (
         "corners of all tags as one grid: id = row * 2 columns + column, row 0 at the bottom, column 0 at the left, as"
         " Kalibr; tags are counted alike"

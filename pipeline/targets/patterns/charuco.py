@@ -30,6 +30,15 @@ class Charuco(Base):
     """
 
     KIND: ClassVar[str] = "charuco"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "dictionary": "plen:dictionary",
+        "first_tag": "plen:firstTag",
+        "square_mm": "plen:squareSize",
+        "marker_mm": "plen:markerSize",
+        "marker_corners": "plen:markerCorners",
+    }
     ORDER: ClassVar[str] = (
         "inner corners as of a checkerboard: id = row * columns + column, row 0 at the top, column 0 at the left, as"
         " OpenCV's CharucoBoard; then, if asked for, four corners per tag, clockwise from its top left"

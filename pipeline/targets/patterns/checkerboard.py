@@ -23,6 +23,11 @@ class Checkerboard(Base):
     """
 
     KIND: ClassVar[str] = "checkerboard"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "square_mm": "plen:squareSize",
+    }
     ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
 
     columns: int

@@ -26,6 +26,13 @@ class CircleGrid(Base):
     """
 
     KIND: ClassVar[str] = "circle-grid"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "spacing_mm": "plen:spacing",
+        "diameter_mm": "plen:diameter",
+        "asymmetric": "plen:asymmetric",
+    }
     ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
 
     columns: int

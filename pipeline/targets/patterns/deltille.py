@@ -22,6 +22,11 @@ class Deltille(Base):
     """
 
     KIND: ClassVar[str] = "deltille"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "edge_mm": "plen:edgeLength",
+    }
     ORDER: ClassVar[str] = (
         "id = row * columns + column, row 0 at the top, column 0 at the left; even rows stand half an edge"
         " further right than odd ones"

@@ -23,6 +23,11 @@ class SlantedEdge(Base):
     """
 
     KIND: ClassVar[str] = "slanted-edge"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "width_mm": "plen:width",
+        "height_mm": "plen:height",
+        "angle_deg": "plen:angle",
+    }
     ORDER: ClassVar[str] = "0 the centre of the edge, 1 its upper end, 2 its lower end"
 
     width_mm: float
@@ -74,6 +79,12 @@ class Lines(Base):
     """
 
     KIND: ClassVar[str] = "lines"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "spacing_mm": "plen:spacing",
+        "width_mm": "plen:lineWidth",
+    }
     ORDER: ClassVar[str] = (
         "crossings of the centres of lines: id = row * columns + column, row 0 at the top, column 0 at the left; of"
         " lines of one direction their ends: 2 n the upper or left end of line n, 2 n + 1 the other one"

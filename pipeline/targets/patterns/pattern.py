@@ -44,9 +44,14 @@ class Marks:
 
 
 class Pattern(Protocol):
-    """A flat pattern about the origin of the chart: x right, y up."""
+    """A flat pattern about the origin of the chart: x right, y up.
+
+    `ATTRIBUTES` names the attribute of each field in a stage; all patterns also have `plen:white` and `plen:black`. The
+    class of the schema is `Plen` and the name of the record.
+    """
 
     KIND: ClassVar[str]
+    ATTRIBUTES: ClassVar[dict[str, str]]
     ORDER: ClassVar[str]
 
     @property

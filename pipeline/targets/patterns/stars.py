@@ -24,6 +24,13 @@ class Stars(Base):
     """
 
     KIND: ClassVar[str] = "stars"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "columns": "plen:columns",
+        "rows": "plen:rows",
+        "diameter_mm": "plen:diameter",
+        "spokes": "plen:spokes",
+        "spacing_mm": "plen:spacing",
+    }
     ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
 
     columns: int
@@ -75,6 +82,11 @@ class SiemensStar(Base):
     """
 
     KIND: ClassVar[str] = "siemens-star"
+    ATTRIBUTES: ClassVar[dict[str, str]] = {
+        "diameter_mm": "plen:diameter",
+        "spokes": "plen:spokes",
+        "hub_mm": "plen:hubDiameter",
+    }
     ORDER: ClassVar[str] = (
         "0 the centre; 1 + n the end of edge n on the rim, at n * 180 / spokes degrees from +x towards +y"
     )
