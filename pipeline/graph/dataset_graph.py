@@ -19,7 +19,6 @@ from pipeline.graph.pass_tasks import add_passes
 from pipeline.graph.poses import target_poses, targets_json
 from pipeline.graph.raw_images import add_raw
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
-from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
@@ -32,7 +31,6 @@ from pipeline.tasks.params.placed import Matrix
 from pipeline.tasks.params.poses import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 from pipeline.tasks.params.rays import Rays, RaysTile
 from pipeline.tasks.params.viewers import PARTS, SHEET, Parts, Sheet
-from pipeline.truth.settings import TruthSettings
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
@@ -120,7 +118,7 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
     if entry.channel is not None:
         nameless = dataclasses.replace(entry.channel, name="")
         reads = {"camera": add(graph, f"channel/{name}", InChannel(channel=nameless), reads)}
-    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
+    if entry.delivers_rays or entry.truth.searches:
         settled = {**reads, "planes": f"planes/{entry.name}"}
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")

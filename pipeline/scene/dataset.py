@@ -17,6 +17,7 @@ from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.prints import Print
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
+from pipeline.truth.settings import TruthSettings
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 transform as rows of a matrix that acts on column vectors, lengths in mm; rigid unless stated otherwise."""
@@ -52,8 +53,8 @@ class CameraEntry:
         Source of the refractive indices: `printed`, or `catalogue` with the media from the scene to the sensor.
     asked : Camera or FocusRequest
         Statement of the stage: a camera, or a request for a focus, which `camera` fulfils.
-    truth : dict
-        Fields of `truth.TruthSettings` (a dict, because scene and truth do not import each other).
+    truth : TruthSettings
+        Method and filters of the ground truth.
     image_samples : int
         Rays per pixel of the image, or of the first pass over it.
     image_noise : float or None
@@ -89,7 +90,7 @@ class CameraEntry:
     footprint: str
     asked: Camera | FocusRequest
     sampling: Sampling
-    truth: dict[str, str | float | None]
+    truth: TruthSettings
     image_samples: int
     image_noise: float | None = None
     bounces: int = 2

@@ -77,12 +77,11 @@ class Opened:
         with blamed_on(entry.file, entry.line, entry.prim_path):
             camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
             rig = Rig.of(Tracer(camera, self.seed), entry.square_px)
-        settings = TruthSettings(**entry.truth)  # type: ignore[arg-type]  # scene and truth do not import each other
         return ReadyCamera(
             name=entry.full_name,
             rig=rig,
-            min_hit_fraction=settings.min_hit_fraction,
-            accuracy_px=settings.claim_px or _ACCURACY_PX,
+            min_hit_fraction=entry.truth.min_hit_fraction,
+            accuracy_px=entry.truth.claim_px or _ACCURACY_PX,
         )
 
 

@@ -129,7 +129,7 @@ def test_the_dataset_is_the_papers_camera_with_its_whole_sensor():
     assert len(found.dataset.frames) == 6
     assert (entry.camera.sensor.width_px, entry.camera.sensor.height_px) == (2173, 2173)
     assert entry.camera.microlenses.focal_lengths_mm == (1.9, 2.1, 2.3)
-    assert entry.truth["method"] == "direct"
+    assert entry.truth.method == "direct"
 
 
 @pytest.mark.heavy
