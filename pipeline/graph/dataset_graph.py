@@ -22,15 +22,25 @@ from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, str
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
-from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
-from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
+from pipeline.tasks.params.cameras import (
+    PARTS,
+    CameraLabels,
+    FirstOrder,
+    Focus,
+    FocusLabels,
+    InChannel,
+    MicroImages,
+    MicroImagesTile,
+    Nothing,
+    Parts,
+    Planes,
+    Rays,
+    RaysTile,
+    Stop,
+)
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
-from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
-from pipeline.tasks.params.pictures import Picture, source_name
-from pipeline.tasks.params.placed import Matrix
-from pipeline.tasks.params.poses import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
-from pipeline.tasks.params.rays import Rays, RaysTile
-from pipeline.tasks.params.viewers import PARTS, SHEET, Parts, Sheet
+from pipeline.tasks.params.placed import SHEET, Matrix, Picture, Sheet, source_name
+from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:

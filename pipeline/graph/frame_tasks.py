@@ -14,12 +14,19 @@ from pipeline.graph.pass_tasks import add_passes, pass_name, passes_of
 from pipeline.graph.poses import target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.certificate import Certificate, JudgedFrame
+from pipeline.tasks.params.cameras import ChannelLabel, Light
 from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
-from pipeline.tasks.params.rays import Light
-from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
+from pipeline.tasks.params.truth import (
+    Certificate,
+    JudgedFrame,
+    PlaneAsked,
+    Positions,
+    TableLabels,
+    Truth,
+    TruthTable,
+    TruthTile,
+)
 from pipeline.truth.planes import plane_name
 
 

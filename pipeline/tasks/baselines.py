@@ -9,8 +9,8 @@ from pipeline.files.tables import write_table
 from pipeline.frames import inverse, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
 from pipeline.tasks.frame_poses import pinhole_from_camera
-from pipeline.tasks.params.poses import BASELINES, RigFrame
-from pipeline.tasks.params.poses import Baselines as Params
+from pipeline.tasks.params.truth import BASELINES, RigFrame
+from pipeline.tasks.params.truth import Baselines as Params
 
 HEADER = (
     "two cameras in a frame: point in the second = R(rvec) point in the first + t, axes x right, y down, z forward",

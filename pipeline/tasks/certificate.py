@@ -15,8 +15,8 @@ from pipeline.files.tables import Table, read_table
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
-from pipeline.tasks.params.certificate import Certificate as Params
 from pipeline.tasks.params.placed import PlacedTarget
+from pipeline.tasks.params.truth import Certificate as Params
 from pipeline.truth.judging.certificate import certify
 from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes

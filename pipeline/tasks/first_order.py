@@ -16,8 +16,8 @@ from pipeline.files.jsonfile import write_json
 from pipeline.optics.first_order import first_order
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, pinhole_of
-from pipeline.tasks.params.figures import CONVENTIONS, CameraLabels
-from pipeline.tasks.params.figures import FirstOrder as Params
+from pipeline.tasks.params.cameras import CONVENTIONS, CameraLabels
+from pipeline.tasks.params.cameras import FirstOrder as Params
 
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
 

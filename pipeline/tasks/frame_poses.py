@@ -9,8 +9,8 @@ from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import inverse, rigid, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
-from pipeline.tasks.params.poses import FramePoses as Params
-from pipeline.tasks.params.poses import PosedFrame, poses_file
+from pipeline.tasks.params.truth import FramePoses as Params
+from pipeline.tasks.params.truth import PosedFrame, poses_file
 
 CONVENTIONS = {
     "transforms": "a_from_b acts on column vectors, mm",

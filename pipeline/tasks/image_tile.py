@@ -14,8 +14,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import ImageTile as Params
-from pipeline.tasks.params.pictures import PICTURE
-from pipeline.tasks.params.placed import PaintedView
+from pipeline.tasks.params.placed import PICTURE, PaintedView
 from pipeline.tasks.white_tile import FOREIGN, WHITE
 
 PIXELS = "pixels.npy"

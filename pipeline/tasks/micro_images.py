@@ -9,7 +9,7 @@ from pipeline.camera.micro_images.light import OUTLINE_DEG, MicroLight, micro_li
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stacked
-from pipeline.tasks.params.micro_images import MicroImages as Params
+from pipeline.tasks.params.cameras import MicroImages as Params
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.files.npy import write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
-from pipeline.tasks.params.micro_images import MicroImagesTile as Params
+from pipeline.tasks.params.cameras import MicroImagesTile as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 from pipeline.report.page.camera_parts import camera_parts
 from pipeline.scene.write.parts import parts_text
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
-from pipeline.tasks.params.viewers import PARTS
-from pipeline.tasks.params.viewers import Parts as Params
+from pipeline.tasks.params.cameras import PARTS
+from pipeline.tasks.params.cameras import Parts as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 from pipeline.files.npy import write_npy
 from pipeline.files.pictures import decoded
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.pictures import PICTURE, source_name
-from pipeline.tasks.params.pictures import Picture as Params
+from pipeline.tasks.params.placed import PICTURE, source_name
+from pipeline.tasks.params.placed import Picture as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows
 from pipeline.tasks.artefacts.cameras import Inputs, tracer_alone
-from pipeline.tasks.params.rays import Rays as Params
+from pipeline.tasks.params.cameras import Rays as Params
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 

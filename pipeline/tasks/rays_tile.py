@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.files.npy import write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches
-from pipeline.tasks.params.rays import RaysTile as Params
+from pipeline.tasks.params.cameras import RaysTile as Params
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last value is their number."""

@@ -8,8 +8,8 @@ from pipeline.files.png import write_png
 from pipeline.targets.preview import preview_picture
 from pipeline.targets.target import Target, target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.viewers import SHEET
-from pipeline.tasks.params.viewers import Sheet as Params
+from pipeline.tasks.params.placed import SHEET
+from pipeline.tasks.params.placed import Sheet as Params
 
 _EDGE_PX = 1024
 """Edge of the picture of a flat board [px]: its squares stay sharp on a whole screen."""

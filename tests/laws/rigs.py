@@ -19,7 +19,7 @@ from pipeline.records.plain import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.artefacts.ray_grid import RayFile
-from pipeline.tasks.params.rays import Light
+from pipeline.tasks.params.cameras import Light
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
