@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.records import BuiltCamera, pinholes
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.files import chosen_place
@@ -22,9 +20,11 @@ from pipeline.fits.omniverse import Lut, seen_by_omniverse
 from pipeline.fits.page import page
 from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera
 from pipeline.graph.dataset_graph import labels_of
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.opening import Opened, opened
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.results.records import BuiltCamera, pinholes
 from pipeline.scene.write.lens_distortion import distortion_layer
-from pipeline.sight.opening import Opened, opened
-from pipeline.sight.ready_camera import ReadyCamera
 from pipeline.tasks.first_order import document as first_order_document
 
 _DEFAULT = "brown"

@@ -22,8 +22,9 @@ from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
-from pipeline.report import drawing, text
 from pipeline.report import point_images as point_report
+from pipeline.report import text
+from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path

@@ -1,5 +1,16 @@
 // Written by web/record_types.py from pipeline/report/page/records.py: edit that.
 
+/** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
+export interface Spot {
+  place: string;
+  x_px: number;
+  y_px: number;
+  distance_mm: number;
+  dx_px: (number | null)[];
+  dy_px: (number | null)[];
+  rms_px: number | null;
+}
+
 /** An image for the viewer. */
 export interface Picture {
   kind: string;
@@ -91,17 +102,6 @@ export interface Chart {
   y_name: string;
   x: (number | null)[];
   lines: Line[];
-}
-
-/** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
-export interface Spot {
-  place: string;
-  x_px: number;
-  y_px: number;
-  distance_mm: number;
-  dx_px: (number | null)[];
-  dy_px: (number | null)[];
-  rms_px: number | null;
 }
 
 /** A surface of the lens for the 3-D view, vision frame. */

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder
 from pipeline.files.png import png_size, read_png, write_png
 from pipeline.report.page.records import Picture
+from pipeline.results.folder import BuiltFolder
 
 _WHOLE_PX = 2048
 """Longest edge of an image that is one file: browsers decode it in a few hundredths of a second."""

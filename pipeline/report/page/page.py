@@ -13,8 +13,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from pipeline.built.folder import finished_folder
-from pipeline.built.output import open_output
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import read_json
 from pipeline.records.plain import to_plain
@@ -22,6 +20,8 @@ from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import Source, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, Page
 from pipeline.report.page.scripts import Scripts, replace
+from pipeline.results.folder import finished_folder
+from pipeline.results.output import open_output
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded
 
@@ -29,7 +29,7 @@ INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
-_OPTICS = ("optics.py", "spots.py", "shapes.py", "../drawing.py")
+_OPTICS = ("report/page/optics.py", "report/page/shapes.py", "results/spots.py", "results/drawing.py")
 _NAME = 12
 """Digits of a digest in the name of a script."""
 
@@ -161,8 +161,8 @@ def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -
 @functools.cache
 def _optics_code() -> str:
     """Digest of the modules that make the optical part: other code, another script."""
-    here = resources.files("pipeline.report.page")
-    return hashlib.sha256(b"".join((here / name).read_bytes() for name in _OPTICS)).hexdigest()
+    package = resources.files("pipeline")
+    return hashlib.sha256(b"".join((package / name).read_bytes() for name in _OPTICS)).hexdigest()
 
 
 def _targets(source: Source, loaded: Loaded | None) -> tuple[Any, ...]:

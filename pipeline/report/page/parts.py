@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.output import Output
-from pipeline.built.records import BuiltCamera, BuiltView
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.report.page.images import picture_of
 from pipeline.report.page.records import CameraPart, Figure, Picture, TargetPart, View
@@ -18,6 +15,9 @@ from pipeline.report.page.residuals import residuals
 from pipeline.report.page.scripts import Scripts
 from pipeline.report.page.shapes import matrix
 from pipeline.report.page.tables import drawn, micro_image_data, table_data
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.output import Output
+from pipeline.results.records import BuiltCamera, BuiltView
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 

@@ -6,7 +6,8 @@ Lists of numbers hold None where a value is unknown. `web/types.py` writes the s
 from dataclasses import dataclass
 from typing import Any
 
-Numbers = tuple[float | None, ...]
+from pipeline.results.spots import Numbers, Spot
+
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -139,19 +140,6 @@ class Chart:
     y_name: str
     x: Numbers
     lines: tuple[Line, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
-    """Crossings of a bundle with an object plane, as displacements of the image of its mean [px]."""
-
-    place: str
-    x_px: float
-    y_px: float
-    distance_mm: float
-    dx_px: Numbers
-    dy_px: Numbers
-    rms_px: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

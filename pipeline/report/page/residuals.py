@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.records import BuiltCamera, BuiltPinhole, BuiltView
 from pipeline.frames import apply
 from pipeline.report.page.records import Histogram, Residuals
 from pipeline.report.page.tables import drawn
+from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
 _BINS = 40
 """Bins of a histogram."""

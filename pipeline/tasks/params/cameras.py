@@ -75,6 +75,15 @@ CONVENTIONS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Light:
+    """Light of a camera's bundles: the weight of their rays, their footprint, and the wavelength."""
+
+    weight: str
+    footprint: str
+    wavelength_nm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FocusLabels:
     """A focus request, as camera.json states it."""
 
@@ -102,15 +111,6 @@ class FirstOrder:
 
     labels: CameraLabels
     circle_of_confusion_px: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Light:
-    """Light of a camera's bundles: the weight of their rays, their footprint, and the wavelength."""
-
-    weight: str
-    footprint: str
-    wavelength_nm: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,12 +11,12 @@ import pytest
 from builds import tiny
 
 import pipeline
-from pipeline.built.correspondences import Backdrop, with_backdrop
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.errors import UsageError
 from pipeline.files.png import write_png
-from pipeline.notebook.markup import table
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.results.notebook import html_table
+from pipeline.results.rows import Backdrop, with_backdrop
 
 matplotlib.use("Agg")
 
@@ -142,4 +142,4 @@ def test_notebooks_show_figures_rows_and_images(out, ideal):
     assert rows.count("<tr>") == 9 and f"{output.correspondences.x_px[0]:.6g}" in rows
     assert "<td>50 mm</td>" in ideal._repr_html_() and "<svg" in ideal._repr_html_()
     assert output.view(1)._repr_png_()[:4] == b"\x89PNG"
-    assert "<b>" not in table(("a<b>",), [("<b>",)], "<b>")
+    assert "<b>" not in html_table(("a<b>",), [("<b>",)], "<b>")

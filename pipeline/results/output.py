@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.built.correspondences import CorrespondenceRows, all_of
-from pipeline.built.folder import BuiltFolder, finished_folder
-from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
-from pipeline.built.rows import as_pandas, joined, rows_of
 from pipeline.channel_names import body_and_channel, folder_of, name_with
 from pipeline.errors import UsageError
-from pipeline.notebook.markup import table
+from pipeline.results.folder import BuiltFolder, finished_folder
+from pipeline.results.notebook import html_table
+from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
+from pipeline.results.rows import CorrespondenceRows, all_of, as_pandas, joined, rows_of
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -118,7 +117,7 @@ class Output:
             cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(self.frames), rows))
         targets = [(one.name, one.kind, len(one.points_mm)) for one in self.targets.values()]
         names = ("camera", "kind", "lens", "image [px]", "frames", "rows of truth")
-        return table(names, cameras, str(self.path)) + table(("target", "kind", "points"), targets)
+        return html_table(names, cameras, str(self.path)) + html_table(("target", "kind", "points"), targets)
 
 
 def open_output(out: str | Path) -> Output:

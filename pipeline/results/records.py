@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.built.correspondences import Backdrop, CorrespondenceRows, all_of, with_backdrop
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.records.shapes import Float64
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.rows import (
+    MICROLENS,
+    Backdrop,
+    CorrespondenceRows,
+    all_of,
+    as_pandas,
+    joined,
+    rows_of,
+    with_backdrop,
+)
 
 if TYPE_CHECKING:
     import pandas

@@ -15,14 +15,14 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
 from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
-from pipeline.sight.answers import Fate, PixelRays, Projected
+from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.direct.mean_rays import mean_rays
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences
 
 if TYPE_CHECKING:
-    from pipeline.report.spot_diagram import SpotDiagram
+    from pipeline.results.spots import SpotDiagram
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """Axes of a plane that faces the camera, by rows: x right, y up, and its front towards the camera."""
@@ -146,7 +146,7 @@ class ReadyCamera:
         UsageError
             matplotlib is not installed.
         """
-        from pipeline.report.lens_plot import plot  # what only projects points needs no pictures
+        from pipeline.results.lens_plot import plot  # what only projects points needs no pictures
 
         return plot(self.camera, self.name or "camera", axes)
 
@@ -155,13 +155,13 @@ class ReadyCamera:
 
         A notebook shows them as a picture; `plot()` of the answer needs matplotlib.
         """
-        from pipeline.report.spot_diagram import spot_diagram
+        from pipeline.results.spots import spot_diagram
 
         return spot_diagram(self.camera, self.name)
 
     def _repr_html_(self) -> str:
         """Key figures and the drawing with real rays, for a notebook."""
-        from pipeline.report.camera_card import card
+        from pipeline.results.lens_plot import card
 
         return card(self.camera, self.name or "camera")
 

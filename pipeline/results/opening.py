@@ -1,18 +1,20 @@
-"""Cameras made ready: from a stage, from the folder that a build filled, or from records without USD."""
+"""Cameras made ready, and the scene before them: from a stage, the folder of a build, or records without USD."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.built.folder import finished_folder
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.errors import UsageError
+from pipeline.results.answers import SeenScene
+from pipeline.results.folder import finished_folder
+from pipeline.results.ready_camera import ReadyCamera
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.load import load
+from pipeline.scene.load import load, open_dataset
 from pipeline.scene.usd.problems import StageError, blamed_on
-from pipeline.sight.ready_camera import ReadyCamera
+from pipeline.scene.views import surroundings
 from pipeline.spelling import did_you_mean
 from pipeline.truth.settings import TruthSettings
 
@@ -108,3 +110,10 @@ def _entry(cameras: Iterable[CameraEntry], name: str | None, path: Path) -> Came
     if name not in entries:
         raise UsageError(f"{path} has no camera {name!r}", hint=did_you_mean(name, entries) or f"its cameras: {listed}")
     return entries[name]
+
+
+def scene_of(out: Path) -> SeenScene:
+    """The scene of the stage that was built."""
+    dataset = open_dataset(finished_folder(out).path / STAGE)
+    frames = {frame.number: frame for frame in dataset.frames}
+    return SeenScene(lambda number, camera: surroundings(dataset, frames[number], camera))

@@ -1,12 +1,18 @@
-"""Answers of a camera made ready: image positions of points, and rays of image positions."""
+"""Answers of a camera made ready: image positions of points, rays of image positions, and where such rays end."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.camera.parts.errors import CameraError
+from pipeline.channel_names import body_and_channel
 from pipeline.records.declared import number
+
+if TYPE_CHECKING:
+    from pipeline.render.surroundings import Surroundings  # loads Embree, which only rays that end need
 
 
 class Fate(StrEnum):
@@ -88,3 +94,24 @@ class PixelRays:
         z_mm = number("z_mm", z_mm, CameraError)
         along = (z_mm - self.origin_mm[:, 2:]) / self.direction[:, 2:]
         return self.origin_mm + along * self.direction
+
+
+@dataclass(eq=False)
+class SeenScene:
+    """Targets and occluders before the cameras of a build.
+
+    Attributes
+    ----------
+    around : callable
+        Everything before a camera in a frame, by the frame's number and the camera's name without a channel.
+    """
+
+    around: Callable[[int, str], "Surroundings"]
+    _last: "tuple[tuple[int, str], Surroundings] | None" = field(default=None, repr=False)
+
+    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: none."""
+        view = frame, body_and_channel(camera)[0]
+        if self._last is None or self._last[0] != view:  # a band of rows follows another of the same view
+            self._last = view, self.around(*view)
+        return self._last[1].distance_mm(origin_mm, direction)

@@ -144,7 +144,7 @@ def test_frames_and_cameras_that_are_not_there_are_named(conventional):
 
 
 def test_tables_of_both_kinds_of_cameras_are_not_mixed(conventional, plenoptic):
-    from pipeline.built.rows import joined
+    from pipeline.results.rows import joined
 
     tables = [pipeline.open_output(out).correspondences for out in (conventional, plenoptic)]
     with pytest.raises(UsageError, match="different columns"):

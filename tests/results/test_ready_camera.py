@@ -10,7 +10,7 @@ import pipeline
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
 from pipeline.frames import apply
-from pipeline.sight.answers import Fate
+from pipeline.results.answers import Fate
 
 SAME_PX = 1e-9
 """Two runs of one solver from the same points [px]: planes have other axes, so last digits may differ."""

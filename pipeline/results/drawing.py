@@ -17,13 +17,13 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.files import svg as svg_file
 from pipeline.frames import apply
 from pipeline.optics.displacement import displacements
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
-from pipeline.report import svg as svg_file
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 """Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""

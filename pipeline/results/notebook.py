@@ -1,5 +1,7 @@
-"""Axes of matplotlib for plots of records. All of matplotlib enters here, and only when something is plotted."""
+"""What notebooks show of records: axes of matplotlib, which enters here alone, and tables as HTML."""
 
+from collections.abc import Iterable, Sequence
+from html import escape
 from typing import Any
 
 from pipeline.errors import UsageError
@@ -30,3 +32,15 @@ def axes(width_in: float, height_in: float, *, rows: int = 1, columns: int = 1) 
     if rows == columns == 1:
         return figure.add_subplot()
     return figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+
+
+def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
+    """A table with a heading; numbers have six digits, and all texts are escaped."""
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(_shown(cell))}</td>' for cell in row)}</tr>" for row in rows)
+    title = f'<caption style="text-align:left">{escape(caption)}</caption>' if caption else ""
+    return f"<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _shown(cell: object) -> str:
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

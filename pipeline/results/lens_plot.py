@@ -1,11 +1,16 @@
-"""The drawing of a camera by matplotlib: the section and the real rays of `drawing`, with axes in mm."""
+"""A camera in a notebook: its section and real rays by matplotlib, with axes in mm, and a card with its key figures."""
 
+import math
 from typing import Any
 
+from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import extent_mm
-from pipeline.notebook.axes import axes as new_axes
-from pipeline.report.drawing import AHEAD, FIELDS, bundle, elements, profiles
+from pipeline.optics.first_order import first_order
+from pipeline.results import drawing
+from pipeline.results.drawing import AHEAD, FIELDS, bundle, elements, profiles
+from pipeline.results.notebook import axes as new_axes
+from pipeline.results.notebook import html_table
 
 _WIDTH_IN, _HEIGHT_IN = 9.0, 4.0
 """Size of the plot [inch]: the width of a notebook's page, and room for a lens half as high as long."""
@@ -53,3 +58,19 @@ def plot(camera: Camera, title: str, axes: Any = None) -> Any:
         sheet.plot([film, film], [centre - reach, centre + reach], color=_ARRAY, linewidth=1.2, linestyle=":")
     sheet.set(aspect="equal", xlabel="along the axis, from the stop [mm]", ylabel="height [mm]", title=title)
     return sheet
+
+
+def card(camera: Camera, name: str) -> str:
+    """HTML of a focused camera."""
+    lens, sensor, focus_mm = first_order(camera.prescription), camera.sensor, middle_focus(camera)
+    array = camera.microlenses
+    rows = [
+        ("focal length", f"{lens.efl_mm:.4g} mm"),
+        ("entrance pupil", f"{lens.entrance_pupil.diameter_mm:.4g} mm wide"),
+        ("in focus", "infinity" if math.isinf(focus_mm) else f"{focus_mm:.5g} mm before the stop"),
+        ("sensor", f"{sensor.width_px} x {sensor.height_px} px of {1000 * sensor.pitch_mm:g} µm"),
+    ]
+    if array is not None:
+        kinds = ", ".join(f"{length:.4g}" for length in array.focal_lengths_mm)
+        rows.append(("microlenses", f"{array.pitch_mm:.4g} mm apart, f = {kinds} mm"))
+    return html_table(("camera", name), rows) + drawing.svg(camera, name)
