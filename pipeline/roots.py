@@ -4,8 +4,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.folders import share
 from pipeline.jit.decorators import cache_folder
-from pipeline.share import share
 
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
+from pipeline.folders import share
 from pipeline.scene.library import array_figures, sensor_figures, title_of
 from pipeline.scene.load import load
-from pipeline.share import share
 from pipeline.spelling import did_you_mean
 
 KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")

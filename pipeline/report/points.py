@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pipeline.ranges import frames_in_words
+from pipeline.spelling import frames_in_words
 
 _ROWS = 20
 """A table of more frames is no table that anybody reads: its columns are summarised."""

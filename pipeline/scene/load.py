@@ -9,7 +9,7 @@ from pxr import Tf, Usd, UsdUtils
 
 from pipeline.confine.process import Guards
 from pipeline.errors import PipelineError, UsageError
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.roots import allowed_roots, real_path
 from pipeline.scene.check.camera.doubts import check_doubts

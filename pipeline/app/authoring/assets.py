@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from pipeline.errors import UsageError
-from pipeline.share import share
+from pipeline.folders import share
 from pipeline.spelling import did_you_mean
 
 

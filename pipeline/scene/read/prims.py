@@ -10,7 +10,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.focusing.ideal_lens import PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.read.channels import illuminant_of, read_channels
@@ -27,7 +27,6 @@ from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
 from pipeline.truth.settings import TruthSettings
-from pipeline.units import mm_per_unit
 
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
