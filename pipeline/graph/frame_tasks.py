@@ -205,7 +205,6 @@ def _labels_of(entry: CameraEntry) -> TableLabels:
     return TableLabels(
         light=light_of(entry),
         index_source=entry.index_source,
-        stop=entry.camera.prescription.stop.aperture,
         seed=entry.sampling.seed,
         samples=entry.sampling.samples if entry.truth.searches else None,
         channel=channel_label(entry),

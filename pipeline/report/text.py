@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from pipeline.camera.figures.field_curves import FieldCurves
+from pipeline.files.jsonfile import Json
 
 WIDTH = 30
 """Characters before the value of a row: the longest name fits."""
 _COUNTED = "distances are counted from the aperture stop, + towards the scene"
 
 
-def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
+def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
     """Lines about one camera.
 
     Parameters
@@ -38,7 +38,7 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
     return [*lines, "", *_curves(curves)]
 
 
-def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]:
+def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
     """Lines about a lens alone, for an object at infinity.
 
     Parameters
@@ -61,7 +61,7 @@ def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]
     return [*lines, "", *_curves(curves)] if curves else [*lines, "", "no real image: no rays to report"]
 
 
-def _channels(document: dict[str, Any]) -> Iterator[str]:
+def _channels(document: Json) -> Iterator[str]:
     """The channels of the sensor, if any: where colour comes from."""
     for channel in document.get("channels", ()):
         low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
@@ -70,7 +70,7 @@ def _channels(document: dict[str, Any]) -> Iterator[str]:
         yield _row(f"channel {channel['name']}", light, what)
 
 
-def _request(asked: dict[str, Any]) -> str:
+def _request(asked: Json) -> str:
     wishes = []
     if asked["focus_distance_mm"] is not None:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
@@ -86,7 +86,7 @@ def _request(asked: dict[str, Any]) -> str:
     return "asked for: " + "; ".join(wishes)
 
 
-def _own(lens: dict[str, Any]) -> Iterator[str]:
+def _own(lens: Json) -> Iterator[str]:
     front, rear = lens["principal_planes_mm"]
     yield _row("effective focal length", _mm(lens["efl_mm"]))
     yield _row("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
@@ -97,7 +97,7 @@ def _own(lens: dict[str, Any]) -> Iterator[str]:
     yield _row("stop", f"ø {_mm(lens['stop_diameter_mm'])}")
 
 
-def _lens(lens: dict[str, Any]) -> Iterator[str]:
+def _lens(lens: Json) -> Iterator[str]:
     yield from _own(lens)
     yield _row("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
     where = "" if "matched_stop" not in lens else "without microlenses"
@@ -105,7 +105,7 @@ def _lens(lens: dict[str, Any]) -> Iterator[str]:
     yield _row("magnification there", f"{lens['magnification']:.4f}")
 
 
-def _sensor(document: dict[str, Any]) -> Iterator[str]:
+def _sensor(document: Json) -> Iterator[str]:
     (width, height), (x, y) = document["resolution"], document["optical_axis_px"]
     across, down, diagonal = document["field_of_view_deg"]
     pitch_um = 1000 * document["pixel_pitch_mm"]
@@ -124,7 +124,7 @@ def _sensor(document: dict[str, Any]) -> Iterator[str]:
     yield _row("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
 
 
-def _pinhole(pinhole: dict[str, Any] | None) -> Iterator[str]:
+def _pinhole(pinhole: Json | None) -> Iterator[str]:
     """The pinhole that fits real rays best, for OpenCV."""
     if pinhole is None:
         yield _row("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
@@ -138,7 +138,7 @@ def _pinhole(pinhole: dict[str, Any] | None) -> Iterator[str]:
         yield _row(f"  {name} distortion", distance, f"rays lie off by {rms:.2g} px rms, {most:.2g} px at most")
 
 
-def _acceptance(acceptance: dict[str, Any]) -> Iterator[str]:
+def _acceptance(acceptance: Json) -> Iterator[str]:
     if acceptance["shape"] == "cosine":
         yield _row("pixels take", f"cos^{acceptance['power']:g} of the angle")
     elif acceptance["shape"] == "cone":
@@ -147,7 +147,7 @@ def _acceptance(acceptance: dict[str, Any]) -> Iterator[str]:
         )
 
 
-def _microlenses(document: dict[str, Any]) -> Iterator[str]:
+def _microlenses(document: Json) -> Iterator[str]:
     array, lens = document["mla"], document["lens"]
     image_mm = array["micro_image_pitch_px"] * document["pixel_pitch_mm"]
     mismatch = array["f_number_mismatch"]
@@ -172,7 +172,7 @@ def _microlenses(document: dict[str, Any]) -> Iterator[str]:
     yield _row("stop that would match", f"ø {_mm(lens['matched_stop_diameter_mm'], 2)}")
 
 
-def _types(array: dict[str, Any]) -> Iterator[str]:
+def _types(array: Json) -> Iterator[str]:
     columns = (
         "type",
         "f [mm]",
@@ -197,7 +197,7 @@ def _types(array: dict[str, Any]) -> Iterator[str]:
     return _table(columns, rows)
 
 
-def _gaps(array: dict[str, Any]) -> Iterator[str]:
+def _gaps(array: Json) -> Iterator[str]:
     for near, far in array["depth_of_field_gaps_mm"]:
         yield f"  no type is sharp from {_range(near, far)}"
 

@@ -4,11 +4,10 @@ import json
 from collections.abc import Set
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
-from pipeline.files.jsonfile import read_json
+from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.tables import Table, read_table
 
 _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json last"
@@ -52,9 +51,9 @@ class BuiltFolder:
         """
         return read_table(self.present(name))
 
-    def record(self, name: str) -> dict[str, Any]:
+    def record(self, name: str) -> Json:
         """A JSON file of the build; raises as `table`."""
-        found: dict[str, Any] = read_json(self.present(name))
+        found: Json = read_json(self.present(name))
         return found
 
     def folders(self, below: str, holding: str) -> list[str]:

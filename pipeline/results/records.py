@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.channel_names import body_and_channel, folder_of
+from pipeline.files.jsonfile import Json
 from pipeline.records.shapes import Float64
 from pipeline.results.folder import BuiltFolder
 from pipeline.results.rows import (
@@ -159,7 +160,7 @@ class BuiltCamera:
     is_plenoptic: bool
     size_px: tuple[int, int]
     pitch_mm: float
-    record: dict[str, Any] = field(repr=False)
+    record: Json = field(repr=False)
     pinhole: BuiltPinhole | None
     pinhole_with_distortion: BuiltPinhole | None
     views: tuple[BuiltView, ...] = field(repr=False)
@@ -210,14 +211,14 @@ class BuiltTarget:
 
     name: str
     kind: str
-    parameters: dict[str, Any]
+    parameters: Json
     points_mm: np.ndarray
     nominal_mm: np.ndarray
     normals: np.ndarray
     is_flat: bool
 
 
-def pinholes(record: dict[str, Any]) -> tuple[BuiltPinhole | None, BuiltPinhole | None]:
+def pinholes(record: Json) -> tuple[BuiltPinhole | None, BuiltPinhole | None]:
     """The pinhole of camera.json, without distortion and with it."""
     plain = record["pinhole"]
     if plain is None:
@@ -226,7 +227,7 @@ def pinholes(record: dict[str, Any]) -> tuple[BuiltPinhole | None, BuiltPinhole 
     return _pinhole(plain, centre), _pinhole(plain["with_distortion"], centre)
 
 
-def target(name: str, record: dict[str, Any]) -> BuiltTarget:
+def target(name: str, record: Json) -> BuiltTarget:
     """A target from its JSON file."""
     points = record["points"]
     arrays = {key: np.array([point[key] for point in points]) for key in ("actual_mm", "nominal_mm", "normal")}
@@ -241,7 +242,7 @@ def target(name: str, record: dict[str, Any]) -> BuiltTarget:
     )
 
 
-def _pinhole(model: dict[str, Any], centre_mm: np.ndarray) -> BuiltPinhole:
+def _pinhole(model: Json, centre_mm: np.ndarray) -> BuiltPinhole:
     return BuiltPinhole(
         centre_mm=centre_mm,
         principal_distance_px=model["principal_distance_px"],
@@ -252,7 +253,7 @@ def _pinhole(model: dict[str, Any], centre_mm: np.ndarray) -> BuiltPinhole:
     )
 
 
-def _poses(record: dict[str, Any]) -> BuiltPoses:
+def _poses(record: Json) -> BuiltPoses:
     targets, pinhole = record["targets"], record["pinhole"]
     return BuiltPoses(
         camera_from_world=np.array(record["camera_from_world"]),

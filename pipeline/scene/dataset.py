@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
@@ -110,6 +110,12 @@ class CameraEntry:
     def camera(self) -> Camera:
         """The focused camera; the focus is solved at first use."""
         return focused(self.asked)
+
+    @cached_property
+    def group_shift_mm(self) -> float | None:
+        """Way of its focus groups towards the sensor, solved at first use; None where none moves."""
+        asked = self.asked
+        return group_shift(asked) if isinstance(asked, FocusRequest) and asked.focus_groups else None
 
     @property
     def in_channels(self) -> tuple["CameraEntry", ...]:

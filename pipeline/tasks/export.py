@@ -8,6 +8,7 @@ from typing import Any
 from pipeline.exports.gathering import Around, gather
 from pipeline.exports.noise import with_noise
 from pipeline.exports.writing import write_format
+from pipeline.files.jsonfile import Json
 from pipeline.render.surroundings import Surroundings
 from pipeline.results.answers import SeenScene
 from pipeline.results.folder import BuiltFolder
@@ -63,11 +64,11 @@ class BuiltParts(BuiltFolder):
         """Place of a file; None if the task was not given it."""
         return self.places.get(name)
 
-    def record(self, name: str) -> dict[str, Any]:
+    def record(self, name: str) -> Json:
         """Content of a JSON file."""
         if name not in self.records:
             return BuiltFolder.record(self, name)
-        found: dict[str, Any] = self.records[name]
+        found: Json = self.records[name]
         return found
 
     def present(self, name: str) -> Path:

@@ -5,14 +5,13 @@ It is not part of `focus`, because it writes names: renaming a lens must not tou
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.figures.pinhole_fit import Projection
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
-from pipeline.files.jsonfile import write_json
+from pipeline.files.jsonfile import Json, write_json
 from pipeline.optics.first_order import first_order
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, pinhole_of
@@ -22,13 +21,13 @@ from pipeline.tasks.params.cameras import FirstOrder as Params
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
 
 
-def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> dict[str, Any]:
+def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> Json:
     """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
     figures = report(camera)
     lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST}
     shone = labels.light
-    light: dict[str, Any] = {
+    light: Json = {
         "weight": shone.weight,
         "footprint": shone.footprint,
         "wavelengths_nm": [shone.wavelength_nm],
@@ -40,7 +39,7 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> d
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
 
 
-def _channel(camera: Camera, channel: Channel) -> dict[str, Any]:
+def _channel(camera: Camera, channel: Channel) -> Json:
     """A channel: its wavelengths, and what the lens is at their mean."""
     lens = first_order(camera.in_light(channel).prescription)
     return {
@@ -53,7 +52,7 @@ def _channel(camera: Camera, channel: Channel) -> dict[str, Any]:
     }
 
 
-def _pinhole(pinhole: Pinhole, pitch_mm: float) -> dict[str, Any]:
+def _pinhole(pinhole: Pinhole, pitch_mm: float) -> Json:
     return {
         "centre_mm": list(pinhole.centre_mm),
         **_projection(pinhole.plain, pitch_mm),
@@ -66,7 +65,7 @@ def _pinhole(pinhole: Pinhole, pitch_mm: float) -> dict[str, Any]:
     }
 
 
-def _projection(projection: Projection, pitch_mm: float) -> dict[str, Any]:
+def _projection(projection: Projection, pitch_mm: float) -> Json:
     return {
         "principal_distance_px": projection.principal_distance_px,
         "principal_distance_mm": projection.principal_distance_px * pitch_mm,

@@ -1,12 +1,11 @@
 """Task `frame_poses`: poses.json of a camera in all frames, each pose to the stop and to the equivalent pinhole."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole
-from pipeline.files.jsonfile import write_json
+from pipeline.files.jsonfile import Json, write_json
 from pipeline.frames import inverse, rigid, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
 from pipeline.tasks.params.truth import FramePoses as Params
@@ -28,10 +27,10 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         write_json(out / poses_file(frame.number), poses(params.camera, frame, pinhole))
 
 
-def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> dict[str, Any]:
+def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> Json:
     """The content of poses.json."""
     camera_from_world = np.array(frame.camera_from_world)
-    targets: dict[str, dict[str, Any]] = {
+    targets: dict[str, Json] = {
         name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame.targets.items()
     }
     content = {

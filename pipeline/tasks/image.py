@@ -1,9 +1,9 @@
 """Task `image`: the image of one camera in one frame, linear and as a preview; joined from tiles if there are any."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Rendered(NamedTuple):
 
     pixels: np.ndarray
     parts: tuple[BandedPart, ...] = ()
-    labels: dict[str, Any] | None = None
+    labels: Mapping[str, str | float | int] | None = None
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -91,7 +91,7 @@ def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, trace
     write_png(out / f"{name}.png", np.concatenate(preview))
 
 
-def labels_of(exposure: Exposure) -> dict[str, Any]:
+def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
     """Attributes in the header of an image that describe its rays."""
     labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
     del labels["channel"]

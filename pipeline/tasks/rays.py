@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,9 @@ from pipeline.tasks.params.cameras import Rays as Params
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 
+Attributes = dict[str, str | float | int]
+"""What the header of a part says."""
+
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 """Channel names of the part `moments`: upper triangle of the covariance of (x_near, y_near, x_far, y_far)."""
@@ -23,7 +25,8 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write rays.exr."""
     tracer = tracer_alone(inputs, params.sampling.seed)
     camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
-    head: dict[str, Any] = {
+    assert camera.near_mm is not None and camera.far_mm is not None
+    head: Attributes = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
         **dataclasses.asdict(params.sampling),
@@ -31,8 +34,8 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
     parts = [
-        tiles.part("near", ("X", "Y"), tiles.near, {**head, "plane_z_mm": camera.near_mm}),
-        tiles.part("far", ("X", "Y"), tiles.far, {**head, "plane_z_mm": camera.far_mm}),
+        tiles.part("near", ("X", "Y"), tiles.near, head | {"plane_z_mm": camera.near_mm}),
+        tiles.part("far", ("X", "Y"), tiles.far, head | {"plane_z_mm": camera.far_mm}),
         tiles.part("moments", MOMENTS, tiles.covariance.rows, {**head, "kept": kept}),
         tiles.part("hit_fraction", ("Y",), tiles.hit_fraction, head),
         tiles.part("error", ("X", "Y"), tiles.error, {**head, "unit": "px", "plane": "the worse of near and far"}),
@@ -73,7 +76,11 @@ class _Tiles:
         return found[first - low : end - low]
 
     def part(
-        self, name: str, channels: tuple[str, ...], pixels: Callable[[int, int], np.ndarray], head: dict[str, Any]
+        self,
+        name: str,
+        channels: tuple[str, ...],
+        pixels: Callable[[int, int], np.ndarray],
+        head: Attributes,
     ) -> BandedPart:
         """A part of the file; `pixels` gives rows of it."""
 

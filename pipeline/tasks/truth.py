@@ -50,7 +50,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         rig = rig_of(inputs, table.labels.seed, params.square_px)
         notes, columns = target_rows(table, params.view, rig, inputs)
     k = RayFile(inputs).supersampling if table.settings.searches else None
-    head = header_of(table, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
+    head = header_of(table, k, focused_camera(inputs))
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
 
 

@@ -14,6 +14,7 @@ from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.files.jsonfile import Json
 from pipeline.report import text
 from pipeline.report.page.records import Chart, Figure, Figures, Line, Optics
 from pipeline.report.page.shapes import ray_fans, surface_shapes
@@ -32,7 +33,7 @@ _HEIGHTS = 9
 """Heights of the curve of field curvature."""
 
 
-def optics(camera: Camera, name: str, record: dict[str, Any]) -> Optics:
+def optics(camera: Camera, name: str, record: Json) -> Optics:
     """All of it, traced now.
 
     Parameters
@@ -81,7 +82,7 @@ def _figures(lines: Iterable[str]) -> Iterable[Figures]:
         heading, rows = "" if line.startswith((" ", _CURVES)) else line, []
 
 
-def _types(record: dict[str, Any]) -> Iterable[Figures]:
+def _types(record: Json) -> Iterable[Figures]:
     """The types of microlenses, where there are some."""
     rows = []
     for number, kind in enumerate(record.get("mla", {}).get("types", ())):

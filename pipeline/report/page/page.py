@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import UsageError
-from pipeline.files.jsonfile import read_json
+from pipeline.files.jsonfile import Json, read_json
 from pipeline.records.plain import to_plain
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import Source, camera_part, target_part
@@ -126,7 +126,7 @@ def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _page(source: Source, manifest: dict[str, Any], cameras: list[CameraPart], targets: Any, history: str) -> Page:
+def _page(source: Source, manifest: Json, cameras: list[CameraPart], targets: Any, history: str) -> Page:
     return Page(
         title=source.output.path.absolute().name,
         stage=manifest["stage"],
@@ -148,7 +148,7 @@ def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
     return {one.full_name: one for entry in loaded.dataset.cameras for one in entry.in_channels}
 
 
-def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -> str | None:
+def _optics(source: Source, entry: CameraEntry | None, record: Json) -> str | None:
     """Script of the optical part of a camera; traced only if no earlier report has it."""
     if entry is None:
         return None

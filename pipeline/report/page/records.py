@@ -6,6 +6,7 @@ Lists of numbers hold None where a value is unknown. `web/types.py` writes the s
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.files.jsonfile import Json
 from pipeline.results.spots import Numbers, Spot
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -198,7 +199,7 @@ class CameraPart:
     pitch_mm: float
     principal_distance_px: float
     key_figures: tuple[Figure, ...]
-    certificate: dict[str, Any] | None
+    certificate: Json | None
     optics: str | None
     micro_images: str | None
     pictures: tuple[Picture, ...]

@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
     return Ended(np.concatenate(pixels), np.concatenate(errors), labels)
 
 
-def part_of(name: str, pixels: np.ndarray, attributes: dict[str, Any]) -> BandedPart:
+def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
     """A part of a file with one channel, (h, w)."""
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """Parameters of the tasks that determine a camera, describe it, and trace its bundles and micro-images."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
@@ -18,6 +18,19 @@ class Focus:
 
     camera: Camera | None
     request: FocusRequest | None
+
+    @classmethod
+    def of(cls, asked: Camera | FocusRequest) -> "Focus":
+        """What a stage asks for, with numbers for names of lens groups, and without what only `planes` reads."""
+        groups = asked.prescription.groups
+        numbered = tuple(replace(group, name=str(number)) for number, group in enumerate(groups))
+        prescription = replace(asked.prescription, groups=numbered)
+        plain = replace(asked, prescription=prescription, near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
+        if isinstance(plain, Camera):
+            return cls(camera=plain, request=None)
+        numbers = {group.name: str(number) for number, group in enumerate(groups)}
+        moving = tuple(sorted(numbers[name] for name in plain.focus_groups))
+        return cls(camera=None, request=replace(plain, focus_groups=moving))
 
     @property
     def asked(self) -> Camera | FocusRequest:

@@ -34,7 +34,6 @@ class TableLabels:
 
     light: Light
     index_source: str
-    stop: str
     seed: int
     samples: int | None
     channel: ChannelLabel | None = None
