@@ -25,7 +25,7 @@ from pipeline.results.opening import Opened, opened
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.results.records import BuiltCamera, pinholes
 from pipeline.scene.write.lens_distortion import distortion_layer
-from pipeline.tasks.first_order import document as first_order_document
+from pipeline.tasks.camera import document as first_order_document
 
 _DEFAULT = "brown"
 """Model that is fitted where none is named: what OpenCV fits by default."""

@@ -28,7 +28,7 @@ from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path
-from pipeline.tasks.first_order import document
+from pipeline.tasks.camera import document
 from pipeline.tasks.params.cameras import CONVENTIONS
 
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64

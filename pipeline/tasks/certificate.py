@@ -15,7 +15,7 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.params.placed import PlacedTarget
-from pipeline.tasks.params.truth import Certificate as Params
+from pipeline.tasks.params.truth import Certificate
 from pipeline.truth.judging.certificate import certify
 from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes
@@ -24,7 +24,7 @@ _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Certificate, inputs: Inputs, out: Path) -> None:
     """Write certificate.json and points.json."""
     tables = [
         (frame.targets, read_table(inputs[f"frame{frame.number}"]["correspondences.csv"])) for frame in params.frames

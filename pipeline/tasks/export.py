@@ -16,10 +16,10 @@ from pipeline.results.output import output_of
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import surroundings_of
-from pipeline.tasks.params.exports import Export as Params
+from pipeline.tasks.params.exports import Export
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Export, inputs: Inputs, out: Path) -> None:
     """Write the files of the format, and export.json."""
     places = {path: inputs[role][output] for path, (role, output) in params.files.items()}
     digests = dict.fromkeys((*places, *params.records), "")

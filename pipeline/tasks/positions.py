@@ -15,7 +15,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stretches
-from pipeline.tasks.params.truth import Positions as Params
+from pipeline.tasks.params.truth import Positions
 from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.grid.ray_grid import fine_from_image
 
@@ -23,7 +23,7 @@ Tile = tuple[slice, slice]
 """Rows and columns of the fine grid."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Positions, inputs: Inputs, out: Path) -> None:
     """Write positions.exr."""
     rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {

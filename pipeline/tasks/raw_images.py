@@ -1,4 +1,4 @@
-"""Task `expose`: the raw image of one camera in one frame, from its linear image, as TIFF, DNG and a preview."""
+"""Tasks `expose`, `transmission` and `fixed_pattern`: raw images, and the truth behind them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,19 +8,21 @@ import numpy as np
 
 from pipeline.channel_names import colour_of
 from pipeline.files.dng import Negative, write_dng
-from pipeline.files.exr_bands import ExrWindows
+from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.png import write_png
 from pipeline.files.tiff import mapped, write_tiff
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.render.field_transmission import FieldTransmission, field_transmission
 from pipeline.render.radiometry import photon_rate
+from pipeline.render.sensor import fixed_pattern as patterns
 from pipeline.render.sensor.demosaic import PRIMARIES, has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import letter_of
-from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
-from pipeline.tasks.params.exposing import Expose as Params
-from pipeline.tasks.transmission import transmission_of
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern, Transmission
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
@@ -28,8 +30,8 @@ _PREVIEW_ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
-    """Write raw.tiff, raw.dng and raw.png."""
+def expose(params: Expose, inputs: Inputs, out: Path) -> None:
+    """The raw image of a camera in a frame, from its linear image: raw.tiff, raw.dng and raw.png."""
     image = ExrWindows(inputs["image"]["image.exr"])
     shape, response = image.headers[_PART].shape, params.response
     at_one, lens = _photons_at_one(params, inputs), transmission_of(inputs)
@@ -66,7 +68,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
 
 
-def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
+def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     """Mean number of photons in a pixel at relative irradiance 1, by channel."""
     irradiation, response = params.irradiation, params.response
     if irradiation.channels:
@@ -80,7 +82,7 @@ def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
     return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
 
 
-def _colours(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:
+def _colours(params: Expose, photons_at_one: dict[str, float]) -> dict[str, Any]:
     """Fields of `Negative` about the colours of a mosaic of red, green and blue; of others nothing."""
     known, response = params.colorimetry, params.response
     efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
@@ -104,7 +106,7 @@ def _with_margin(
     return {name: np.pad(pixels, around, "edge") for name, pixels in light(low, high).items()}
 
 
-def _about(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:
+def _about(params: Expose, photons_at_one: dict[str, float]) -> dict[str, Any]:
     """Meaning of the digital numbers: the description of the files."""
     response, first = params.response, next(iter(photons_at_one.values()))
     return {
@@ -138,3 +140,43 @@ def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, f
         colours = around[first - low : end - low]
         parts.append(np.stack([srgb_preview(one, 1.0)[..., 0] for one in np.moveaxis(colours, -1, 0)], axis=-1))
     return np.concatenate(parts)
+
+
+_ALONE = "mono"
+"""Name of the light of a camera without channels, as filters have it."""
+
+
+def transmission(params: Transmission, inputs: Inputs, out: Path) -> None:
+    """The share of light that the lens of a camera lets pass, over its image: transmission.json."""
+    found = {}
+    for light in params.lights:
+        camera = focused_camera(inputs, "camera" if light.channel is None else f"camera_{light.channel}")
+        found[light.channel or _ALONE] = field_transmission(camera, light.of_each)
+    write_json(out / TRANSMISSION, {name: to_plain(one) for name, one in found.items()})
+
+
+def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
+    """Transmission by channel, as the task wrote it; empty where it is no input."""
+    if "transmission" not in inputs:
+        return {}
+    plain = read_json(inputs["transmission"][TRANSMISSION])
+    return {name: from_plain(FieldTransmission, one) for name, one in plain.items() if one is not None}
+
+
+_CHANNELS = ("dark_e", "hot_e_per_s", "response")
+
+
+def fixed_pattern(params: FixedPattern, inputs: Inputs, out: Path) -> None:
+    """Differences from pixel to pixel of the sensor of a camera: fixed_pattern.exr."""
+    width = params.shape[1]
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        maps = patterns.fixed_pattern(params.spread, params.camera, (first, 0), (end - first, width))
+        return {name: getattr(maps, name) for name in _CHANNELS}
+
+    attributes: dict[str, str | float | int] = {
+        "content": "DSNU dark_e [e-], PRNU response [1, 0: dead], further dark current hot_e_per_s [e-/s]",
+        "specimen": params.spread.specimen,
+    }
+    part = BandedPart(name="fixed_pattern", shape=params.shape, channels=_CHANNELS, rows=rows, attributes=attributes)
+    write_bands(out / MAPS, [part])
