@@ -168,7 +168,9 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
         plain = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
         module, name = importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run"
         record = typing.get_type_hints(getattr(module, name)).get("params")
-        params = [from_plain(record, one) if is_dataclass(record) else one for one in plain]
+        params = [
+            from_plain(record, one) if isinstance(record, type) and is_dataclass(record) else one for one in plain
+        ]
         work().news = ""
         if count > 1:
             getattr(module, f"{name}_together")(params, inputs, outs)
