@@ -23,7 +23,7 @@ from pipeline.graph.dataset_graph import labels_of
 from pipeline.results.folder import BuiltFolder
 from pipeline.results.opening import Opened, opened
 from pipeline.results.ready_camera import ReadyCamera
-from pipeline.results.records import BuiltCamera, pinholes
+from pipeline.results.records import BuiltCamera
 from pipeline.scene.write.lens_distortion import distortion_layer
 from pipeline.tasks.camera import document as first_order_document
 
@@ -96,18 +96,10 @@ class Found:
 def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
     """The record of a camera that a build would write, as far as maps need it."""
     record = first_order_document(labels_of(there.entry), camera, pinhole(camera))
-    plain, with_distortion = pinholes(record)
     return BuiltCamera(
         name=there.entry.full_name,
-        is_plenoptic=False,
-        size_px=(camera.sensor.width_px, camera.sensor.height_px),
-        pitch_mm=camera.sensor.pitch_mm,
         record=record,
-        pinhole=plain,
-        pinhole_with_distortion=with_distortion,
         views=(),
-        white_path=None,
-        rays_path=None,
         _folder=BuiltFolder(path=there.stage.parent, stage=str(there.stage), digests={}),
     )
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.channel_names import body_and_channel, folder_of, name_with
+from pipeline.channel_names import body_and_channel, name_with
 from pipeline.errors import UsageError
 from pipeline.results.folder import BuiltFolder, finished_folder
 from pipeline.results.notebook import html_table
-from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
+from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView, target
 from pipeline.results.rows import CorrespondenceRows, all_of, as_pandas, joined, rows_of
 from pipeline.spelling import did_you_mean
 
@@ -169,35 +169,10 @@ def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
 
 
 def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
-    place = f"cameras/{folder_of(name)}"
     record = folder.record(f"cameras/{body_and_channel(name)[0]}/camera.json")
-    plain, with_distortion = pinholes(record)
-    width, height = record["resolution"]
-    is_plenoptic = "mla" in record
-    return BuiltCamera(
-        name=name,
-        is_plenoptic=is_plenoptic,
-        size_px=(width, height),
-        pitch_mm=record["pixel_pitch_mm"],
-        record=record,
-        pinhole=plain,
-        pinhole_with_distortion=with_distortion,
-        views=tuple(_view(folder, name, frame, is_plenoptic, (width, height)) for frame in frames),
-        white_path=folder.file(f"{place}/white.exr"),
-        rays_path=folder.file(f"{place}/rays.exr"),
-        _folder=folder,
+    (width, height), is_plenoptic = record["resolution"], "mla" in record
+    views = (
+        BuiltView(camera=name, frame=frame, is_plenoptic=is_plenoptic, size_px=(width, height), _folder=folder)
+        for frame in frames
     )
-
-
-def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool, size_px: tuple[int, int]) -> BuiltView:
-    place = f"frames/{frame:04d}/{folder_of(camera)}"
-    return BuiltView(
-        camera=camera,
-        frame=frame,
-        is_plenoptic=is_plenoptic,
-        size_px=size_px,
-        image_path=folder.file(f"{place}/image.exr"),
-        preview_path=folder.file(f"{place}/image.png"),
-        positions_path=folder.file(f"{place}/positions.exr"),
-        _folder=folder,
-    )
+    return BuiltCamera(name=name, record=record, views=tuple(views), _folder=folder)

@@ -99,17 +99,12 @@ class BuiltView:
     is_plenoptic : bool
     size_px : tuple of int
         Width and height of its image.
-    image_path, preview_path, positions_path : Path or None
-        image.exr, image.png and positions.exr; None where the build made none.
     """
 
     camera: str
     frame: int
     is_plenoptic: bool
     size_px: tuple[int, int]
-    image_path: Path | None
-    preview_path: Path | None
-    positions_path: Path | None
     _folder: BuiltFolder = field(repr=False, compare=False)
 
     @cached_property
@@ -118,7 +113,7 @@ class BuiltView:
 
         docs/outputs.md says what the columns mean.
         """
-        table = self._folder.table(f"frames/{self.frame:04d}/{folder_of(self.camera)}/correspondences.csv")
+        table = self._folder.table(self._place("correspondences.csv"))
         rows = rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
         pictures = {(self.camera, self.frame): self.preview_path} if self.preview_path else {}
         return with_backdrop(rows, Backdrop({self.camera: self.size_px}, pictures))
@@ -127,6 +122,24 @@ class BuiltView:
     def poses(self) -> BuiltPoses:
         """Poses of the view, from poses.json."""
         return _poses(self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json"))
+
+    @property
+    def image_path(self) -> Path | None:
+        """image.exr; None where the build made none."""
+        return self._folder.file(self._place("image.exr"))
+
+    @property
+    def preview_path(self) -> Path | None:
+        """image.png; None where the build made none."""
+        return self._folder.file(self._place("image.png"))
+
+    @property
+    def positions_path(self) -> Path | None:
+        """positions.exr; None where the build made none."""
+        return self._folder.file(self._place("positions.exr"))
+
+    def _place(self, file: str) -> str:
+        return f"frames/{self.frame:04d}/{folder_of(self.camera)}/{file}"
 
     def _repr_png_(self) -> bytes | None:
         """The preview, for a notebook; None where the build made none."""
@@ -141,31 +154,15 @@ class BuiltCamera:
     ----------
     name : str
         `Rig.Camera`, or `Rig.Camera@red` of a channel.
-    is_plenoptic : bool
-        Whether a microlens array stands before the sensor.
-    size_px : tuple of int
-        Width and height.
-    pitch_mm : float
-        Distance of pixels.
     record : dict
         All of camera.json: docs/outputs.md says what its keys mean.
-    pinhole, pinhole_with_distortion : BuiltPinhole or None
-        None where no pinhole fits.
     views : tuple of BuiltView
         Sorted by frame.
-    white_path, rays_path : Path or None
     """
 
     name: str
-    is_plenoptic: bool
-    size_px: tuple[int, int]
-    pitch_mm: float
     record: Json = field(repr=False)
-    pinhole: BuiltPinhole | None
-    pinhole_with_distortion: BuiltPinhole | None
     views: tuple[BuiltView, ...] = field(repr=False)
-    white_path: Path | None
-    rays_path: Path | None
     _folder: BuiltFolder = field(repr=False, compare=False)
 
     @cached_property
@@ -173,6 +170,43 @@ class BuiltCamera:
         """Rows of all frames."""
         parts = [view.correspondences for view in self.views]
         return all_of(joined(parts), parts)
+
+    @property
+    def is_plenoptic(self) -> bool:
+        """Whether a microlens array stands before the sensor."""
+        return "mla" in self.record
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its images."""
+        width, height = self.record["resolution"]
+        return width, height
+
+    @property
+    def pitch_mm(self) -> float:
+        """Distance of pixels."""
+        return float(self.record["pixel_pitch_mm"])
+
+    @cached_property
+    def pinhole(self) -> BuiltPinhole | None:
+        """The equivalent pinhole without distortion; None where none fits."""
+        return _pinhole(self.record["pinhole"], self.record["pinhole"])
+
+    @cached_property
+    def pinhole_with_distortion(self) -> BuiltPinhole | None:
+        """The equivalent pinhole with distortion; None where none fits."""
+        plain = self.record["pinhole"]
+        return _pinhole(plain, plain and plain["with_distortion"])
+
+    @property
+    def white_path(self) -> Path | None:
+        """white.exr; None where there is none."""
+        return self._folder.file(self._place("white.exr"))
+
+    @property
+    def rays_path(self) -> Path | None:
+        """rays.exr; None where there is none."""
+        return self._folder.file(self._place("rays.exr"))
 
     @cached_property
     def micro_images(self) -> np.recarray | None:
@@ -189,8 +223,11 @@ class BuiltCamera:
         return as_pandas(self.correspondences)
 
     def _table(self, file: str) -> np.recarray | None:
-        name = f"cameras/{folder_of(self.name)}/{file}"
+        name = self._place(file)
         return rows_of(self._folder.table(name)) if self._folder.file(name) else None
+
+    def _place(self, file: str) -> str:
+        return f"cameras/{folder_of(self.name)}/{file}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,15 +255,6 @@ class BuiltTarget:
     is_flat: bool
 
 
-def pinholes(record: Json) -> tuple[BuiltPinhole | None, BuiltPinhole | None]:
-    """The pinhole of camera.json, without distortion and with it."""
-    plain = record["pinhole"]
-    if plain is None:
-        return None, None
-    centre = np.array(plain["centre_mm"])
-    return _pinhole(plain, centre), _pinhole(plain["with_distortion"], centre)
-
-
 def target(name: str, record: Json) -> BuiltTarget:
     """A target from its JSON file."""
     points = record["points"]
@@ -242,9 +270,12 @@ def target(name: str, record: Json) -> BuiltTarget:
     )
 
 
-def _pinhole(model: Json, centre_mm: np.ndarray) -> BuiltPinhole:
+def _pinhole(plain: Json | None, model: Json | None) -> BuiltPinhole | None:
+    """The pinhole of camera.json, whose centre is stated once, by one of its models."""
+    if plain is None or model is None:
+        return None
     return BuiltPinhole(
-        centre_mm=centre_mm,
+        centre_mm=np.array(plain["centre_mm"]),
         principal_distance_px=model["principal_distance_px"],
         principal_point_px=np.array(model["principal_point_px"]),
         distortion=np.array(model.get("distortion", [0.0] * 5)),

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.channel_names import colour_of
 from pipeline.files.dng import Negative, write_dng
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
-from pipeline.files.jsonfile import read_json, write_json
+from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
 from pipeline.files.tiff import mapped, write_tiff
 from pipeline.records.plain import from_plain, to_plain
@@ -106,7 +106,7 @@ def _with_margin(
     return {name: np.pad(pixels, around, "edge") for name, pixels in light(low, high).items()}
 
 
-def _about(params: Expose, photons_at_one: dict[str, float]) -> dict[str, Any]:
+def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
     """Meaning of the digital numbers: the description of the files."""
     response, first = params.response, next(iter(photons_at_one.values()))
     return {

@@ -1,5 +1,18 @@
 // Written by web/record_types.py from pipeline/report/page/records.py: edit that.
 
+/** A row of the page of `pipeline show`. */
+export interface Figure {
+  name: string;
+  value: string;
+  remark: string;
+}
+
+/** Some rows with a heading. */
+export interface Figures {
+  heading: string;
+  rows: Figure[];
+}
+
 /** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
 export interface Spot {
   place: string;
@@ -72,19 +85,6 @@ export interface Residuals {
   rho_px: (number | null)[];
   dx_px: (number | null)[];
   dy_px: (number | null)[];
-}
-
-/** A row of the page of `pipeline show`. */
-export interface Figure {
-  name: string;
-  value: string;
-  remark: string;
-}
-
-/** Some rows with a heading. */
-export interface Figures {
-  heading: string;
-  rows: Figure[];
 }
 
 /** A curve of a chart. */

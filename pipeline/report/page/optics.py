@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,15 +15,12 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.files.jsonfile import Json
 from pipeline.report import text
-from pipeline.report.page.records import Chart, Figure, Figures, Line, Optics
+from pipeline.report.page.records import Chart, Line, Optics
 from pipeline.report.page.shapes import ray_fans, surface_shapes
+from pipeline.report.text import Figure, Figures
 from pipeline.results import drawing
 from pipeline.results.spots import FARTHEST_MM, RAYS, FieldBundle, drawn, field_bundles, spots
 
-_REMARK = re.compile(r"^(.*?)(?:  \((.*)\))?$")
-"""Value and remark of a row of `pipeline show`."""
-_CURVES = "real rays"
-"""Beginning of the heading of the field curves, which the page draws."""
 _ROWS = 21
 """Heights of the field curves: a smooth line on a page."""
 _NYQUIST, _FREQUENCIES = 0.5, 26
@@ -47,7 +43,7 @@ def optics(camera: Camera, name: str, record: Json) -> Optics:
     bundles, sensor, shown = field_bundles(camera), camera.sensor, _with_infinities(record)
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
-        figures=(*_figures(text.page(name, shown, curves)), *_types(shown)),
+        figures=(*text.figures(shown, curves), *_types(shown)),
         charts=(_distortion(curves), _illumination(curves), field_curvature(camera), transfer(camera, bundles)),
         spots=spots(camera, bundles),
         surfaces=surface_shapes(camera.prescription),
@@ -65,21 +61,6 @@ def _with_infinities(value: Any) -> Any:
     if isinstance(value, list):
         return [_with_infinities(one) for one in value]
     return float(value) if value in ("inf", "-inf") else value
-
-
-def _figures(lines: Iterable[str]) -> Iterable[Figures]:
-    """The page of `pipeline show`, cut into rows: it alone chooses and rounds what people read. Its tables are left
-    out.
-    """
-    heading, rows = "", list[Figure]()
-    for line in [*lines, ""]:
-        if heading and line.startswith("  "):
-            value, remark = _REMARK.fullmatch(line[2 + text.WIDTH :]).groups()  # type: ignore[union-attr]
-            rows.append(Figure(name=line[2 : 2 + text.WIDTH].strip(), value=value, remark=remark or ""))
-            continue
-        if rows:
-            yield Figures(heading=heading, rows=tuple(rows))
-        heading, rows = "" if line.startswith((" ", _CURVES)) else line, []
 
 
 def _types(record: Json) -> Iterable[Figures]:

@@ -29,7 +29,7 @@ INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
-_OPTICS = ("report/page/optics.py", "report/page/shapes.py", "results/spots.py", "results/drawing.py")
+_OPTICS = ("report/page/optics.py", "report/text.py", "report/page/shapes.py", "results/spots.py", "results/drawing.py")
 _NAME = 12
 """Digits of a digest in the name of a script."""
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.report.page.images import picture_of
-from pipeline.report.page.records import CameraPart, Figure, Picture, TargetPart, View
+from pipeline.report.page.records import CameraPart, Picture, TargetPart, View
 from pipeline.report.page.residuals import residuals
 from pipeline.report.page.scripts import Scripts
 from pipeline.report.page.shapes import matrix
 from pipeline.report.page.tables import drawn, micro_image_data, table_data
+from pipeline.report.text import Figure
 from pipeline.results.folder import BuiltFolder
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltView

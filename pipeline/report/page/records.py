@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.files.jsonfile import Json
+from pipeline.report.text import Figure, Figures
 from pipeline.results.spots import Numbers, Spot
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -103,23 +104,6 @@ class Residuals:
     rho_px: Numbers
     dx_px: Numbers
     dy_px: Numbers
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
-    """A row of the page of `pipeline show`."""
-
-    name: str
-    value: str
-    remark: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
-    """Some rows with a heading."""
-
-    heading: str
-    rows: tuple[Figure, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
