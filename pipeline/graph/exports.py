@@ -19,14 +19,9 @@ _ACCURACY_PX = 1e-3
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
-    """Add the exports of a dataset, after all tasks that make the files of its build.
+    """Add the exports of a dataset, after all tasks that make the files of its build; `files` receives theirs.
 
-    Parameters
-    ----------
-    files : dict
-        Sources of the files of the build; receives those of the exports.
-    bare : Things
-        All targets and occluders, without colours.
+    `bare` are all targets and occluders, without colours.
     """
     asked = dataset.exports
     for name in asked.formats:

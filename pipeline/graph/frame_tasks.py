@@ -73,12 +73,8 @@ def frame_of(task: Task, field: str | None) -> int | None:
 class FrameTasks:
     """Maker of the tasks of one camera, frame by frame; tasks common to all frames are made once.
 
-    Parameters
-    ----------
-    files : dict
-        Receives the source of each file in the output folder.
-    painted, bare : Things
-        All targets and occluders of the dataset, with and without colours.
+    `files` receives the source of each file in the output folder; `painted` and `bare` are all targets and
+    occluders of the dataset, with and without colours.
     """
 
     def __init__(

@@ -10,10 +10,7 @@ _ROWS = 20
 def lines(cameras: dict[str, Json]) -> list[str]:
     """A table with a row per frame and a column per camera and target, and which frames are blank.
 
-    Parameters
-    ----------
-    cameras : dict
-        Camera name -> {of: points per target, frames: list of {frame, rows, seen: points with a row per target}}.
+    Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
     columns = [(camera, target) for camera, found in sorted(cameras.items()) for target in sorted(found["of"])]
     numbers = sorted({row["frame"] for found in cameras.values() for row in found["frames"]})

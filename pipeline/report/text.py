@@ -30,17 +30,7 @@ class Figures:
 
 
 def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
-    """Lines about one camera.
-
-    Parameters
-    ----------
-    name : str
-        Name of the camera.
-    document : dict
-        Contents of camera.json.
-    curves : FieldCurves
-        Curves of the same camera.
-    """
+    """Lines about one camera, whose camera.json is `document`."""
     lines = [f"{name}: {document['lens']['name']}", _COUNTED]
     if document["focus_request"]:
         lines.append(_request(document["focus_request"]))
@@ -66,15 +56,7 @@ def figures(document: Json, curves: FieldCurves) -> list[Figures]:
 
 
 def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
-    """Lines about a lens alone, for an object at infinity.
-
-    Parameters
-    ----------
-    document : dict
-        Document from `app.show`.
-    curves : FieldCurves or None
-        Curves of the lens; None where it has no real image.
-    """
+    """Lines about a lens alone, for an object at infinity; no curves where it has no real image."""
     lens = document["lens"]
     lines = [f"{lens['name']}, for objects at infinity", _COUNTED, ""]
     front, rear = lens["focal_points_mm"]

@@ -41,14 +41,7 @@ class BuiltFolder:
         return self.path / name if name in self.files else None
 
     def table(self, name: str) -> Table:
-        """A table of the build.
-
-        Raises
-        ------
-        UsageError
-            The file is gone.
-        DamagedFile
-        """
+        """A table of the build; UsageError if it is gone, DamagedFile if it cannot be read."""
         return read_table(self.present(name))
 
     def record(self, name: str) -> Json:
@@ -66,13 +59,7 @@ class BuiltFolder:
         )
 
     def present(self, name: str) -> Path:
-        """Path of a file that the build made.
-
-        Raises
-        ------
-        UsageError
-            The file is gone.
-        """
+        """Path of a file that the build made; UsageError if it is gone."""
         path = self.path / name
         if not path.is_file():
             raise UsageError(
@@ -82,13 +69,7 @@ class BuiltFolder:
 
 
 def finished_folder(out: str | Path) -> BuiltFolder:
-    """The output folder of a build.
-
-    Raises
-    ------
-    UsageError
-        It is none, or not finished, or of another version.
-    """
+    """The output folder of a build; UsageError if it is none, or not finished, or of another version."""
     path = Path(out)
     if path.suffix in (".usda", ".usdc", ".usd") and not path.is_dir():
         raise UsageError(f"{out} is a stage, and no output folder", hint=_BUILD)

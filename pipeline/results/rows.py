@@ -25,25 +25,13 @@ _COUNTS = MICROLENS | {"frame", "point_id", "complete"}
 
 
 def rows_of(table: Table, without: frozenset[str] = frozenset()) -> np.recarray:
-    """A table as a record array: text, int64, and float64 that is NaN where a cell is empty.
-
-    Parameters
-    ----------
-    without : frozenset of str
-        Columns to leave out.
-    """
+    """A table as a record array: text, int64, and float64 that is NaN where a cell is empty; without some columns."""
     columns = {name: _column(table, name) for name in table.columns if name not in without}
     return np.rec.fromarrays(list(columns.values()), dtype=[(name, column.dtype) for name, column in columns.items()])
 
 
 def joined(parts: Sequence[np.recarray]) -> np.recarray:
-    """Rows of several tables with the same columns.
-
-    Raises
-    ------
-    UsageError
-        Columns differ, as those of a plenoptic and a conventional camera do.
-    """
+    """Rows of several tables; UsageError if their columns differ, as of plenoptic and conventional cameras."""
     names = {part.dtype.names for part in parts}
     if len(names) > 1:
         raise UsageError(
@@ -54,13 +42,7 @@ def joined(parts: Sequence[np.recarray]) -> np.recarray:
 
 
 def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
-    """Rows as a data frame.
-
-    Raises
-    ------
-    UsageError
-        pandas is not installed.
-    """
+    """Rows as a data frame; UsageError if pandas is not installed."""
     try:
         import pandas
     except ImportError:
@@ -71,10 +53,7 @@ def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
 def write_parquet(path: Path, rows: np.ndarray, remarks: Sequence[str]) -> None:
     """Write rows as Parquet; its metadata hold the remarks, `attrs` of the data frame.
 
-    Raises
-    ------
-    UsageError
-        pandas or pyarrow is not installed.
+    UsageError if pandas or pyarrow is not installed.
     """
     frame = as_pandas(rows)
     frame.attrs["remarks"] = list(remarks)

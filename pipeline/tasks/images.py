@@ -169,17 +169,7 @@ _PREVIEW_ROWS = 512
 
 
 class Rendered(NamedTuple):
-    """Content of the file of an image.
-
-    Attributes
-    ----------
-    pixels : (h, w) float64
-        Relative irradiance.
-    parts : tuple of BandedPart
-        Further parts of the file.
-    labels : dict
-        Further attributes of the first part.
-    """
+    """An image, (h, w) float64 relative irradiance, with further parts of its file and attributes of the first part."""
 
     pixels: np.ndarray
     parts: tuple[BandedPart, ...] = ()

@@ -75,10 +75,7 @@ def position_image(
 ) -> np.ndarray:
     """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted.
 
-    Parameters
-    ----------
-    rows : (int, int), optional
-        First and end row of the fine grid, if not all are asked for.
+    `rows` are the first and end row of the fine grid, if not all are asked for.
     """
     sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)

@@ -61,10 +61,7 @@ def target_rows(
 ) -> tuple[list[TargetNote], dict[str, list[Any]]]:
     """Notes about the targets, and the columns of the rows of all of them.
 
-    Parameters
-    ----------
-    some_points : dict, optional
-        First and end index of the required points of each target, by name; by default all.
+    `some_points` has the first and end index of the points of each target, by name; by default all.
     """
     settings = table.settings
     rays = RayFile(inputs) if settings.searches else None

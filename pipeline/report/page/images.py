@@ -24,11 +24,7 @@ _NAME = 16
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
     """Put an image of the build into the folder of the report, unless it is there; returns where it is.
 
-    Raises
-    ------
-    UsageError
-        The image is gone.
-    DamagedFile
+    Raises UsageError if the image is gone, and DamagedFile.
     """
     source, name = folder.present(file), f"images/{folder.digests[file][:_NAME]}"
     width, height = png_size(source)

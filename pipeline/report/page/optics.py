@@ -30,15 +30,7 @@ _HEIGHTS = 9
 
 
 def optics(camera: Camera, name: str, record: Json) -> Optics:
-    """All of it, traced now.
-
-    Parameters
-    ----------
-    camera : Camera
-        The focused camera, of a channel in its light.
-    record : dict
-        Content of camera.json.
-    """
+    """All of it, traced now, of a focused camera in the light of its channel; `record` is camera.json."""
     curves = field_curves(camera, middle_focus(camera), _ROWS)
     bundles, sensor, shown = field_bundles(camera), camera.sensor, _with_infinities(record)
     return Optics(

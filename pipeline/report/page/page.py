@@ -41,12 +41,7 @@ def place_of(out: Path) -> Path:
 
 
 def require_ours(report: Path) -> None:
-    """Refuse a folder that holds something else.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse a folder that holds something else, by a UsageError."""
     index = report / INDEX
     is_ours = index.is_file() and not index.is_symlink() and _MARK in index.read_bytes()
     is_free = not report.exists() or (report.is_dir() and not any(report.iterdir()))
@@ -69,25 +64,10 @@ def is_current(out: Path, report: Path) -> bool:
 
 
 def write_page(out: Path, report: Path, loaded: Loaded | None, history: History | None) -> Path:
-    """Write the report of an output folder.
+    """Write the report of an output folder; returns its page.
 
-    Parameters
-    ----------
-    loaded : Loaded or None
-        The stage of the output folder, for optics and 3-D view; None leaves them out.
-    history : History or None
-        None keeps the one of an earlier report.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    UsageError
-        There is no finished build, or `report` holds something else.
-    DamagedFile
+    Without the stage of the folder there are no optics and no 3-D view; without a history that of an earlier one stays.
+    Raises UsageError where there is no finished build or `report` holds something else, and DamagedFile.
     """
     folder, output = finished_folder(out), open_output(out)
     require_ours(report)

@@ -28,13 +28,7 @@ _MOST_FACES = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A build that is reported, and where the report is written.
-
-    Attributes
-    ----------
-    points : mapping
-        `points` of the manifest, and `certificate` likewise.
-    """
+    """A build that is reported, and where the report is written; `points` and `certificate` are the manifest's."""
 
     output: Output
     folder: BuiltFolder

@@ -18,13 +18,7 @@ _POINTS = 4000
 
 
 def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Residuals:
-    """Statistics over all frames; maps show evenly taken rows.
-
-    Parameters
-    ----------
-    certificate : mapping or None
-        Certificate of the camera, from the manifest.
-    """
+    """Statistics over all frames; maps show evenly taken rows. The certificate is that of the manifest, if any."""
     claim_px = certificate["claim_px"] if certificate else None
     apart = np.array(certificate["differences_px"] if certificate else (), float)
     rows = camera.correspondences

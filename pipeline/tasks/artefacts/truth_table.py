@@ -57,17 +57,7 @@ def column_order(table: TruthTable) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class PosedPoints:
-    """Points of a target at its pose in a frame.
-
-    Attributes
-    ----------
-    target : str
-        Its name.
-    points : TargetPoints
-        Points in the target frame.
-    vision_from_target : (4, 4) float64
-        Its pose before the camera [mm].
-    """
+    """Points of a target, in its own frame, at its pose vision_from_target in a frame, (4, 4) [mm]."""
 
     target: str
     points: TargetPoints
@@ -118,16 +108,8 @@ def columns_of(
 class TargetNote:
     """Counts and remarks about the points of a target, or about some of them.
 
-    Attributes
-    ----------
-    counts : dict or None
-        Numbers of rows by reason; None if the camera sees the back of the target.
-    away : int
-        Number of points that face away.
-    sag_mm : float
-        Largest distance of the surface from its tangent plane over the blur of a row.
-    sets : tuple of SetNote
-        Notes about the optional columns.
+    Counts are numbers of rows by reason, None if the camera sees the back of the target; `away` is the number of points
+    that face away; `sag_mm` is the largest distance of the surface from its tangent plane over the blur of a row.
     """
 
     target: str
