@@ -18,14 +18,14 @@ _MODULES = {
     "camera": ("focus", "channel", "stop", "planes", "pinhole", "first_order"),
     "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
     "micro_images": ("micro_images", "micro_images_tile"),
-    "pictures": ("picture", "sheet", "parts"),
+    "pictures": ("picture", "sheet"),
     "poses": ("frame_poses", "baselines"),
     "raw_images": ("expose", "transmission", "fixed_pattern"),
     "rays": ("rays", "rays_tile"),
     "truth": ("truth", "truth_tile"),
 }
 KINDS = {kind: f"pipeline.tasks.{module}:{kind}" for module, kinds in _MODULES.items() for kind in kinds} | {
-    kind: f"pipeline.tasks.{kind}" for kind in ("certificate", "colour_image", "export", "positions")
+    kind: f"pipeline.tasks.{kind}" for kind in ("certificate", "colour_image", "export", "parts", "positions")
 }
 """Kinds of tasks by the name with which names of their tasks begin."""
 
