@@ -9,6 +9,7 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
+from pipeline.frames import mm_per_unit
 from pipeline.scene.check.prims import all_prims
 from pipeline.scene.read.prims import read_camera_entries
 from pipeline.scene.usd.instances import write_out_instances
@@ -16,7 +17,6 @@ from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.write.flatten import fallback_types, pinhole, view_of
-from pipeline.units import mm_per_unit
 
 _VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
 _SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")

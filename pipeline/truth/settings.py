@@ -1,10 +1,10 @@
 """Settings of the ground truth of a camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
-OF_SEARCH = ("search", "filter", "lambda_d", "lambda_alpha_deg", "nearest_threshold_mm")
-"""Fields of `TruthSettings` that only methods with position images use."""
+CLAIM_PX = 1e-3
+"""Claim where a stage states none [px]: `direct` and `moments` keep it, which the certificate of every build tests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +54,23 @@ class TruthSettings:
         """The accuracy that rows claim [px]; None if nothing is authored and the method, `two-plane` or `image`, has
         no default claim.
         """
-        return {"direct": 1e-3, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px
+        default = CLAIM_PX if self.method in ("direct", "moments") else None
+        return default if self.accuracy_px is None else self.accuracy_px
+
+    @property
+    def aim_px(self) -> float:
+        """The accuracy that is aimed at [px]: the claim, or that of other methods where nothing is claimed."""
+        return self.claim_px or CLAIM_PX
 
     @property
     def searches(self) -> bool:
         """Whether points are searched in position images, so that these must be traced."""
         return self.method != "direct"
+
+    @property
+    def that_count(self) -> "TruthSettings":
+        """The settings without those of a search where there is none: they would not change a row."""
+        if self.searches:
+            return self
+        rest = TruthSettings(method=self.method)
+        return replace(rest, min_hit_fraction=self.min_hit_fraction, accuracy_px=self.accuracy_px, columns=self.columns)

@@ -30,8 +30,8 @@ from pipeline.engine.running.result import Result
 from pipeline.engine.store.store import DamagedBlob, Store, writable
 from pipeline.engine.store.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.folders import flaw_of
 from pipeline.jit.decorators import cache_folder
-from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
 """Number of sources kept per project: the last one, two before it, and the oldest whose results may still exist."""

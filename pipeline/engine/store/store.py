@@ -41,7 +41,7 @@ from pipeline.engine.files import (
 from pipeline.engine.store.sealed import seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
 from pipeline.engine.store.structure import is_folder, is_store
-from pipeline.user_cache import user_cache
+from pipeline.folders import user_cache
 
 _BELOW = "below"
 _FORMAT = 1

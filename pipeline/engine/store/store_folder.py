@@ -18,7 +18,7 @@ from pipeline.engine.store.sharing import rights_of
 from pipeline.engine.store.structure import FOLDERS, TABLES, VERSION, misplaced, require_store
 from pipeline.engine.store.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 

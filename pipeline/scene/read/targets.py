@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.frames import apply
+from pipeline.frames import apply, mm_per_unit
 from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
@@ -15,7 +15,6 @@ from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_o
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import PATTERNS, AnyTarget, Target
-from pipeline.units import mm_per_unit
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""

@@ -6,13 +6,14 @@ from quadrature and are judged by random rays. Both rules share the trace, which
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
+from pipeline.files.jsonfile import Json
 from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import SHARPER, differences, rms
+from pipeline.truth.settings import CLAIM_PX
 
 WITHIN = 0.95
 """Share of the rows of a table that must lie within the claim [1]: two standard deviations of normal errors."""
@@ -20,8 +21,6 @@ WORST = 5.0
 """Claims by which the worst row may differ [1]: with `WITHIN` alone one row in twenty could be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
 """Reason for a missing verdict if no point is seen."""
-NO_CLAIM_PX = 1e-3
-"""Accuracy that is aimed at without a claim [px]: the default claim of tables."""
 KINDS = ("position images", "direct")
 """Kinds of rows; the kind of a row decides the rule that judges it."""
 
@@ -31,7 +30,7 @@ pixels around a row, so rows nearer to a border have fewer of them.
 """
 
 
-def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:
+def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
     """Solve rows again and state the differences, as plain data for the manifest.
 
     Parameters
@@ -41,7 +40,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
     claim_px : float or None
         None: no claim, no verdict.
     """
-    apart, sigma = differences(rig, rows, NO_CLAIM_PX if claim_px is None else claim_px)
+    apart, sigma = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
     length, sigma_length = np.hypot(*apart.T), np.hypot(*sigma.T)
     document = {
         "claim_px": claim_px,
@@ -75,7 +74,7 @@ def _kinds(rows: Rows) -> list[tuple[str, np.ndarray]]:
     return [(kind, rows.is_direct == is_direct) for kind, is_direct in zip(KINDS, (False, True), strict=True)]
 
 
-def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> dict[str, Any]:
+def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> Json:
     within = None if claim_px is None else int(np.sum(length <= claim_px))
     return {"kind": kind, "rows": len(length), "of": round(weights.sum()), "within_claim": within, **_figures(length)}
 
