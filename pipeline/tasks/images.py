@@ -19,8 +19,7 @@ from pipeline.files.npy import read_npy, write_npy
 from pipeline.files.png import write_png
 from pipeline.jit.work import work
 from pipeline.render import in_lights
-from pipeline.render.glow.inks import GlowingView
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow.light import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch
 from pipeline.render.spectral.preview import srgb_preview
