@@ -5,27 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.exports.array_fit import array_fit
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.conventions import (
-    Board,
-    Centre,
-    Convention,
-    Microlenses,
-    Origin,
-    Pose,
-    Rays,
-    Rotation,
-    Unit,
-)
 from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
-from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
-from pipeline.exports.seen.pixels import positions
-from pipeline.exports.seen.stated_sight import StatedSight
+from pipeline.exports.micro_images import MicroImageGrid, array_fit, micro_image_grid, retyped
+from pipeline.exports.sights import positions
+from pipeline.formats import Board, Centre, Convention, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
-_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.M: 1e-3}
-"""One millimetre in the unit."""
 _AXES = {
     Board.OURS: np.eye(3),
     Board.NONE: np.eye(3),
@@ -106,8 +92,6 @@ def meaning(convention: Convention) -> tuple[str, ...]:
         lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
-    if convention.rays is not Rays.NONE:
-        lines.append(f"rays: {convention.rays}")
     return tuple(lines)
 
 
@@ -147,7 +131,8 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
     if convention.microlenses is not Microlenses.MICRO_IMAGE_GRID or camera.micro_images is None:
         return None
     seeing = [view.observations.microlenses for view in material.of(camera)]
-    return micro_image_grid(camera, np.concatenate([found for found in seeing if found is not None]))
+    seen = np.concatenate([microlenses for microlenses in seeing if microlenses is not None])
+    return micro_image_grid(camera.micro_images, camera.size_px, seen)
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
@@ -155,12 +140,12 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point_px=positions(pinhole.principal_point_px, convention, camera.size_px))
     axis = positions(camera.axis, convention, camera.size_px)
-    seen = StatedSight(built=camera.built, sight=camera.sight, convention=convention, scale=_MM[convention.unit])
-    camera = replace(camera, stated=seen)
+    camera = replace(camera, pinhole=pinhole, axis=axis, rays=replace(camera.rays, convention=convention))
     if images is None:
-        return replace(camera, pinhole=pinhole, axis=axis)
+        return camera
+    ours = images
     images = replace(images, centres=positions(images.centres, convention, camera.size_px))
-    array = array_fit(camera, images, convention)
+    array = array_fit(ours, images, camera.size_px, convention)
     if grid is not None:
         images = grid.renumbered(images)
     elif convention.microlenses is Microlenses.FROM_CENTRAL:
@@ -169,7 +154,7 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
     elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
         images = replace(images, types=images.types + 1)
     mesh = None if grid is None else grid.mesh(images)
-    return replace(camera, pinhole=pinhole, axis=axis, micro_images=images, array=array, mesh=mesh)
+    return replace(camera, micro_images=images, array=array, mesh=mesh)
 
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:
@@ -178,12 +163,12 @@ def _from_other(material: Material, number: int, convention: Convention) -> Stat
     if convention.pose not in others:
         return None
     other = material.cameras[others[convention.pose]]
-    pose = _scaled(material.between(other, material.cameras[number]), _MM[convention.unit])
+    pose = _scaled(material.between(other, material.cameras[number]), convention.scale)
     return stated(pose, convention.rotation)
 
 
 def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> ExportTarget:
-    scale, grid = _MM[convention.unit], target.grid
+    scale, grid = convention.scale, target.grid
     if grid is not None:
         grid = replace(grid, column_step=grid.column_step * scale, row_step=grid.row_step * scale)
     return replace(
@@ -203,7 +188,7 @@ def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Conv
 
 
 def _posed(view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray) -> ExportView:
-    scale = _MM[convention.unit]
+    scale = convention.scale
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
     found = _camera_from_target(view, camera, convention)
     if found is None:

@@ -7,13 +7,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipeline.built.output import Output
-from pipeline.export_formats import EXACT, FORMATS, Cameras, Format, folder_of
-from pipeline.exports.errors import ExportError
 from pipeline.exports.gathering import POSITIONS, Around, chosen, gather
 from pipeline.exports.material import Material, Scene
 from pipeline.exports.noise import Noise, with_noise
-from pipeline.exports.seen.stated_sight import Sight
+from pipeline.exports.ray_patches import Sight
 from pipeline.exports.writing import write_format
+from pipeline.formats import EXACT, Cameras, ExportError, Format, folder_of, format_of, loadable
 from pipeline.spelling import did_you_mean
 
 
@@ -54,20 +53,6 @@ def scene_of(out: Path) -> Scene:
     from pipeline.sight import scenes  # as above
 
     return scenes.scene_of(out)
-
-
-def format_of(name: str) -> Format:
-    """The format of a name.
-
-    Raises
-    ------
-    ExportError
-        There is none.
-    """
-    if name not in FORMATS:
-        hint = did_you_mean(name, FORMATS) or f"formats: {', '.join(FORMATS)}"
-        raise ExportError(f"there is no export format {name!r}", hint=hint)
-    return FORMATS[name]
 
 
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
@@ -129,7 +114,7 @@ def _require_kind(name: str, wanted: Format, material: Material) -> None:
     """Refuse cameras that a format does not know."""
     odd = [camera for camera in material.cameras if not wanted.takes(camera.built.is_plenoptic)]
     if odd:
-        others = [other for other, one in FORMATS.items() if one.takes(odd[0].built.is_plenoptic)]
+        others = [other for other, one in loadable().items() if one.takes(odd[0].built.is_plenoptic)]
         is_array = wanted.cameras is Cameras.PLENOPTIC
         what = "a microlens array, and {} has none" if is_array else "one position per point, and {} is plenoptic"
         hint = f"formats for it: {', '.join(others)}"

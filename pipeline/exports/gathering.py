@@ -10,12 +10,13 @@ import numpy as np
 from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.camera.figures.pinhole_fit import Sightings
-from pipeline.export_formats import EXACT
-from pipeline.exports.cameras import ExportCamera, MicroImages
-from pipeline.exports.errors import ExportError
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
-from pipeline.exports.seen.row_pinhole import row_pinhole
-from pipeline.exports.seen.stated_sight import Sight
+from pipeline.exports.micro_images import MicroImages
+from pipeline.exports.ray_patches import Sight
+from pipeline.exports.row_pinhole import row_pinhole
+from pipeline.exports.sights import CameraRays
+from pipeline.formats import EXACT, OURS, ExportError
 from pipeline.frames import apply
 from pipeline.spelling import did_you_mean
 
@@ -132,7 +133,7 @@ def _camera(camera: BuiltCamera, around: Around | None) -> ExportCamera:
         pitch_mm=camera.pitch_mm,
         pinhole=camera.pinhole_with_distortion,
         axis=np.array(camera.record["optical_axis_px"]),
-        sight=partial(around.sight, camera.name) if around else None,
+        rays=CameraRays(built=camera, ready=partial(around.sight, camera.name) if around else None, convention=OURS),
         micro_images=_micro_images(camera),
         built=camera,
     )
@@ -144,6 +145,7 @@ def _micro_images(camera: BuiltCamera) -> MicroImages | None:
         return None
     focal_mm = np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]])
     return MicroImages(
+        layout=camera.record["mla"]["layout"],
         microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1),
         types=rows.microlens_type,
         centres=np.stack([rows.centre_x_px, rows.centre_y_px], axis=1),

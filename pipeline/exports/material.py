@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.built.records import BuiltView
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.errors import ExportError
+from pipeline.formats import ExportError
 from pipeline.frames import apply, inverse
 
 _SAME_MM = 1e-9

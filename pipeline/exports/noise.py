@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.exports.errors import ExportError
+from pipeline.formats import ExportError
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:  # every graph of tasks knows `Noise`, and few have exports

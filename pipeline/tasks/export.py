@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ from pipeline.tasks.params.exports import SeenFrame
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write the files of the format, and export.json."""
+    # No import statement: what makes keys is no part of them.
+    import_module("pipeline.exports.writer_code").require_code(params.format, params.code)
     places = {path: inputs[role][output] for path, (role, output) in params.files.items()}
     output = output_of(parts_of(params.stage, places, params.records))
 

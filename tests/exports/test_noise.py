@@ -9,11 +9,11 @@ from exports.pretended import Scene, write_build
 from scipy import stats
 
 from pipeline.built.output import open_output
-from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import gather
 from pipeline.exports.material import ExportView, Material, Observations
 from pipeline.exports.noise import Noise, noise_of, with_noise
+from pipeline.formats import ExportError
 
 COUNT = 40_000
 
@@ -96,7 +96,7 @@ def test_every_file_with_comments_says_so_and_so_does_the_side_car(output, tmp_p
         "opencv": ["Left.yml", "stereo-Left-Right.yml"],
         "mrcal": ["corners.vnl", "Left.cameramodel"],
         "kalibr": ["target.yaml", "camchain.yaml", "corners.csv"],
-        "colmap": ["text/cameras.txt", "text/images.txt", "text/points3D.txt"],
+        "colmap": ["cameras.txt", "images.txt", "points3D.txt"],
     }
     for folder in export(output, list(texts), tmp_path, Request(noise=noise)):
         for name in texts[folder.name]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builds import tiny
-from exports.flipping import require_notice
+from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
 from exports.plenoptic_readers import (
     check_bok,
@@ -19,22 +19,10 @@ from exports.plenoptic_readers import (
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.built.output import open_output
-from pipeline.export_formats import FORMATS, Cameras
-from pipeline.exports.cameras import GridMesh
-from pipeline.exports.conventions import (
-    CONVENTIONS,
-    Board,
-    Centre,
-    ImageAxes,
-    Microlenses,
-    Origin,
-    Pose,
-    Rotation,
-    Unit,
-)
-from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
+from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.noise import Noise
+from pipeline.formats import Centre, ExportError, format_of, module_of
 
 CHECKS = {
     "libpleno": check_libpleno,
@@ -57,21 +45,6 @@ LAYOUTS = {
 """Arrays that a format knows."""
 UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses"), ("lftoolbox", "microlenses")}
 """The keys of the one name their unit; the others know no types, and without numbers they write nothing."""
-FIELDS = {"origin": Origin, "axes": ImageAxes, "board": Board, "pose": Pose, "rotation": Rotation, "unit": Unit}
-FIELDS |= {"microlenses": Microlenses, "centre": Centre}
-
-
-def flips():
-    """Every other value of every field of every convention."""
-    for name in CHECKS:
-        for field, values in FIELDS.items():
-            stated = getattr(CONVENTIONS[name], field)
-            others = [other for other in values if other is not stated and "NONE" not in (stated.name, other.name)]
-            if (name, field) in UNSEEN or (field == "centre" and CONVENTIONS[name].pose is Pose.NONE):
-                continue
-            yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
-
-
 ARRAYS = ("hexagonal", "hexagonal-columns", "square")
 KNOWN = [(layout, name) for layout in ARRAYS for name in CHECKS if layout in LAYOUTS[name]]
 REFUSED = [(layout, name) for layout in ARRAYS for name in CHECKS if layout not in LAYOUTS[name]]
@@ -79,7 +52,7 @@ REFUSED = [(layout, name) for layout in ARRAYS for name in CHECKS if layout not 
 
 def flips_of_known():
     """Every flip, with every array that its format knows: in `make test`, with one that takes turns."""
-    for number, flip in enumerate(flips()):
+    for number, flip in enumerate(flips(CHECKS, UNSEEN)):
         known = LAYOUTS[flip.values[0]]
         for layout in known:
             marks = () if layout == known[number % len(known)] else pytest.mark.heavy
@@ -131,7 +104,7 @@ def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, co
     """Start values explain the rows of a double Gauss to 2 um on the sensor, 0.07 px; by the pinhole less well."""
     output, off = open_output(tiny("plenoptic", tmp_path, common_store)), {}
     for centre in Centre:
-        monkeypatch.setitem(CONVENTIONS, "libpleno", replace(CONVENTIONS["libpleno"], centre=centre))
+        monkeypatch.setattr(module_of("libpleno"), "FORMAT", replace(format_of("libpleno"), centre=centre))
         (folder,) = export(output, ["libpleno"], tmp_path / centre.name)
         off[centre] = reprojection_errors(read(folder / "Rig.Camera"))
     found = off[Centre.PRINCIPAL_POINT]
@@ -186,10 +159,6 @@ def test_a_conventional_camera_has_no_microlenses(tmp_path):
     out = write_build(tmp_path / "out", Scene())
     with pytest.raises(ExportError, match="expects a microlens array, and Left has none"):
         export(open_output(out), ["libpleno"], tmp_path)
-
-
-def test_every_format_for_plenoptic_cameras_has_a_check():
-    assert CHECKS.keys() == {name for name, one in FORMATS.items() if one.cameras is Cameras.PLENOPTIC}
 
 
 def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, common_store):

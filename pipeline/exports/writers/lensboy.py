@@ -4,6 +4,17 @@ from pathlib import Path
 
 from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Cameras, Format, Origin
+
+FORMAT = Format(
+    consumer="lensboy: OpenCV.load",
+    note="corners are arrays in its interface, as those of opencv",
+    source="proof: lensboy 4.0.3 loads the camera and projects",
+    cameras=Cameras.CONVENTIONAL,
+    reads=frozenset(),
+    files=("<camera>.json",),
+    origin=Origin.ZERO,
+)
 
 _COEFFICIENTS = 14
 """Coefficients of OpenCV's longest model, in its order: those that we have come first."""

@@ -9,6 +9,21 @@ from pathlib import Path
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import ExportView, Grid, Material
+from pipeline.formats import Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
+
+FORMAT = Format(
+    consumer="mrcal",
+    note="LENSMODEL_OPENCV5",
+    source="proof: mrcal 2.2 of Debian calibrates from the corners and reads the models",
+    cameras=Cameras.CONVENTIONAL,
+    targets=Targets.BOARD,
+    files=("corners.vnl", "<camera>.cameramodel"),
+    origin=Origin.ZERO,
+    pose=Pose.CAMERA_FROM_FIRST,
+    centre=Centre.ROWS,
+    rotation=Rotation.VECTOR,
+    unit=Unit.M,
+)
 
 _LEVEL = 0
 """Decimation level of a corner: its weight is 2 to the power of minus this, so 1."""

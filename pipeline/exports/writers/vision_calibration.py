@@ -2,9 +2,20 @@
 
 from pathlib import Path
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import ExportView, Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Board, Cameras, ExportError, Format, Origin, Unit
+
+FORMAT = Format(
+    consumer="vision-calibration (calibration-rs): run_planar_intrinsics, run_scheimpflug_intrinsics",
+    note="Observation.from_payload takes each entry obs of views",
+    source="run: vision-calibration 0.9.0",
+    cameras=Cameras.CONVENTIONAL,
+    files=("<camera>.json",),
+    origin=Origin.ZERO,
+    board=Board.RIGHT_DOWN,
+    unit=Unit.M,
+)
 
 _LEAST = 4
 """Points of a view: a homography needs as many."""

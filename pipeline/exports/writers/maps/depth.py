@@ -5,11 +5,22 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material, Scene
-from pipeline.exports.seen.ray_patches import bands
+from pipeline.exports.ray_patches import bands
 from pipeline.exports.writers.maps.header import about
 from pipeline.files.exr import Part, write_exr
+from pipeline.formats import Cameras, ExportError, Format, Origin, Reads, Unit
+
+FORMAT = Format(
+    consumer="robotics, compositors; OpenEXR",
+    note="channel Z: how far before the centre of the stop the first surface is that the ray of a pixel meets",
+    source="CONVENTIONS.md, The ray of a position",
+    cameras=Cameras.ANY,
+    reads=frozenset({Reads.RAYS, Reads.SCENE}),
+    files=("<camera>/<frame>.depth.exr",),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+)
 
 _AT_ONCE = 1 << 16
 """Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
@@ -39,8 +50,8 @@ def _traced(camera: ExportCamera, scratch: Path) -> np.ndarray:
     width, height = camera.size_px
     rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
     for first, end in bands(height, _AT_ONCE // width):
-        found = camera.rays.lines(first, end)
-        rays[first:end, :, :3], rays[first:end, :, 3:] = found.origin, found.direction
+        band = camera.rays.band(first, end)
+        rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin_mm, band.direction
     return rays
 
 
@@ -51,5 +62,6 @@ def _depth(camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray) -> 
     for first, end in bands(height, _AT_ONCE // width):
         origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
         along = scene.distance_mm(frame, camera.name, origin, direction)
-        depth[first:end] = camera.rays.points(origin + along[:, None] * direction)[:, 2].reshape(-1, width)
+        z_mm = origin[:, 2] + along * direction[:, 2]
+        depth[first:end] = z_mm.reshape(-1, width) * camera.rays.convention.scale
     return depth

@@ -10,10 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
-from pipeline.exports.errors import ExportError
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.files.exr import read_exr
+from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Reads
+
+FORMAT = Format(
+    consumer="light-field code in Python; NumPy",
+    note="views (v, u, row, column), the top row first",
+    source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
+    cameras=Cameras.PLENOPTIC,
+    reads=frozenset({Reads.CORNERS, Reads.IMAGES}),
+    files=("<camera>/<frame>.lightfield.npz",),
+    origin=Origin.ZERO,
+    microlenses=Microlenses.MICRO_IMAGE_GRID,
+)
 
 _SHIFTED = {"square": None, "hexagonal": 1, "hexagonal-columns": 0}
 """Axis of a grid (row, column) along which every other line is shifted."""
@@ -36,7 +48,7 @@ def write(material: Material, folder: Path) -> None:
             arrays: dict[str, Any] = {"remarks": np.array(material.remarks), "views": grid.views(view.image_path)}
             if white is not None:
                 arrays["white"] = grid.views(white)
-            arrays |= {"offsets_px": grid.steps, "centres": grid.stated_centres}
+            arrays |= {"offsets_px": grid.steps, "centres": grid.centres}
             with (folder / camera.name / f"{view.frame:04d}.lightfield.npz").open("wb") as stream:
                 np.savez(stream, **arrays)
 
@@ -48,16 +60,15 @@ class _Grid:
     ----------
     steps : (s,) int64
         Offsets of the views from the centres, along x and along y [px].
-    stated_centres : (rows, columns, 2) float64
-        Centres as the format counts them; NaN where there is no micro-image.
+    centres : (rows, columns, 2) float64
+        NaN where there is no micro-image. The format counts pixels as we do.
     """
 
     def __init__(self, camera: ExportCamera) -> None:
         mesh, images = camera.mesh, camera.micro_images
         assert mesh is not None and images is not None and camera.built.micro_images is not None
         self.shifted = _SHIFTED[mesh.layout]
-        self.stated_centres = _table(mesh, images)
-        self.centres = camera.rays.ours(self.stated_centres)
+        self.centres = _table(mesh, images)
         reach = int(np.floor(camera.built.micro_images.radius_px.min()))
         if reach < 1:
             raise ExportError(f"micro-images of {camera.name} are smaller than three pixels, and have no views")

@@ -9,9 +9,22 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.seen.ray_patches import bands
+from pipeline.exports.ray_patches import bands
 from pipeline.exports.writers.maps.header import about
 from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.formats import Cameras, Format, Microlenses, Origin, Reads, Unit
+
+FORMAT = Format(
+    consumer="ray tracers and robotics simulators; NumPy, OpenEXR",
+    note="origin and direction of the ray of each pixel, the top row first, in the vision frame",
+    source="CONVENTIONS.md, The ray of a position",
+    cameras=Cameras.ANY,
+    reads=frozenset({Reads.RAYS}),
+    files=("<camera>.rays.npz", "<camera>.rays.exr"),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+    microlenses=Microlenses.AXIAL,
+)
 
 _AT_ONCE = 1 << 16
 """Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
@@ -38,7 +51,8 @@ def _traced(camera: ExportCamera, scratch: Path) -> tuple[np.ndarray, np.ndarray
     microlenses = None if camera.micro_images is None else np.zeros((height, width, 2), np.int32)
     for first, end in bands(height, _AT_ONCE // width):
         band = camera.rays.band(first, end)
-        rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin, band.direction
+        rays[first:end, :, :3] = band.origin_mm * camera.rays.convention.scale
+        rays[first:end, :, 3:] = band.direction
         if microlenses is not None and band.microlenses is not None:
             microlenses[first:end] = band.microlenses
     return rays, microlenses

@@ -10,10 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, MicroImages
-from pipeline.exports.errors import ExportError
-from pipeline.exports.filestorage import real
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.exports.micro_images import MicroImages
+from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Targets, Unit
+
+FORMAT = Format(
+    consumer="MATLAB code of Bok 2017 and Nousias 2017",
+    source="proof: GNU Octave 7.3 loads the files. Read: sotnousias/plenoptic-camera-calibration d41208d",
+    cameras=Cameras.PLENOPTIC,
+    targets=Targets.BOARD,
+    files=(
+        "<camera>/microlens_center_list.mat",
+        "<camera>/lens_types.mat",
+        "<camera>/correspondencesAll_<frame>.mat",
+        "<camera>/image_center.txt",
+        "<camera>/pattern_size.txt",
+    ),
+    origin=Origin.ONE,
+    unit=Unit.MM,
+    microlenses=Microlenses.TYPES_FROM_ONE,
+)
 
 _NEIGHBOURS = ((0, 0), (1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """Itself, right, lower right, lower left, left, upper left, upper right, as steps of the axial indices (k, l)."""
@@ -43,8 +60,8 @@ def write(material: Material, folder: Path) -> None:
         for view in material.of(camera):
             rows = _correspondences(material, images, view.observations)
             _save(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
-        (place / "image_center.txt").write_text(" ".join(map(real, camera.axis)) + "\n", encoding="utf-8")
-        (place / "pattern_size.txt").write_text(f"{real(material.board.column_step)}\n", encoding="utf-8")
+        (place / "image_center.txt").write_text(" ".join(map(repr, camera.axis.tolist())) + "\n", encoding="utf-8")
+        (place / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
 
 
 def _centres(camera: ExportCamera, images: MicroImages) -> dict[str, Any]:

@@ -2,10 +2,20 @@
 
 from pathlib import Path
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import xml_text
 from pipeline.exports.material import Material
 from pipeline.exports.thin_lens import thin_lens_of
+from pipeline.formats import Cameras, ExportError, Format, Origin, Unit
+
+FORMAT = Format(
+    consumer="PlenopticImageProcessing",
+    source="read: Arne-Petersen/PlenopticImageProcessing f72013a, PlenopticTypes.hh, PlenopticTools.cpp",
+    cameras=Cameras.PLENOPTIC,
+    reads=frozenset(),
+    files=("<camera>.MLAconfig.xml",),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+)
 
 
 def write(material: Material, folder: Path) -> None:
@@ -28,7 +38,7 @@ def write(material: Material, folder: Path) -> None:
             "GridRotRAD": array.turn_rad,
             # The reference lens as its centre would lie on the sensor if the light came along the axis.
             "MlaCenterPX": (camera.axis + (array.centre - camera.axis) / larger).tolist(),
-            "SensorResPX": camera.size_px,
+            "SensorResPX": list(camera.size_px),
             "MicroLensDistancePX": lens_pitch_px,
             "MainPrincipalPointPX": camera.axis.tolist(),
             "MlaImageScale": larger,

@@ -1,8 +1,8 @@
-"""Micro-images counted by column and row from the top left of the image, as libpleno does it.
+"""Micro-images of a plenoptic camera: the regular array through them, and their numbers by column and row.
 
-In hexagonal rows lines 0, 2, … are shifted by half a micro-image to the right, in hexagonal columns downwards.
-`GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp, moves lines 1, 3, … of columns up instead: the same places from
-another origin.
+Some formats count them from the top left of the image, as libpleno does. In hexagonal rows lines 0, 2, … are shifted by
+half a micro-image to the right, in hexagonal columns downwards. `GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp,
+moves lines 1, 3, … of columns up instead: the same places from another origin.
 """
 
 import math
@@ -10,11 +10,104 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
-from pipeline.exports.errors import ExportError
+from pipeline.formats import Convention, ExportError, ImageAxes
 
 _SIN_60 = math.sqrt(3) / 2
 """Distance of the lines of a hexagonal lattice over its pitch."""
+_ALONG_RAD = {"hexagonal": 0.0, "square": 0.0, "hexagonal-columns": math.pi / 6}
+"""Direction of the first basis vector of an array that is not turned, from +x towards +y of the sensor frame [rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImages:
+    """Micro-images of a plenoptic camera, a row each.
+
+    Attributes
+    ----------
+    layout : str
+        Layout as in camera.json.
+    microlenses : (n, 2) int64
+    types : (n,) int64
+    centres : (n, 2) float64
+        Image positions: the real ray through the centre of the stop and the vertex.
+    focal_lengths_mm : (types,) float64
+    own_types : (types,) int64
+        Our number of each type: where it stands in camera.json.
+    """
+
+    layout: str
+    microlenses: np.ndarray
+    types: np.ndarray
+    centres: np.ndarray
+    focal_lengths_mm: np.ndarray
+    own_types: np.ndarray
+
+    def in_image(self, size_px: tuple[int, int]) -> np.ndarray:
+        """Whether centres of ours lie in the image, (n,) bool."""
+        return np.asarray(((self.centres >= 0) & (self.centres <= np.array(size_px) - 1)).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrayFit:
+    """The regular array through the micro-images of an image.
+
+    Attributes
+    ----------
+    layout : str
+        Layout as in camera.json.
+    centre : (2,) float64
+        Image position of the micro-image nearest to the middle of the image.
+    pitch_px, cross_pitch_px : float
+        Lengths of the basis vectors of CONVENTIONS.md, Microlens lattice.
+    turn_rad : float
+        Anticlockwise as seen, from an array that is not turned.
+    type : int
+        Type of the micro-image at the centre.
+    """
+
+    layout: str
+    centre: np.ndarray
+    pitch_px: float
+    cross_pitch_px: float
+    turn_rad: float
+    type: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridMesh:
+    """A regular mesh of micro-image centres: the node of column c and row r is origin + turned (x(c, r), y(c, r)).
+
+    Attributes
+    ----------
+    layout : str
+        `square`, `hexagonal` or `hexagonal-columns`.
+    columns, rows : int
+    pitch_px : tuple of float
+        Along x and along y.
+    angle_rad : float
+        Rotation from +x towards +y.
+    origin : (2,) float64
+        An image position.
+    """
+
+    layout: str
+    columns: int
+    rows: int
+    pitch_px: tuple[float, float]
+    angle_rad: float
+    origin: np.ndarray
+
+    @property
+    def step_px(self) -> tuple[float, float]:
+        """Distance of columns and of rows: lines of a hexagonal mesh stand closer than its pitch."""
+        across = _SIN_60 if self.layout == "hexagonal-columns" else 1
+        down = _SIN_60 if self.layout == "hexagonal" else 1
+        return self.pitch_px[0] * across, self.pitch_px[1] * down
+
+    def place(self, x_px: float, y_px: float) -> np.ndarray:
+        """Image position of a place that counts from the origin along the axes of the mesh, (2,)."""
+        cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return np.array([[cos, -sin], [sin, cos]]) @ [x_px, y_px] + self.origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +182,33 @@ class MicroImageGrid:
         return line, 2 * along + line
 
 
+def array_fit(ours: MicroImages, stated: MicroImages, size_px: tuple[int, int], convention: Convention) -> ArrayFit:
+    """The regular array through the centres in the image, by least squares.
+
+    Parameters
+    ----------
+    ours, stated : MicroImages
+        Micro-images in our conventions, and with their centres as the format counts them.
+    """
+    rows = ours.in_image(size_px)
+    numbers = ours.microlenses[rows]
+    middle = (np.array(size_px) - 1) / 2
+    nearest = int(np.linalg.norm(ours.centres[rows] - middle, axis=1).argmin())
+    steps = np.column_stack([numbers - numbers[nearest], np.ones(len(numbers))])
+    along, across, centre = np.linalg.lstsq(steps, stated.centres[rows], rcond=None)[0]
+    if convention.axes is ImageAxes.Y_X:
+        along, across = along[::-1], across[::-1]
+    upwards = 1 if convention.axes is ImageAxes.X_UP else -1
+    return ArrayFit(
+        layout=ours.layout,
+        centre=centre,
+        pitch_px=float(np.hypot(*along)),
+        cross_pitch_px=float(np.hypot(*across)),
+        turn_rad=upwards * math.atan2(along[1], along[0]) + _ALONG_RAD[ours.layout],
+        type=int(stated.types[rows][nearest]),
+    )
+
+
 def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> MicroImages:
     """Micro-images of these types; `numbers` has the new number of each of ours, and focal lengths follow."""
     order = np.argsort(numbers)
@@ -97,8 +217,8 @@ def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> Micr
     )
 
 
-def micro_image_grid(camera: ExportCamera, seeing: np.ndarray) -> MicroImageGrid:
-    """The grid of a camera: its smallest column and row are 0.
+def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
+    """The grid of micro-images, in our conventions: its smallest column and row are 0.
 
     Parameters
     ----------
@@ -110,14 +230,11 @@ def micro_image_grid(camera: ExportCamera, seeing: np.ndarray) -> MicroImageGrid
     ExportError
         Its types do not repeat as the grid counts them.
     """
-    images = camera.micro_images
-    assert images is not None
-    last = np.array(camera.size_px) - 1
-    matter = ((images.centres >= 0) & (images.centres <= last)).all(axis=1)
+    matter = images.in_image(size_px)
     known = {tuple(pair) for pair in seeing.tolist()}
     matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
     rows, count = np.flatnonzero(matter), len(images.focal_lengths_mm)
-    grid = MicroImageGrid(layout=camera.built.record["mla"]["layout"], first=(0, 0), types=np.arange(count), rows=rows)
+    grid = MicroImageGrid(layout=images.layout, first=(0, 0), types=np.arange(count), rows=rows)
     line, place = grid._line_and_place(images.microlenses[rows])
     first = int(line.min())
     grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))

@@ -9,10 +9,11 @@ ones are traced one by one.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pipeline.exports.seen.ideal_map import Sight
 from pipeline.sight.answers import PixelRays
 
 EDGE_PX = 64
@@ -27,6 +28,13 @@ _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of an even sequence in the square: powers of the inverse of the plastic number (Roberts 2018)."""
 _JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np.arange(1, 9), _GOLDEN) % 1) - 1])
 """Positions on a patch at which it is judged, from -1 to 1 along each axis: its corners, and eight inside."""
+
+
+class Sight(Protocol):
+    """A camera made ready, as `sight.ready_camera.ReadyCamera` is."""
+
+    def rays(self, x_px: ArrayLike, y_px: ArrayLike) -> PixelRays:
+        """Rays of image positions."""
 
 
 @dataclass(frozen=True, slots=True)
