@@ -9,7 +9,7 @@ from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import json_bytes
 from pipeline.fits.drawing import picture
-from pipeline.fits.errors import FitError
+from pipeline.fits.field import FitError
 from pipeline.fits.omniverse import seen_by_omniverse
 from pipeline.fits.page import page
 from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera

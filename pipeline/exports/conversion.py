@@ -207,7 +207,6 @@ def _observations(
     found: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
 ) -> Observations:
     places = positions(found.positions, convention, size_px)
-    if grid is None or found.microlenses is None or found.types is None:
+    if grid is None or found.microlenses is None:
         return replace(found, positions=places)
-    microlenses, types = grid.numbers(found.microlenses, found.types)
-    return replace(found, positions=places, microlenses=microlenses, types=types)
+    return replace(found, positions=places, microlenses=grid.cells(found.microlenses))

@@ -191,7 +191,6 @@ def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -
             ids=rows.point_id,
             positions=positions,
             microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1) if view.is_plenoptic else None,
-            types=rows.microlens_type if view.is_plenoptic else None,
             rho_px=rows.rho_px,
         ),
     )

@@ -57,8 +57,8 @@ class ArrayFit:
         Layout as in camera.json.
     centre : (2,) float64
         Image position of the micro-image nearest to the middle of the image.
-    pitch_px, cross_pitch_px : float
-        Lengths of the basis vectors of CONVENTIONS.md, Microlens lattice.
+    pitch_px : float
+        Length of the first basis vector of CONVENTIONS.md, Microlens lattice.
     turn_rad : float
         Anticlockwise as seen, from an array that is not turned.
     type : int
@@ -68,7 +68,6 @@ class ArrayFit:
     layout: str
     centre: np.ndarray
     pitch_px: float
-    cross_pitch_px: float
     turn_rad: float
     type: int
 
@@ -141,16 +140,16 @@ class MicroImageGrid:
         """Whether every other line is shifted."""
         return self.layout != "square"
 
-    def numbers(self, microlenses: np.ndarray, types: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Column and row of microlenses (n, 2), and their types as the grid counts them."""
+    def cells(self, microlenses: np.ndarray) -> np.ndarray:
+        """Column and row of microlenses (n, 2)."""
         line, place = self._line_and_place(microlenses)
         line = line - self.first[0]
         column = (place - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
-        return np.stack([column, line] if self.across else [line, column], axis=1), self.types[types]
+        return np.stack([column, line] if self.across else [line, column], axis=1)
 
     def renumbered(self, images: MicroImages) -> MicroImages:
         """The micro-images that matter with the numbers of the grid; focal lengths by its types."""
-        cells, types = self.numbers(images.microlenses[self.rows], images.types[self.rows])
+        cells, types = self.cells(images.microlenses[self.rows]), self.types[images.types[self.rows]]
         return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), self.types, types)
 
     def mesh(self, images: MicroImages) -> GridMesh:
@@ -195,15 +194,14 @@ def array_fit(ours: MicroImages, stated: MicroImages, size_px: tuple[int, int], 
     middle = (np.array(size_px) - 1) / 2
     nearest = int(np.linalg.norm(ours.centres[rows] - middle, axis=1).argmin())
     steps = np.column_stack([numbers - numbers[nearest], np.ones(len(numbers))])
-    along, across, centre = np.linalg.lstsq(steps, stated.centres[rows], rcond=None)[0]
+    along, _, centre = np.linalg.lstsq(steps, stated.centres[rows], rcond=None)[0]
     if convention.axes is ImageAxes.Y_X:
-        along, across = along[::-1], across[::-1]
+        along = along[::-1]
     upwards = 1 if convention.axes is ImageAxes.X_UP else -1
     return ArrayFit(
         layout=ours.layout,
         centre=centre,
         pitch_px=float(np.hypot(*along)),
-        cross_pitch_px=float(np.hypot(*across)),
         turn_rad=upwards * math.atan2(along[1], along[0]) + _ALONG_RAD[ours.layout],
         type=int(stated.types[rows][nearest]),
     )
@@ -238,7 +236,7 @@ def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.n
     line, place = grid._line_and_place(images.microlenses[rows])
     first = int(line.min())
     grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))
-    cells, ours = grid.numbers(images.microlenses[rows], images.types[rows])
+    cells, ours = grid.cells(images.microlenses[rows]), images.types[rows]
     return replace(grid, types=_types(cells, ours, count, grid), rows=rows[np.lexsort(cells.T)])
 
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import FieldRays
+from pipeline.fits.field import FieldRays, FitError
 from pipeline.fits.models import MODELS, Model
 
 _IMAGINARY = 1e-30

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import FieldRays, PupilCurve, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
 from pipeline.fits.fitting import Fit, fitted, rms
 from pipeline.fits.models import MODELS
 from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic

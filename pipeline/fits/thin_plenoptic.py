@@ -16,8 +16,7 @@ import numpy as np
 
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.exports.thin_lens import thin_lens
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import field_rays
+from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import least, rms
 from pipeline.sight.ready_camera import ReadyCamera
 

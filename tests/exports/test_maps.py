@@ -92,11 +92,11 @@ def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
 
 def test_bands_do_not_show(output, tmp_path, monkeypatch):
     from pipeline.exports import ray_patches
-    from pipeline.exports.writers.maps import rays
+    from pipeline.exports.writers.maps import traced
 
     monkeypatch.setattr(ray_patches, "EDGE_PX", 16)
     (whole,) = export(output, ["rays"], tmp_path / "a")
-    monkeypatch.setattr(rays, "_AT_ONCE", 100)
+    monkeypatch.setattr(traced, "AT_ONCE", 100)
     (bands,) = export(output, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name

@@ -26,9 +26,7 @@ def output(tmp_path_factory):
 def many(ids: np.ndarray, camera: str = "A") -> Material:
     """One view with an observation of each id at (0, 0)."""
     n = len(ids)
-    found = Observations(
-        rows=np.arange(n), ids=ids, positions=np.zeros((n, 2)), microlenses=None, types=None, rho_px=np.zeros(n)
-    )
+    found = Observations(rows=np.arange(n), ids=ids, positions=np.zeros((n, 2)), microlenses=None, rho_px=np.zeros(n))
     view = ExportView(
         camera=camera, target="T", frame=1, image="", built=None, camera_from_target=None, camera_from_world=None,
         observations=found,
@@ -80,7 +78,7 @@ def test_microlenses_of_a_point_have_noise_of_their_own():
     material = many(np.zeros(COUNT, np.int64))
     view = material.views[0]
     lenses = np.stack([np.arange(COUNT) - COUNT // 2, np.arange(COUNT) % 7 - 3], axis=1)
-    view = replace(view, observations=replace(view.observations, microlenses=lenses, types=lenses[:, 0] % 3))
+    view = replace(view, observations=replace(view.observations, microlenses=lenses))
     places = with_noise(replace(material, views=(view,)), Noise(noise_px=1.0)).views[0].observations.positions
     assert stats.kstest(places[:, 1], "norm").pvalue > 1e-3
 

@@ -165,7 +165,7 @@ def test_the_list_loads_no_numpy():
 
 def test_a_plenoptic_camera_without_a_thin_lens_still_has_a_pinhole(command, monkeypatch):
     from pipeline.fits import result
-    from pipeline.fits.errors import FitError
+    from pipeline.fits.field import FitError
 
     def fails(camera):
         raise FitError("too few positions")
