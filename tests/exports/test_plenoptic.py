@@ -8,14 +8,7 @@ import pytest
 from builds import tiny
 from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
-from exports.plenoptic_readers import (
-    check_bok,
-    check_lftoolbox,
-    check_lightfield,
-    check_pip,
-    check_plenopticam,
-    check_raytrix,
-)
+from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.built.output import open_output
@@ -26,10 +19,8 @@ from pipeline.formats import Centre, ExportError, format_of, module_of
 
 CHECKS = {
     "libpleno": check_libpleno,
-    "raytrix": check_raytrix,
     "pip": check_pip,
     "bok": check_bok,
-    "lftoolbox": check_lftoolbox,
     "plenopticam": check_plenopticam,
     "lightfield": check_lightfield,
 }
@@ -43,11 +34,11 @@ LAYOUTS = {
     "lightfield": ("hexagonal", "hexagonal-columns", "square"),
 }
 """Arrays that a format knows."""
-UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses"), ("lftoolbox", "microlenses")}
-"""The keys of the one name their unit; the others know no types, and without numbers they write nothing."""
+UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses")}
+"""The keys of the one name their unit; the other knows no types, and without numbers it writes nothing."""
 ARRAYS = ("hexagonal", "hexagonal-columns", "square")
 KNOWN = [(layout, name) for layout in ARRAYS for name in CHECKS if layout in LAYOUTS[name]]
-REFUSED = [(layout, name) for layout in ARRAYS for name in CHECKS if layout not in LAYOUTS[name]]
+REFUSED = [(layout, name) for layout in ARRAYS for name in LAYOUTS if layout not in LAYOUTS[name]]
 
 
 def flips_of_known():
