@@ -231,7 +231,7 @@ def folder_of(name: str, position: str) -> str:
 
 def names() -> list[str]:
     """Names of all formats of the installed packages, sorted; none of them is loaded."""
-    return sorted(_found(tuple(sys.path)))
+    return sorted(_entries(tuple(sys.path)))
 
 
 def format_of(name: str) -> Format:
@@ -285,12 +285,12 @@ def module_of(name: str) -> ModuleType:
 
 
 @cache
-def _found(path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
+def _entries(path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
     """Name -> entry points of the distributions on a path, which is `sys.path`."""
-    found: dict[str, list[EntryPoint]] = {}
+    entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
-        found.setdefault(entry.name, []).append(entry)
-    return found
+        entries.setdefault(entry.name, []).append(entry)
+    return entries
 
 
 def entry_of(name: str) -> EntryPoint:
@@ -301,7 +301,7 @@ def entry_of(name: str) -> EntryPoint:
     ExportError
         There is none, or two packages have one of that name.
     """
-    offered = _found(tuple(sys.path)).get(name, [])
+    offered = _entries(tuple(sys.path)).get(name, [])
     if len(offered) > 1:
         packages = " and ".join(sorted(map(_package, offered)))
         raise ExportError(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.built.records import BuiltCamera, BuiltPinhole
-from pipeline.exports.micro_images import ArrayFit, GridMesh, MicroImages
+from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.exports.sights import CameraRays
 from pipeline.formats import ExportError
 
@@ -41,10 +41,8 @@ class ExportCamera:
         Image position of the optical axis.
     micro_images : MicroImages or None
         None for a conventional camera.
-    array : ArrayFit or None
-        Array of a plenoptic camera; None for another one, and before the conversion.
     mesh : GridMesh or None
-        Mesh for formats that count micro-images by column and row; None for others, and before the conversion.
+        The regular mesh through them; None for a conventional camera, and before the conversion.
     pose : StatedPose or None
         Pose from another camera, for formats that state one; None for others, and before the conversion.
     rays : CameraRays
@@ -61,7 +59,6 @@ class ExportCamera:
     rays: CameraRays = field(repr=False)
     built: BuiltCamera = field(repr=False)
     row_pinhole: BuiltPinhole | None = None
-    array: ArrayFit | None = None
     mesh: GridMesh | None = None
     pose: StatedPose | None = None
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera, StatedPose
 from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
-from pipeline.exports.micro_images import MicroImageGrid, array_fit, micro_image_grid, retyped
+from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
 from pipeline.exports.sights import positions
 from pipeline.formats import Board, Centre, Convention, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
@@ -31,7 +31,7 @@ def converted(material: Material, convention: Convention) -> Material:
     """
     if convention.centre is Centre.ROWS:
         material = _by_rows(material)
-    grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
+    grids = {camera.name: _grid(material, camera) for camera in material.cameras}
     cameras = {camera.name: camera for camera in material.cameras}
     frames = {target.name: board_from_target(target, convention) for target in material.targets}
     return replace(
@@ -67,7 +67,7 @@ def _by_rows(material: Material) -> Material:
 
     return replace(
         material,
-        cameras=tuple(replace(one, pinhole=one.row_pinhole or one.pinhole) for one in material.cameras),
+        cameras=tuple(replace(camera, pinhole=camera.row_pinhole or camera.pinhole) for camera in material.cameras),
         views=tuple(
             replace(
                 view,
@@ -127,10 +127,10 @@ _FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
-    if convention.microlenses is not Microlenses.MICRO_IMAGE_GRID or camera.micro_images is None:
+def _grid(material: Material, camera: ExportCamera) -> MicroImageGrid | None:
+    if camera.micro_images is None:
         return None
-    seeing = [view.observations.microlenses for view in material.of(camera)]
+    seeing = [np.zeros((0, 2), np.int64), *(view.observations.microlenses for view in material.of(camera))]
     seen = np.concatenate([microlenses for microlenses in seeing if microlenses is not None])
     return micro_image_grid(camera.micro_images, camera.size_px, seen)
 
@@ -141,20 +141,19 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
         pinhole = replace(pinhole, principal_point_px=positions(pinhole.principal_point_px, convention, camera.size_px))
     axis = positions(camera.axis, convention, camera.size_px)
     camera = replace(camera, pinhole=pinhole, axis=axis, rays=replace(camera.rays, convention=convention))
-    if images is None:
+    if images is None or grid is None:
         return camera
-    ours = images
+    central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())
     images = replace(images, centres=positions(images.centres, convention, camera.size_px))
-    array = array_fit(ours, images, camera.size_px, convention)
-    if grid is not None:
+    mesh = grid.mesh(images, central)
+    if convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         images = grid.renumbered(images)
     elif convention.microlenses is Microlenses.FROM_CENTRAL:
-        count = len(images.own_types)
-        images = retyped(images, (np.arange(count) - array.type) % count, (images.types - array.type) % count)
+        count, first = len(images.own_types), images.types[central]
+        images = retyped(images, (np.arange(count) - first) % count, (images.types - first) % count)
     elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
         images = replace(images, types=images.types + 1)
-    mesh = None if grid is None else grid.mesh(images)
-    return replace(camera, micro_images=images, array=array, mesh=mesh)
+    return replace(camera, micro_images=images, mesh=mesh)
 
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:
@@ -190,13 +189,13 @@ def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Conv
 def _posed(view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray) -> ExportView:
     scale = convention.scale
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
-    found = _camera_from_target(view, camera, convention)
-    if found is None:
+    camera_from_target = _camera_from_target(view, camera, convention)
+    if camera_from_target is None:
         return replace(view, camera_from_world=world)
-    pose = _scaled(found @ inverse(frame), scale)
+    pose = _scaled(camera_from_target @ inverse(frame), scale)
     directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
-    told = None if directed is None else stated(directed, convention.rotation)
-    return replace(view, camera_from_world=world, camera_from_target=pose, pose=told)
+    own_form = None if directed is None else stated(directed, convention.rotation)
+    return replace(view, camera_from_world=world, camera_from_target=pose, pose=own_form)
 
 
 def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
@@ -204,9 +203,9 @@ def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _observations(
-    found: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
+    seen: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
 ) -> Observations:
-    places = positions(found.positions, convention, size_px)
-    if grid is None or found.microlenses is None:
-        return replace(found, positions=places)
-    return replace(found, positions=places, microlenses=grid.cells(found.microlenses))
+    places = positions(seen.positions, convention, size_px)
+    if grid is None or seen.microlenses is None or convention.microlenses is not Microlenses.MICRO_IMAGE_GRID:
+        return replace(seen, positions=places)
+    return replace(seen, positions=places, microlenses=grid.cells(seen.microlenses))

@@ -107,7 +107,7 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
 
 
 def _named(all_: tuple[_Named, ...], names: tuple[str, ...]) -> tuple[_Named, ...]:
-    return tuple(one for one in all_ if one.name in names) or all_
+    return tuple(thing for thing in all_ if thing.name in names) or all_
 
 
 def grid_of(nominal: np.ndarray) -> Grid | None:
@@ -143,7 +143,7 @@ def _micro_images(camera: BuiltCamera) -> MicroImages | None:
     rows = camera.micro_images
     if rows is None:
         return None
-    focal_mm = np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]])
+    focal_mm = np.array([kind["focal_length_mm"] for kind in camera.record["mla"]["types"]])
     return MicroImages(
         layout=camera.record["mla"]["layout"],
         microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1),

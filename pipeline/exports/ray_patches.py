@@ -85,8 +85,8 @@ def rows_of_rays(
         for patch, values in kept:
             lines[patch.y - first : patch.y - first + patch.height, patch.x : patch.x + patch.width] = values
         quarters = [quarter for patch in odd for quarter in patch.quarters]
-        left = [one for one in quarters if min(one.width, one.height) >= _LEAST_PX]
-        single += [one for one in quarters if min(one.width, one.height) < _LEAST_PX]
+        left = [patch for patch in quarters if min(patch.width, patch.height) >= _LEAST_PX]
+        single += [patch for patch in quarters if min(patch.width, patch.height) < _LEAST_PX]
     if single:
         _trace_each(sight, single, first, lines)
     direction = np.concatenate([lines[..., 2:], np.ones_like(lines[..., :1])], axis=-1)
@@ -97,8 +97,8 @@ def rows_of_rays(
 def _trace_each(sight: Sight, patches: list[Patch], first: int, lines: np.ndarray) -> None:
     """Fill in the lines of the pixels of patches."""
     places = np.concatenate([np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1).T for p in patches])
-    found, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
-    lines[places[:, 0] - first, places[:, 1]] = found
+    traced, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
+    lines[places[:, 0] - first, places[:, 1]] = traced
 
 
 def _tried(

@@ -127,7 +127,7 @@ def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
     swapped = [re.sub(r"^(\S+?,\S+?),\d", r"\1,1", row) if i % 5 == 0 else row for i, row in enumerate(rows)]
     table.write_text("\n".join([head, first, second, *swapped, ""]))
     write_manifest(out)
-    with pytest.raises(ExportError, match="as libpleno counts them"):
+    with pytest.raises(ExportError, match="as libpleno counts"):
         export(open_output(out), ["libpleno"], tmp_path)
 
 
@@ -166,7 +166,13 @@ def test_microlenses_of_libpleno_are_opposite_to_their_micro_images(layout, size
 
     axis, per_px, (columns, rows) = np.array([90.0, 70.0]), 0.004, size
     mesh = GridMesh(
-        layout=layout, columns=columns, rows=rows, pitch_px=(20.0, 20.5), angle_rad=0.1, origin=np.array([8.0, 6.0])
+        layout=layout,
+        columns=columns,
+        rows=rows,
+        pitch_px=(20.0, 20.5),
+        angle_rad=0.1,
+        origin=np.array([8.0, 6.0]),
+        middle=np.zeros(2),
     )
     images = writer._mesh(mesh)
     pose = writer._array_pose(mesh, axis, per_px, 50.0)

@@ -109,8 +109,8 @@ def _image_lines(images: list[_Image]) -> Iterator[str]:
     yield "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then POINTS2D[] as X, Y, POINT3D_ID"
     for image in images:
         yield " ".join([str(image.number), *map(repr, image.pose), str(image.camera), image.view.image])
-        found = image.view.observations
-        rows = zip(found.positions.tolist(), _numbers(found.ids), strict=True)
+        observations = image.view.observations
+        rows = zip(observations.positions.tolist(), _numbers(observations.ids), strict=True)
         yield " ".join(f"{x!r} {y!r} {point}" for (x, y), point in rows)
 
 

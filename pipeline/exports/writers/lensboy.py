@@ -32,7 +32,7 @@ def write(material: Material, folder: Path) -> None:
         model, (width, height) = camera.model, camera.size_px
         known = model.distortion.tolist()
         x, y = model.principal_point_px.tolist()
-        said = {
+        record = {
             "type": "opencv",
             "about": list(material.remarks),
             "image_width": width,
@@ -43,4 +43,4 @@ def write(material: Material, folder: Path) -> None:
             "cy": y,
             "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],
         }
-        write_json(folder / f"{camera.name}.json", said)
+        write_json(folder / f"{camera.name}.json", record)

@@ -55,11 +55,11 @@ def _call(board: Grid) -> Iterator[str]:
 
 def _corners(view: ExportView, board: Grid) -> Iterator[str]:
     """All rows of an image, x fastest; a point that was not seen keeps its row."""
-    found = view.observations
-    if not len(found.ids):
+    observations = view.observations
+    if not len(observations.ids):
         yield f"{view.image} - - -"
         return
-    seen = dict(zip(found.ids.tolist(), found.positions.tolist(), strict=True))
+    seen = dict(zip(observations.ids.tolist(), observations.positions.tolist(), strict=True))
     for number in range(board.columns * board.rows):
         cells = [repr(place) for place in seen[number]] + [str(_LEVEL)] if number in seen else ["-"] * 3
         yield " ".join([view.image, *cells])

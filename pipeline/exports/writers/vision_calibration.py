@@ -34,11 +34,11 @@ def write(material: Material, folder: Path) -> None:
             raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")
     for camera in material.cameras:
         views = [view for view in material.of(camera) if len(view.observations.ids) >= _LEAST]
-        said = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
-        write_json(folder / f"{camera.name}.json", said)
+        record = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
+        write_json(folder / f"{camera.name}.json", record)
 
 
 def _view(material: Material, view: ExportView) -> dict[str, object]:
-    points, found = material.target(view.target).points, view.observations
-    observed = {"points_3d": points[found.ids].tolist(), "points_2d": found.positions.tolist()}
+    points, observations = material.target(view.target).points, view.observations
+    observed = {"points_3d": points[observations.ids].tolist(), "points_2d": observations.positions.tolist()}
     return {"obs": observed, "meta": None}

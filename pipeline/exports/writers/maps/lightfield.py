@@ -77,34 +77,34 @@ class _Grid:
     def views(self, path: Path) -> np.ndarray:
         """Views of an image, (v, u, rows, columns) float32, with a last axis of channels if it has several."""
         part = next(iter(read_exr(path).values()))  # of a white image: the light of all microlenses
-        pixels = [np.asarray(one, float) for _, one in sorted(part.channels.items())]
+        pixels = [np.asarray(channel, float) for _, channel in sorted(part.channels.items())]
         stack = np.stack([self._view(pixels, x, y) for y in self.steps.tolist() for x in self.steps.tolist()])
         count = len(self.steps)
-        found = stack.reshape(count, count, *stack.shape[1:]).astype(np.float32)
-        return found[..., 0] if len(pixels) == 1 else found
+        views = stack.reshape(count, count, *stack.shape[1:]).astype(np.float32)
+        return views[..., 0] if len(pixels) == 1 else views
 
     def _view(self, pixels: list[np.ndarray], x_px: int, y_px: int) -> np.ndarray:
         """A view (rows, columns, channels)."""
         there = self.centres + np.array([x_px, y_px])
-        found = np.stack([bilinear(one, there) for one in pixels], axis=-1)
-        return found if self.shifted is None else _unshifted(found, self.shifted)
+        view = np.stack([bilinear(channel, there) for channel in pixels], axis=-1)
+        return view if self.shifted is None else _unshifted(view, self.shifted)
 
 
 def _table(mesh: GridMesh, images: MicroImages) -> np.ndarray:
     """Centres by row and column, (rows, columns, 2); NaN where there is none."""
     column, row = images.microlenses.T
-    found = np.full((mesh.rows, mesh.columns, 2), np.nan)
-    found[row, column] = images.centres
-    return found
+    table = np.full((mesh.rows, mesh.columns, 2), np.nan)
+    table[row, column] = images.centres
+    return table
 
 
 def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
     """A view whose lines 0, 2, … stood half a step farther along an axis: there the mean of two neighbours."""
     lines = np.moveaxis(view, axis, 1)
-    found = lines.copy()
+    straight = lines.copy()
     before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
-    found[0::2] = (before + lines[0::2]) / 2
-    return np.moveaxis(found, 1, axis)
+    straight[0::2] = (before + lines[0::2]) / 2
+    return np.moveaxis(straight, 1, axis)
 
 
 def bilinear(pixels: np.ndarray, places_px: np.ndarray) -> np.ndarray:

@@ -47,10 +47,10 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows, or the target is no grid of squares.
     """
     for camera in material.cameras:
-        images, array = camera.micro_images, camera.array
-        assert images is not None and array is not None
-        if array.layout != "hexagonal":
-            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
+        images, mesh = camera.micro_images, camera.mesh
+        assert images is not None and mesh is not None
+        if mesh.layout != "hexagonal":
+            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         place = folder / camera.name
         place.mkdir()
         remarks = {"remarks": np.array(material.remarks, dtype=object)}
@@ -67,21 +67,21 @@ def write(material: Material, folder: Path) -> None:
 def _centres(camera: ExportCamera, images: MicroImages) -> dict[str, Any]:
     known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
     connection = [[known.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in known.items()]
-    assert camera.array is not None
+    assert camera.mesh is not None
     return {
         "center_list": images.centres.T,
         "center_connection": np.array(connection, dtype=np.float64).T,
         "image_size": np.array([camera.size_px], dtype=np.float64),
-        "radius": np.array([[camera.array.pitch_px // 2]]),
+        "radius": np.array([[camera.mesh.pitch_px[0] // 2]]),
     }
 
 
-def _correspondences(material: Material, images: MicroImages, found: Any) -> np.ndarray:
+def _correspondences(material: Material, images: MicroImages, observations: Any) -> np.ndarray:
     """Six rows: corner x, y, centre x, y, column and row of the board."""
     known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist())}
-    centres = images.centres[[known[tuple(pair)] for pair in found.microlenses.tolist()]]
-    row, column = np.divmod(found.ids, material.board.columns)
-    return np.column_stack([found.positions, centres, column, row]).T
+    centres = images.centres[[known[tuple(pair)] for pair in observations.microlenses.tolist()]]
+    row, column = np.divmod(observations.ids, material.board.columns)
+    return np.column_stack([observations.positions, centres, column, row]).T
 
 
 def _save(path: Path, values: Mapping[str, Any]) -> None:

@@ -45,5 +45,5 @@ def write(material: Material, folder: Path) -> None:
             "Orientation": "horz",
             "FirstPosShiftRow": 1,
         }
-        said = {"about": list(material.remarks), "LensletGridModel": model}
-        write_json(folder / f"{camera.name}.grid.json", said)
+        record = {"about": list(material.remarks), "LensletGridModel": model}
+        write_json(folder / f"{camera.name}.grid.json", record)

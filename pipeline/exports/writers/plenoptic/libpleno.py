@@ -93,12 +93,12 @@ def _seen(material: Material, camera: ExportCamera) -> np.ndarray:
     """All observations of a camera, with NaN where a blur radius is unknown."""
     parts = []
     for view in material.of(camera):
-        found = view.observations
-        assert found.microlenses is not None
-        rows = np.zeros(len(found.ids), _FEATURE)
-        rows["k"], rows["l"] = found.microlenses.T
-        rows["u"], rows["v"] = found.positions.T
-        rows["rho"], rows["cluster"], rows["frame"] = found.rho_px, found.ids, view.frame
+        observations = view.observations
+        assert observations.microlenses is not None
+        rows = np.zeros(len(observations.ids), _FEATURE)
+        rows["k"], rows["l"] = observations.microlenses.T
+        rows["u"], rows["v"] = observations.positions.T
+        rows["rho"], rows["cluster"], rows["frame"] = observations.rho_px, observations.ids, view.frame
         parts.append(rows)
     return np.concatenate(parts)
 
@@ -157,7 +157,7 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
             "focal_lengths": model.focal_lengths_mm.tolist(),
             "mesh": {
                 **_mesh(mesh),
-                "pitch": [[one * per_px for one in mesh.pitch_px]],
+                "pitch": [[value * per_px for value in mesh.pitch_px]],
                 "pose": _array_pose(mesh, camera.axis, per_px, model.main_lens_mm),
             },
         },
@@ -200,7 +200,7 @@ def _parameters(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     return {
         "m": -model.sensor_mm * model.focal_mm / (2 * model.main_lens_mm),
         "scale": camera.pitch_mm,
-        "q": [one - pitch_mm / 2 for one in half],
+        "q": [value - pitch_mm / 2 for value in half],
         "q_prime": half,
         "dc": pitch_mm,
         "dC": pitch_mm * model.ratio,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.micro_images import ArrayFit
+from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.thin_lens import thin_lens_of
 from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Microlenses, Origin
 
@@ -45,19 +45,19 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows of three types, or Keplerian.
     """
     for camera in material.cameras:
-        array, images = camera.array, camera.micro_images
-        assert array is not None and images is not None
-        if array.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
+        mesh, images = camera.mesh, camera.micro_images
+        assert mesh is not None and images is not None
+        if mesh.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
             raise ExportError(
                 f"raytrix knows hexagonal rows of three types, and {camera.name} has {len(images.own_types)} on"
-                f" {array.layout}",
+                f" {mesh.layout}",
                 hint="libpleno knows others, too",
             )
-        text = "\n".join([*_elements(camera, array), ""])
+        text = "\n".join([*_elements(camera, mesh), ""])
         (folder / f"{camera.name}.xml").write_text(text, encoding="utf-8")
 
 
-def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
+def _elements(camera: ExportCamera, mesh: GridMesh) -> Iterator[str]:
     depths = _virtual_depths(camera)
     if min(near for near, _ in depths) <= 0:
         raise ExportError(f"raytrix knows main-lens images behind the array, and those of {camera.name} lie before it")
@@ -68,11 +68,11 @@ def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
             hint="a smaller plen:camera:circleOfConfusion ends the depth of field before it",
         )
     assert camera.built.micro_images is not None
-    border = max(array.pitch_px / 2 - float(camera.built.micro_images.radius_px[0]), 0)
+    border = max(mesh.pitch_px[0] / 2 - float(camera.built.micro_images.radius_px[0]), 0)
     yield '<RayCalibData version="1.0">'
-    yield from _pair("offset", "pix", array.centre.tolist())
-    yield f'  <diameter units="pix">{array.pitch_px}</diameter>'
-    yield f'  <rotation units="rad">{array.turn_rad}</rotation>'
+    yield from _pair("offset", "pix", mesh.middle.tolist())
+    yield f'  <diameter units="pix">{mesh.pitch_px[0]}</diameter>'
+    yield f'  <rotation units="rad">{mesh.angle_rad}</rotation>'
     yield f'  <lens_border units="pix">{border}</lens_border>'
     yield f'  <tcp units="virtual_depth">{_TOTAL_COVERING:.1f}</tcp>'
     for name, x, y in (*_BASES, _PERIOD):
@@ -108,11 +108,11 @@ def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     model = thin_lens_of(camera)
     lens, types = record["lens"], record["mla"]["types"]
     front, ends = lens["principal_planes_mm"][0], []
-    for own in images.own_types.tolist():
-        away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
-        behind = [_image_mm(model.focal_mm, one) - model.main_lens_mm for one in away]
-        found = sorted(one / model.sensor_mm for one in behind)
-        ends.append((found[0], found[-1]))
+    for number in images.own_types.tolist():
+        away = [float(end) - front for end in types[number]["depth_of_field_mm"]]
+        behind = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in away]
+        depths = sorted(distance / model.sensor_mm for distance in behind)
+        ends.append((depths[0], depths[-1]))
     return ends
 
 
