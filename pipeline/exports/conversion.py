@@ -31,7 +31,7 @@ def converted(material: Material, convention: Convention) -> Material:
     """
     if convention.centre is Centre.ROWS:
         material = _by_rows(material)
-    grids = {camera.name: _grid(material, camera) for camera in material.cameras}
+    grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
     cameras = {camera.name: camera for camera in material.cameras}
     frames = {target.name: board_from_target(target, convention) for target in material.targets}
     return replace(
@@ -127,11 +127,13 @@ _FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def _grid(material: Material, camera: ExportCamera) -> MicroImageGrid | None:
+def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
+    """Numbers of micro-images by column and row; those outside of the image that see a point count where it has one."""
     if camera.micro_images is None:
         return None
-    seeing = [np.zeros((0, 2), np.int64), *(view.observations.microlenses for view in material.of(camera))]
-    seen = np.concatenate([microlenses for microlenses in seeing if microlenses is not None])
+    views = material.of(camera) if convention.microlenses is Microlenses.MICRO_IMAGE_GRID else ()
+    seeing = [view.observations.microlenses for view in views if view.observations.microlenses is not None]
+    seen = np.concatenate([np.zeros((0, 2), np.int64), *seeing])
     return micro_image_grid(camera.micro_images, camera.size_px, seen)
 
 
