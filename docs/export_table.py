@@ -1,4 +1,4 @@
-"""The table of conventions of docs/exports.md, from the table that the writers go by. `--write` puts it there.
+"""The table of conventions of docs/exports.md, from the records of the formats. `--write` puts it there.
 
 python docs/export_table.py [--write]
 """
@@ -7,8 +7,7 @@ from pathlib import Path
 
 from inserted import print_or_write
 
-from pipeline.export_formats import FORMATS
-from pipeline.exports.conventions import CONVENTIONS, Convention, Origin
+from pipeline.formats import Format, Origin, Pose, format_of, names
 
 PAGE = Path(__file__).resolve().parent / "exports.md"
 HEAD = (
@@ -18,28 +17,36 @@ HEAD = (
     "cameras",
     "top-left pixel",
     "image axes",
-    "target frame, unit",
+    "target, unit",
     "pose",
     "microlenses",
-    "rays",
 )
 
 
 def table() -> str:
     """A row per format, and below it the sources."""
-    rows = [HEAD, ("---",) * len(HEAD), *(_row(name, one) for name, one in CONVENTIONS.items())]
+    formats = {name: format_of(name) for name in names()}
+    rows = [HEAD, ("---",) * len(HEAD), *(_row(name, record) for name, record in formats.items())]
     lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    sources = "".join(f"- `{name}`: {one.source}\n" for name, one in CONVENTIONS.items())
+    sources = "".join(f"- `{name}`: {record.source}\n" for name, record in formats.items())
     return f"{lines}\nSources:\n\n{sources}"
 
 
-def _row(name: str, one: Convention) -> tuple[str, ...]:
-    first = str(one.origin) if one.origin is Origin.IMAGE_CENTRE else f"({one.origin}, {one.origin})"
-    pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}, by the {one.centre}; {one.rotation}"
-    files = ", ".join(FORMATS[name].files).replace("<", "\\<") + (f"; {one.note}" if one.note else "")
-    board = f"{one.board}; {one.unit}"
-    numbers = (first, str(one.axes), board, pose, str(one.microlenses), str(one.rays))
-    return (f"`{name}`", one.consumer, files, str(FORMATS[name].cameras), *numbers)
+def _row(name: str, record: Format) -> tuple[str, ...]:
+    origin, pose = record.origin, str(record.pose)
+    if record.pose is not Pose.NONE:
+        pose = f"{pose}, by the {record.centre}; {record.rotation}"
+    return (
+        f"`{name}`",
+        record.consumer,
+        ", ".join(record.files).replace("<", "\\<") + (f"; {record.note}" if record.note else ""),
+        str(record.cameras),
+        str(origin) if origin is Origin.IMAGE_CENTRE else f"({origin}, {origin})",
+        str(record.axes),
+        f"{record.board}; {record.unit}",
+        pose,
+        str(record.microlenses),
+    )
 
 
 if __name__ == "__main__":

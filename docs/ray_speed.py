@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import pipeline
-from pipeline.exports.seen.ray_patches import bands, rows_of_rays
+from pipeline.exports.ray_patches import bands, rows_of_rays
 
 ROOT = Path(__file__).resolve().parents[1]
 SOME, ROWS = 4000, 128

@@ -5,27 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.exports.array_fit import array_fit
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.conventions import (
-    Board,
-    Centre,
-    Convention,
-    Microlenses,
-    Origin,
-    Pose,
-    Rays,
-    Rotation,
-    Unit,
-)
 from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
-from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
-from pipeline.exports.seen.pixels import positions
-from pipeline.exports.seen.stated_sight import StatedSight
+from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
+from pipeline.exports.sights import positions
+from pipeline.formats import Board, Centre, Convention, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
-_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.M: 1e-3}
-"""One millimetre in the unit."""
 _AXES = {
     Board.OURS: np.eye(3),
     Board.NONE: np.eye(3),
@@ -81,7 +67,7 @@ def _by_rows(material: Material) -> Material:
 
     return replace(
         material,
-        cameras=tuple(replace(one, pinhole=one.row_pinhole or one.pinhole) for one in material.cameras),
+        cameras=tuple(replace(camera, pinhole=camera.row_pinhole or camera.pinhole) for camera in material.cameras),
         views=tuple(
             replace(
                 view,
@@ -106,8 +92,6 @@ def meaning(convention: Convention) -> tuple[str, ...]:
         lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
-    if convention.rays is not Rays.NONE:
-        lines.append(f"rays: {convention.rays}")
     return tuple(lines)
 
 
@@ -144,10 +128,13 @@ _FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
-    if convention.microlenses is not Microlenses.MICRO_IMAGE_GRID or camera.micro_images is None:
+    """Numbers of micro-images by column and row; those outside of the image that see a point count where it has one."""
+    if camera.micro_images is None:
         return None
-    seeing = [view.observations.microlenses for view in material.of(camera)]
-    return micro_image_grid(camera, np.concatenate([found for found in seeing if found is not None]))
+    views = material.of(camera) if convention.microlenses is Microlenses.MICRO_IMAGE_GRID else ()
+    seeing = [view.observations.microlenses for view in views if view.observations.microlenses is not None]
+    seen = np.concatenate([np.zeros((0, 2), np.int64), *seeing])
+    return micro_image_grid(camera.micro_images, camera.size_px, seen)
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
@@ -155,21 +142,20 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point_px=positions(pinhole.principal_point_px, convention, camera.size_px))
     axis = positions(camera.axis, convention, camera.size_px)
-    seen = StatedSight(built=camera.built, sight=camera.sight, convention=convention, scale=_MM[convention.unit])
-    camera = replace(camera, stated=seen)
-    if images is None:
-        return replace(camera, pinhole=pinhole, axis=axis)
+    camera = replace(camera, pinhole=pinhole, axis=axis, rays=replace(camera.rays, convention=convention))
+    if images is None or grid is None:
+        return camera
+    central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())
     images = replace(images, centres=positions(images.centres, convention, camera.size_px))
-    array = array_fit(camera, images, convention)
-    if grid is not None:
+    mesh = grid.mesh(images, central)
+    if convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         images = grid.renumbered(images)
     elif convention.microlenses is Microlenses.FROM_CENTRAL:
-        count = len(images.own_types)
-        images = retyped(images, (np.arange(count) - array.type) % count, (images.types - array.type) % count)
+        count, first = len(images.own_types), images.types[central]
+        images = retyped(images, (np.arange(count) - first) % count, (images.types - first) % count)
     elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
         images = replace(images, types=images.types + 1)
-    mesh = None if grid is None else grid.mesh(images)
-    return replace(camera, pinhole=pinhole, axis=axis, micro_images=images, array=array, mesh=mesh)
+    return replace(camera, micro_images=images, mesh=mesh)
 
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:
@@ -178,12 +164,12 @@ def _from_other(material: Material, number: int, convention: Convention) -> Stat
     if convention.pose not in others:
         return None
     other = material.cameras[others[convention.pose]]
-    pose = _scaled(material.between(other, material.cameras[number]), _MM[convention.unit])
+    pose = _scaled(material.between(other, material.cameras[number]), convention.scale)
     return stated(pose, convention.rotation)
 
 
 def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> ExportTarget:
-    scale, grid = _MM[convention.unit], target.grid
+    scale, grid = convention.scale, target.grid
     if grid is not None:
         grid = replace(grid, column_step=grid.column_step * scale, row_step=grid.row_step * scale)
     return replace(
@@ -203,15 +189,15 @@ def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Conv
 
 
 def _posed(view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray) -> ExportView:
-    scale = _MM[convention.unit]
+    scale = convention.scale
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
-    found = _camera_from_target(view, camera, convention)
-    if found is None:
+    camera_from_target = _camera_from_target(view, camera, convention)
+    if camera_from_target is None:
         return replace(view, camera_from_world=world)
-    pose = _scaled(found @ inverse(frame), scale)
+    pose = _scaled(camera_from_target @ inverse(frame), scale)
     directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
-    told = None if directed is None else stated(directed, convention.rotation)
-    return replace(view, camera_from_world=world, camera_from_target=pose, pose=told)
+    own_form = None if directed is None else stated(directed, convention.rotation)
+    return replace(view, camera_from_world=world, camera_from_target=pose, pose=own_form)
 
 
 def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
@@ -219,10 +205,9 @@ def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _observations(
-    found: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
+    seen: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
 ) -> Observations:
-    places = positions(found.positions, convention, size_px)
-    if grid is None or found.microlenses is None or found.types is None:
-        return replace(found, positions=places)
-    microlenses, types = grid.numbers(found.microlenses, found.types)
-    return replace(found, positions=places, microlenses=microlenses, types=types)
+    places = positions(seen.positions, convention, size_px)
+    if grid is None or seen.microlenses is None or convention.microlenses is not Microlenses.MICRO_IMAGE_GRID:
+        return replace(seen, positions=places)
+    return replace(seen, positions=places, microlenses=grid.cells(seen.microlenses))

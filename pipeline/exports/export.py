@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from pipeline.export_formats import EXACT, FORMATS, Cameras, Format, folder_of
-from pipeline.exports.errors import ExportError
 from pipeline.exports.gathering import POSITIONS, Around, chosen, gather
 from pipeline.exports.material import Material, Scene
 from pipeline.exports.noise import Noise, with_noise
-from pipeline.exports.seen.stated_sight import Sight
+from pipeline.exports.ray_patches import Sight
 from pipeline.exports.writing import write_format
+from pipeline.formats import EXACT, Cameras, ExportError, Format, folder_of, format_of, loadable
 from pipeline.results.output import Output
 from pipeline.spelling import did_you_mean
 
@@ -56,20 +55,6 @@ def scene_of(out: Path) -> Scene:
     return opening.scene_of(out)
 
 
-def format_of(name: str) -> Format:
-    """The format of a name.
-
-    Raises
-    ------
-    ExportError
-        There is none.
-    """
-    if name not in FORMATS:
-        hint = did_you_mean(name, FORMATS) or f"formats: {', '.join(FORMATS)}"
-        raise ExportError(f"there is no export format {name!r}", hint=hint)
-    return FORMATS[name]
-
-
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
     """Write a build in several formats, each into a folder of its name; all or nothing of a format.
 
@@ -91,26 +76,27 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     asked = _asked(formats, folder, request or Request())
     around = Around(sight=lambda name: sight_of(output.path, name), scene=lambda: scene_of(output.path))
     materials = {
-        one: with_noise(chosen(gather(output, one.position, around), one.only), one.noise) for _, one in asked.values()
+        wish: with_noise(chosen(gather(output, wish.position, around), wish.only), wish.noise)
+        for _, wish in asked.values()
     }
-    for place, (name, one) in asked.items():
-        _require_kind(name, format_of(name), materials[one])
+    for place, (name, wish) in asked.items():
+        _require_kind(name, format_of(name), materials[wish])
         if place.exists():
             raise ExportError(f"{place} exists", hint="remove it, or choose another folder with -o")
-    for place, (name, one) in asked.items():
-        _write(name, materials[one], place, one)
+    for place, (name, wish) in asked.items():
+        _write(name, materials[wish], place, wish)
     return list(asked)
 
 
 def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tuple[str, Request]]:
     """Folder of each format, its name and what it takes: `opencv:saddle` means positions of saddles."""
-    found = {}
+    asked = {}
     for item in formats:
         name, _, position = item.partition(":")
         format_of(name)
-        one = replace(request, position=position) if position else request
-        found[folder / folder_of(name, one.position)] = name, one
-    return found
+        wish = replace(request, position=position) if position else request
+        asked[folder / folder_of(name, wish.position)] = name, wish
+    return asked
 
 
 def _write(name: str, material: Material, place: Path, request: Request) -> None:
@@ -129,7 +115,7 @@ def _require_kind(name: str, wanted: Format, material: Material) -> None:
     """Refuse cameras that a format does not know."""
     odd = [camera for camera in material.cameras if not wanted.takes(camera.built.is_plenoptic)]
     if odd:
-        others = [other for other, one in FORMATS.items() if one.takes(odd[0].built.is_plenoptic)]
+        others = [other for other, record in loadable().items() if record.takes(odd[0].built.is_plenoptic)]
         is_array = wanted.cameras is Cameras.PLENOPTIC
         what = "a microlens array, and {} has none" if is_array else "one position per point, and {} is plenoptic"
         hint = f"formats for it: {', '.join(others)}"

@@ -8,12 +8,13 @@ from typing import TypeVar
 import numpy as np
 
 from pipeline.camera.figures.pinhole_fit import Sightings
-from pipeline.export_formats import EXACT
-from pipeline.exports.cameras import ExportCamera, MicroImages
-from pipeline.exports.errors import ExportError
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
-from pipeline.exports.seen.row_pinhole import row_pinhole
-from pipeline.exports.seen.stated_sight import Sight
+from pipeline.exports.micro_images import MicroImages
+from pipeline.exports.ray_patches import Sight
+from pipeline.exports.row_pinhole import row_pinhole
+from pipeline.exports.sights import CameraRays
+from pipeline.formats import EXACT, OURS, ExportError
 from pipeline.frames import apply
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView
@@ -106,7 +107,7 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
 
 
 def _named(all_: tuple[_Named, ...], names: tuple[str, ...]) -> tuple[_Named, ...]:
-    return tuple(one for one in all_ if one.name in names) or all_
+    return tuple(thing for thing in all_ if thing.name in names) or all_
 
 
 def grid_of(nominal: np.ndarray) -> Grid | None:
@@ -132,7 +133,7 @@ def _camera(camera: BuiltCamera, around: Around | None) -> ExportCamera:
         pitch_mm=camera.pitch_mm,
         pinhole=camera.pinhole_with_distortion,
         axis=np.array(camera.record["optical_axis_px"]),
-        sight=partial(around.sight, camera.name) if around else None,
+        rays=CameraRays(built=camera, ready=partial(around.sight, camera.name) if around else None, convention=OURS),
         micro_images=_micro_images(camera),
         built=camera,
     )
@@ -142,8 +143,9 @@ def _micro_images(camera: BuiltCamera) -> MicroImages | None:
     rows = camera.micro_images
     if rows is None:
         return None
-    focal_mm = np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]])
+    focal_mm = np.array([kind["focal_length_mm"] for kind in camera.record["mla"]["types"]])
     return MicroImages(
+        layout=camera.record["mla"]["layout"],
         microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1),
         types=rows.microlens_type,
         centres=np.stack([rows.centre_x_px, rows.centre_y_px], axis=1),
@@ -189,7 +191,6 @@ def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -
             ids=rows.point_id,
             positions=positions,
             microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1) if view.is_plenoptic else None,
-            types=rows.microlens_type if view.is_plenoptic else None,
             rho_px=rows.rho_px,
         ),
     )

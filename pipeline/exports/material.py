@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.errors import ExportError
+from pipeline.formats import ExportError
 from pipeline.frames import apply, inverse
 from pipeline.results.records import BuiltView
 
@@ -86,7 +86,6 @@ class Observations:
         Image positions.
     microlenses : (n, 2) int64 or None
         None for a conventional camera.
-    types : (n,) int64 or None
     rho_px : (n,) float64
         Signed blur radius, positive: the target lies beyond best focus.
     """
@@ -95,7 +94,6 @@ class Observations:
     ids: np.ndarray
     positions: np.ndarray
     microlenses: np.ndarray | None
-    types: np.ndarray | None
     rho_px: np.ndarray
 
     def only(self, rows: np.ndarray) -> "Observations":
@@ -105,7 +103,6 @@ class Observations:
             ids=self.ids[rows],
             positions=self.positions[rows],
             microlenses=None if self.microlenses is None else self.microlenses[rows],
-            types=None if self.types is None else self.types[rows],
             rho_px=self.rho_px[rows],
         )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.exports.errors import ExportError
+from pipeline.formats import ExportError
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:  # every graph of tasks knows `Noise`, and few have exports
@@ -65,8 +65,8 @@ class Noise:
 
     def remarks(self) -> tuple[str, ...]:
         """The line that every file says which allows comments."""
-        said = f"Gaussian {self.noise_px} px, {self.outliers} outliers within {self.outlier_px} px"
-        return (f"NOISE WAS ADDED: {said}, {self.missed} missed, seed {self.seed}",)
+        gaussian = f"Gaussian {self.noise_px} px, {self.outliers} outliers within {self.outlier_px} px"
+        return (f"NOISE WAS ADDED: {gaussian}, {self.missed} missed, seed {self.seed}",)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -104,10 +104,10 @@ def with_noise(material: "Material", noise: Noise) -> "Material":
 
 
 def _noisy(view: "ExportView", noise: Noise) -> "ExportView":
-    found = view.observations
+    observations = view.observations
     key = hashlib.sha256(f"{noise.seed}\0{view.camera}\0{view.frame}\0{view.target}".encode()).digest()
-    names = [found.ids] if found.microlenses is None else [found.ids, *found.microlenses.T]
-    state = np.full(len(found.ids), int.from_bytes(key[:8], "little"), np.uint64)
+    names = [observations.ids] if observations.microlenses is None else [observations.ids, *observations.microlenses.T]
+    state = np.full(len(observations.ids), int.from_bytes(key[:8], "little"), np.uint64)
     for name in names:
         state = _mixed(state ^ _mixed(name.astype(np.int64).view(np.uint64)))
     draws = [_uniform(state, stream) for stream in range(_Y + 1)]
@@ -116,8 +116,8 @@ def _noisy(view: "ExportView", noise: Noise) -> "ExportView":
     gaussian = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     anywhere = noise.outlier_px * (2 * np.stack([draws[_X], draws[_Y]], axis=1) - 1)
     is_outlier = draws[_OUTLIER] < noise.outliers
-    moved = found.positions + np.where(is_outlier[:, None], anywhere, gaussian)
-    return replace(view, observations=replace(found, positions=moved).only(draws[_MISSED] >= noise.missed))
+    moved = observations.positions + np.where(is_outlier[:, None], anywhere, gaussian)
+    return replace(view, observations=replace(observations, positions=moved).only(draws[_MISSED] >= noise.missed))
 
 
 def _uniform(state: np.ndarray, stream: int) -> np.ndarray:

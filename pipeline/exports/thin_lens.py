@@ -11,8 +11,6 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 
-KAPPA = 0.8
-"""Start value of libpleno's kappa, the spread of a point over its blur radius: about what calibrations find."""
 _INFINITE_MM = 1e8
 """Distance that libpleno takes for infinite [mm]."""
 _SAME = 1e-6
@@ -58,30 +56,6 @@ class ThinLens:
         image = self.main_lens_mm + {0: 0, 1: -2, 2: 2}[self.mode] * self.sensor_mm
         beyond = image - self.focal_mm
         return min(image**2 / beyond, _INFINITE_MM) if beyond > 0 else _INFINITE_MM
-
-
-def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
-    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d.
-
-    An end is inf where it reaches the front focal point of the main lens.
-    """
-    record, images = camera.built.record, camera.micro_images
-    assert images is not None
-    model = thin_lens_of(camera)
-    lens, types = record["lens"], record["mla"]["types"]
-    front, ends = lens["principal_planes_mm"][0], []
-    for own in images.own_types.tolist():
-        away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
-        behind = [_image_mm(model.focal_mm, one) - model.main_lens_mm for one in away]
-        found = sorted(one / model.sensor_mm for one in behind)
-        ends.append((found[0], found[-1]))
-    return ends
-
-
-def _image_mm(focal_mm: float, away_mm: float) -> float:
-    """Distance of the image behind a thin lens; inf of objects at its focal point and nearer, which have none."""
-    is_beyond = away_mm > (1 + _SAME) * focal_mm
-    return 1 / (1 / focal_mm - 1 / away_mm) if is_beyond else float("inf")
 
 
 def thin_lens_of(camera: ExportCamera) -> ThinLens:

@@ -22,14 +22,14 @@ _TICKS = 5
 """Numbers along an edge of a plot, about."""
 
 
-def picture(found: FittedCamera, fit: Fit) -> str:
+def picture(camera: FittedCamera, fit: Fit) -> str:
     """The picture of one of the fits of a camera as the text of an SVG file."""
-    wide, high = found.field.size_px
+    wide, high = camera.field.size_px
     inner = _WIDTH_PX - 2 * _MARGIN_PX
     tall = inner * high / wide
     half = (inner - _MARGIN_PX) / 2
     below = 2 * _MARGIN_PX + tall + 20
-    distances = by_distance(fit, found.field)
+    distances = by_distance(fit, camera.field)
     curves = _Plot(
         box=(_MARGIN_PX, below, half, _PLOT_PX),
         x=np.array([1e3 / z for z, _, _ in distances]),
@@ -38,27 +38,27 @@ def picture(found: FittedCamera, fit: Fit) -> str:
     )
     pupil = _Plot(
         box=(2 * _MARGIN_PX + half, below, half, _PLOT_PX),
-        x=found.pupil.angle_deg,
-        ys=[found.pupil.z_mm],
+        x=camera.pupil.angle_deg,
+        ys=[camera.pupil.z_mm],
         words=("entrance pupil: vision z [mm] where rays pass the axis", "angle [°]"),
     )
-    title = f"{found.name}: {fit.model.consumer}. rms {fit.rms_px:.2e} px, largest {fit.max_px:.2e} px"
+    title = f"{camera.name}: {fit.model.consumer}. rms {fit.rms_px:.2e} px, largest {fit.max_px:.2e} px"
     items = [svg.words(title, (_MARGIN_PX, 26), font_size=15, fill=_DARK)]
-    items += [*_arrows(found, fit, inner / wide), *curves.items(), *pupil.items()]
+    items += [*_arrows(camera, fit, inner / wide), *curves.items(), *pupil.items()]
     size = (_WIDTH_PX, below + _PLOT_PX + _MARGIN_PX)
     return svg.document(size, *items, font_family="sans-serif")
 
 
-def _arrows(found: FittedCamera, fit: Fit, scale: float) -> Iterator[str]:
+def _arrows(camera: FittedCamera, fit: Fit, scale: float) -> Iterator[str]:
     """The residual field: from each position of the image, as many times longer as the legend says."""
-    wide, high = found.field.size_px
+    wide, high = camera.field.size_px
     left, top = float(_MARGIN_PX), float(_MARGIN_PX)
     yield svg.element(
         "rect", x=left, y=top, width=wide * scale, height=high * scale, fill="none", stroke=_GREY, stroke_width=1
     )
-    step = np.diff(np.unique(found.field.x_px[:, 0]))[0] * scale
+    step = np.diff(np.unique(camera.field.x_px[:, 0]))[0] * scale
     length = fit.max_px or 1.0
-    starts = (np.array([left, top]) + (found.field.x_px + 0.5) * scale).tolist()
+    starts = (np.array([left, top]) + (camera.field.x_px + 0.5) * scale).tolist()
     for residuals, colour in zip(fit.residual_px, (_NEAR, _FAR), strict=True):
         ends = (np.array(starts) + residuals / length * _ARROW * step).tolist()
         arrows = [
@@ -68,11 +68,11 @@ def _arrows(found: FittedCamera, fit: Fit, scale: float) -> Iterator[str]:
         ]
         yield svg.path(arrows, stroke=colour, stroke_width=1)
     yield _dots(starts, _DARK, 1.5)
-    near, far = found.field.planes_mm
-    said = (
+    near, far = camera.field.planes_mm
+    caption = (
         f"model minus ray; the longest arrow is {fit.max_px:.2e} px; blue on the plane {near:.4g} mm, red {far:.4g} mm"
     )
-    yield svg.words(said, (left, top - 10), font_size=12, fill=_DARK)
+    yield svg.words(caption, (left, top - 10), font_size=12, fill=_DARK)
 
 
 def _dots(points: Sequence[svg.Point], colour: str, width_px: float) -> str:

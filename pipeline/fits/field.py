@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.fits.errors import FitError
+from pipeline.errors import UsageError
 from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
 
@@ -23,6 +23,10 @@ _BEYOND = (2.0, 4.0, 10.0)
 """Distances behind the far plane at which residuals are looked at, over it [1]: away from it they settle."""
 _STEEP = 1e-4
 """Slope below which a ray has no place where it passes the axis [1]: it would be a quotient of small numbers."""
+
+
+class FitError(UsageError):
+    """A camera that a model cannot stand for, or a model that does not exist."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import FieldRays
+from pipeline.fits.field import FieldRays, FitError
 from pipeline.fits.models import MODELS, Model
 
 _IMAGINARY = 1e-30
@@ -85,11 +84,11 @@ def fitted(field: FieldRays, name: str) -> Fit:
     with np.errstate(all="ignore"):  # a fit that runs away ends as NaN
         if not np.isfinite(off(start)).all():
             raise FitError(f"no {name} model fits: rays lie behind its centre", hint="choose a model for wide fields")
-        found = least(off, start, [name in model.coefficients for name in model.parameters])
-    residual = off(found)
+        parameters = least(off, start, [name in model.coefficients for name in model.parameters])
+    residual = off(parameters)
     if not np.isfinite(residual).all():
         raise FitError(f"the fit of {name} does not settle")
-    return Fit(model=model, parameters=found, residual_px=residual.reshape(2, -1, 2))
+    return Fit(model=model, parameters=parameters, residual_px=residual.reshape(2, -1, 2))
 
 
 def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequence[bool]) -> np.ndarray:
@@ -109,7 +108,7 @@ def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequ
     bare = np.where(held, 0.0, start)
     effect = np.diag(_HELD * np.abs(slopes(bare)).max(axis=0))[np.asarray(held)]
     tolerances = {"ftol": _SETTLED, "xtol": _SETTLED, "gtol": _SETTLED}
-    found = least_squares(
+    solution = least_squares(
         lambda p: np.concatenate([off(p), effect @ p]),
         start,
         lambda p: np.concatenate([slopes(p), effect]),
@@ -118,7 +117,7 @@ def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequ
         max_nfev=_EVALUATIONS,
         **tolerances,
     )
-    return np.asarray(found.x)
+    return np.asarray(solution.x)
 
 
 def _start(field: FieldRays, model: Model) -> np.ndarray:

@@ -120,10 +120,17 @@ def _ftheta(p: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.stack([radius * x + cx, radius * y + cy], axis=1)
 
 
-def _of_opencv(name: str, count: int, what: str, nearest: str | None) -> Model:
-    own = _COEFFICIENTS[:count]
-    parameters = (*CENTRE, *_PLANE, *own)
-    return Model(name=name, consumer=what, parameters=parameters, project=_opencv, coefficients=own, nearest=nearest)
+def _of_opencv(name: str, count: int, consumer: str, nearest: str | None) -> Model:
+    coefficients = _COEFFICIENTS[:count]
+    parameters = (*CENTRE, *_PLANE, *coefficients)
+    return Model(
+        name=name,
+        consumer=consumer,
+        parameters=parameters,
+        project=_opencv,
+        coefficients=coefficients,
+        nearest=nearest,
+    )
 
 
 _ALL = (

@@ -1,44 +1,24 @@
 """Fits as applied schemas of Omniverse, for a layer that another USD renderer opens.
 
 Names of schemas and attributes: NVIDIA's omni.usd.schema.omni_lens_distortion. Its values have single precision.
-Pixels are counted from the corner of the image: `OMNIVERSE` in the table of conventions. Kannala-Brandt gives the
+Pixels are counted from the corner of the image, as in newton-physics/newton, its camera rays. Kannala-Brandt gives the
 radius in px by the angle; f-theta the angle by the radius, as the schema's default of 0.00245 rad per px says.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.exports.conventions import OMNIVERSE
-from pipeline.exports.seen.pixels import positions
-from pipeline.fits.errors import FitError
+from pipeline.exports.sights import positions
+from pipeline.fits.field import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera
+from pipeline.formats import Convention, Origin
 from pipeline.scene.write.lens_distortion import AppliedSchema, SeenCamera
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lut:
-    """Lookup tables that were written.
-
-    Attributes
-    ----------
-    ray_enter, ray_exit : str
-        Names of the files, beside the layer.
-    centre_mm : (3,) float64
-        Centre of projection, vision frame.
-    z_mm : float
-        Vision z of the plane on which they hold.
-    """
-
-    ray_enter: str
-    ray_exit: str
-    centre_mm: np.ndarray
-    z_mm: float
-
-
+_PIXELS = Convention(origin=Origin.HALF)
+"""Meaning of pixels in its attributes."""
 _PREFIX = "omni:lensdistortion"
 _NAMES = {
     "pinhole": ("OpenCvPinhole", "opencvPinhole"),
@@ -60,8 +40,8 @@ _DECIMALS = 9
 """Decimals of the centre of projection [mm]: what symmetry makes 0 is written as 0."""
 
 
-def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float, lut: Lut | None = None) -> SeenCamera:
-    """The camera as schemas of Omniverse state it; what counts are its tables, or else the model with the smallest rms.
+def seen_by_omniverse(camera: FittedCamera, prim_path: str, pitch_mm: float) -> SeenCamera:
+    """The camera as schemas of Omniverse state it; what counts is the model with the smallest rms.
 
     Raises
     ------
@@ -69,7 +49,7 @@ def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float, lut:
         No schema has any of the fitted models.
     """
     known: dict[str, Fit] = {}
-    for fit in sorted(found.fits, key=lambda fit: -fit.rms_px):  # of several in one schema the best stays
+    for fit in sorted(camera.fits, key=lambda fit: -fit.rms_px):  # of several in one schema the best stays
         if fit.model.name in _NAMES:
             known[_NAMES[fit.model.name][1]] = fit
     if not known:
@@ -77,71 +57,56 @@ def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float, lut:
             "no schema of Omniverse has these models", hint=f"it has {', '.join(_NAMES)}; choose with --model"
         )
     best = min(known.values(), key=lambda fit: fit.rms_px)
-    x, y, z = (np.round(best.parameters[:3] if lut is None else lut.centre_mm, _DECIMALS) + 0.0).tolist()
-    width, height = found.field.size_px
-    tables = () if lut is None else (_lut_schema(lut, found),)
+    x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
+    width, height = camera.field.size_px
     return SeenCamera(
         prim_path=prim_path,
-        schemas=(*(_schema(fit, found) for fit in known.values()), *tables),
-        model=_NAMES[best.model.name][1] if lut is None else "lut",
+        schemas=tuple(_schema(fit, camera) for fit in known.values()),
+        model=_NAMES[best.model.name][1],
         centre_mm=(x, y, z),
-        principal_mm=float(found.field.start[0]) * pitch_mm,
+        principal_mm=float(camera.field.start[0]) * pitch_mm,
         size_mm=(width * pitch_mm, height * pitch_mm),
-        about=(*_about(best, found), *(() if lut is None else (f"Its tables hold on the plane {lut.z_mm:.6g} mm.",))),
+        about=_about(best, camera),
     )
 
 
-def _lut_schema(lut: Lut, found: FittedCamera) -> AppliedSchema:
-    """Lookup tables; the place of the axis is in them, so the optical centre is the middle of the image."""
-    width, height = found.field.size_px
-    own = (
-        ("nominalHeight", "float", float(height)),
-        ("nominalWidth", "float", float(width)),
-        ("opticalCenter", "float2", (width / 2, height / 2)),
-        ("rayEnterDirectionTexture", "asset", (f"./{lut.ray_enter}",)),
-        ("rayExitPositionTexture", "asset", (f"./{lut.ray_exit}",)),
-    )
-    attributes = tuple((f"{_PREFIX}:lut:{name}", kind, value) for name, kind, value in own)
-    return AppliedSchema(name="OmniLensDistortionLutAPI", model="lut", attributes=attributes)
-
-
-def _schema(fit: Fit, found: FittedCamera) -> AppliedSchema:
+def _schema(fit: Fit, camera: FittedCamera) -> AppliedSchema:
     middle, word = _NAMES[fit.model.name]
     values = fit.values
-    width, height = found.field.size_px
-    cx, cy = positions(np.array([values["cx"], values["cy"]]), OMNIVERSE, (width, height)).tolist()
-    own: list[tuple[str, str, Any]]
+    width, height = camera.field.size_px
+    cx, cy = positions(np.array([values["cx"], values["cy"]]), _PIXELS, (width, height)).tolist()
+    attributes: list[tuple[str, str, Any]]
     if word.startswith("opencv"):
         names = _PINHOLE if word == "opencvPinhole" else ("k1", "k2", "k3", "k4")
         numbers = {"fx": values["fx"], "fy": values["fy"], "cx": cx, "cy": cy}
         numbers |= {name: values.get(name, 0.0) for name in names}
-        own = [(name, "float", number) for name, number in numbers.items()]
-        own.append(("imageSize", "int2", (width, height)))
+        attributes = [(name, "float", number) for name, number in numbers.items()]
+        attributes.append(("imageSize", "int2", (width, height)))
     else:
         numbers = {name: values.get(name, 0.0) for name in ("k0", "k1", "k2", "k3")}
         if word == "ftheta":
             numbers["k4"] = values["k4"]
-        numbers |= {"maxFov": _field_deg(found), "nominalWidth": float(width), "nominalHeight": float(height)}
-        own = [(name, "float", number) for name, number in numbers.items()]
-        own.append(("opticalCenter", "float2", (cx, cy)))
+        numbers |= {"maxFov": _field_deg(camera), "nominalWidth": float(width), "nominalHeight": float(height)}
+        attributes = [(name, "float", number) for name, number in numbers.items()]
+        attributes.append(("opticalCenter", "float2", (cx, cy)))
     return AppliedSchema(
         name=f"OmniLensDistortion{middle}API",
         model=word,
-        attributes=tuple((f"{_PREFIX}:{word}:{name}", kind, value) for name, kind, value in sorted(own)),
+        attributes=tuple((f"{_PREFIX}:{word}:{name}", kind, value) for name, kind, value in sorted(attributes)),
     )
 
 
-def _field_deg(found: FittedCamera) -> float:
+def _field_deg(camera: FittedCamera) -> float:
     """Full angle of a cone about the axis that holds all rays, and somewhat more."""
-    widest = float(found.pupil.angle_deg.max(initial=math.degrees(math.atan(1e-3))))
+    widest = float(camera.pupil.angle_deg.max(initial=math.degrees(math.atan(1e-3))))
     return min(2 * widest * _BEYOND, _FULL_DEG)
 
 
-def _about(best: Fit, found: FittedCamera) -> tuple[str, ...]:
-    near, far = found.field.planes_mm
+def _about(best: Fit, camera: FittedCamera) -> tuple[str, ...]:
+    near, far = camera.field.planes_mm
     x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
     return (
-        f"{found.name} for renderers that know no lenses, by `pipeline fit`. The nearest {best.model.consumer} leaves"
+        f"{camera.name} for renderers that know no lenses, by `pipeline fit`. The nearest {best.model.consumer} leaves"
         f" {best.rms_px:.3g} px rms of the exact rays, {best.max_px:.3g} px at most, on the planes {near:.6g} and"
         f" {far:.6g} mm before the stop. Pixels count from the corner of the image: its first pixel has the centre"
         " (0.5, 0.5).",

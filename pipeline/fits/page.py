@@ -13,35 +13,35 @@ _NOTHING = 1e-11
 """Size below which a parameter prints as 0 [its unit]: rounding of what symmetry makes 0."""
 
 
-def page(found: FittedCamera) -> Iterator[str]:
+def page(camera: FittedCamera) -> Iterator[str]:
     """Lines for a terminal."""
-    field = found.field
+    field = camera.field
     width, height = field.size_px
     near, far = field.planes_mm
-    yield f"{found.name}: {len(field.x_px)} rays over {width} x {height} px, on planes {near:.4g} and {far:.4g} mm"
+    yield f"{camera.name}: {len(field.x_px)} rays over {width} x {height} px, on planes {near:.4g} and {far:.4g} mm"
     yield "before the stop; residuals are lengths in px"
     yield ""
-    if found.fits:
+    if camera.fits:
         yield "model             rms        largest    where"
-    for fit in found.fits:
+    for fit in camera.fits:
         x, y, z_mm = worst(fit, field)
         yield f"{fit.model.name:16}  {fit.rms_px:.3e}  {fit.max_px:.3e}  at ({x:g}, {y:g}) px, {z_mm:.4g} mm"
-    for fit in found.fits:
+    for fit in camera.fits:
         yield ""
         yield f"{fit.model.name}: {fit.model.consumer}"
         yield from _parameters(fit.values)
-    if found.fits:
+    if camera.fits:
         yield ""
-        yield from _distances(found.best, found)
-    if found.thin is not None:
+        yield from _distances(camera.best, camera)
+    if camera.thin is not None:
         yield ""
-        yield from _thin(found.thin)
+        yield from _thin(camera.thin)
     yield ""
     yield "entrance pupil: where rays pass the axis"
     yield "angle      vision z"
-    count = len(found.pupil.angle_deg)
+    count = len(camera.pupil.angle_deg)
     for row in sorted({round((count - 1) * step / (_ROWS - 1)) for step in range(_ROWS)} if count else ()):
-        yield f"{found.pupil.angle_deg[row]:6.2f}°   {found.pupil.z_mm[row]:10.4f} mm"
+        yield f"{camera.pupil.angle_deg[row]:6.2f}°   {camera.pupil.z_mm[row]:10.4f} mm"
 
 
 def _parameters(values: dict[str, float]) -> Iterator[str]:
@@ -50,10 +50,10 @@ def _parameters(values: dict[str, float]) -> Iterator[str]:
         yield "  " + "  ".join(f"{item:26}" for item in items[first : first + 4]).rstrip()
 
 
-def _distances(fit: Fit, found: FittedCamera) -> Iterator[str]:
+def _distances(fit: Fit, camera: FittedCamera) -> Iterator[str]:
     yield f"{fit.model.name} at other distances, not fitted again: rays of a lens do not meet in one centre"
     yield "vision z      rms        largest"
-    for z_mm, mean, most in by_distance(fit, found.field):
+    for z_mm, mean, most in by_distance(fit, camera.field):
         yield f"{z_mm:9.1f} mm  {mean:.3e}  {most:.3e}"
 
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import FieldRays, PupilCurve, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
 from pipeline.fits.fitting import Fit, fitted, rms
 from pipeline.fits.models import MODELS
 from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
@@ -79,11 +78,11 @@ def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
     )
 
 
-def document(found: FittedCamera) -> dict[str, Any]:
+def document(camera: FittedCamera) -> dict[str, Any]:
     """The result as plain data."""
-    field = found.field
+    field = camera.field
     return {
-        "camera": found.name,
+        "camera": camera.name,
         "size_px": list(field.size_px),
         "planes_mm": list(field.planes_mm),
         "rays": len(field.x_px),
@@ -93,12 +92,12 @@ def document(found: FittedCamera) -> dict[str, Any]:
             "frame": "vision frame: origin at the centre of the aperture stop, x right, y down, z forward, mm",
             "residual": "position by the model minus position, px",
         },
-        "models": [_model(fit, field) for fit in found.fits],
-        "thin_lens_plenoptic": None if found.thin is None else _thin(found.thin),
+        "models": [_model(fit, field) for fit in camera.fits],
+        "thin_lens_plenoptic": None if camera.thin is None else _thin(camera.thin),
         "entrance_pupil": {
-            "angle_deg": found.pupil.angle_deg.tolist(),
-            "z_mm": found.pupil.z_mm.tolist(),
-            "aside_mm": found.pupil.aside_mm.tolist(),
+            "angle_deg": camera.pupil.angle_deg.tolist(),
+            "z_mm": camera.pupil.z_mm.tolist(),
+            "aside_mm": camera.pupil.aside_mm.tolist(),
         },
     }
 
@@ -113,8 +112,8 @@ def worst(fit: Fit, field: FieldRays) -> tuple[float, float, float]:
 
 def by_distance(fit: Fit, field: FieldRays) -> list[tuple[float, float, float]]:
     """Vision z, rms and largest residual on planes at other distances: what no centre of projection explains."""
-    found = [(z_mm, fit.at_distance(field, z_mm)) for z_mm in field.distances_mm]
-    return [(z_mm, rms(off), float(np.hypot(*off.T).max())) for z_mm, off in found]
+    residuals = [(z_mm, fit.at_distance(field, z_mm)) for z_mm in field.distances_mm]
+    return [(z_mm, rms(off), float(np.hypot(*off.T).max())) for z_mm, off in residuals]
 
 
 def _require_known(name: str) -> None:

@@ -16,8 +16,7 @@ import numpy as np
 
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.exports.thin_lens import thin_lens
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import field_rays
+from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import least, rms
 from pipeline.results.ready_camera import ReadyCamera
 
@@ -101,8 +100,8 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
         raise FitError(f"{camera.name or 'the camera'} has no microlenses", hint="choose a model of a pinhole")
     for count in _POINTS:
         points = _scene_points(camera, count)
-        found = camera.project(points)
-        is_full = found.hit_fraction >= _FULL
+        images = camera.project(points)
+        is_full = images.hit_fraction >= _FULL
         if is_full.sum() >= _LEAST_ROWS:
             break
     else:
@@ -110,9 +109,9 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
             f"{is_full.sum()} positions in full light of {len(points)} points are too few to fit a thin lens"
         )
     row_of = {pair: row for row, pair in enumerate(zip(lattice.k.tolist(), lattice.l.tolist(), strict=True))}
-    assert found.microlens is not None and found.microlens_type is not None
-    vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in found.microlens.tolist()]]
-    seen, wanted = points[found.point], np.stack([found.x_px, found.y_px], axis=1)
+    assert images.microlens is not None and images.microlens_type is not None
+    vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in images.microlens.tolist()]]
+    seen, wanted = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
 
     def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
         return _pixels(camera, p, positions_mm(p, seen[rows], vertices[rows])) - wanted[rows]
@@ -157,7 +156,7 @@ def _scene_points(camera: ReadyCamera, count: int) -> np.ndarray:
 
 def _start(camera: ReadyCamera) -> np.ndarray:
     figures = report(camera.camera)
-    focal_mm = np.array([one["focal_length_mm"] for one in figures["mla"]["types"]])
+    focal_mm = np.array([kind["focal_length_mm"] for kind in figures["mla"]["types"]])
     lens, start = thin_lens(figures, focal_mm), np.zeros(len(PARAMETERS))
     front_mm = figures["lens"]["principal_planes_mm"][0]
     start[:4] = lens.focal_mm, front_mm, lens.main_lens_mm, lens.sensor_mm

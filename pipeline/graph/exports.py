@@ -5,8 +5,9 @@ import json
 from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.export_formats import FORMATS, Format, NamedCamera, Reads, folder_of
 from pipeline.exports.noise import Noise
+from pipeline.exports.writer_code import code_of_writer
+from pipeline.formats import Format, Reads, folder_of, format_of
 from pipeline.graph.frame_contents import Things
 from pipeline.graph.frame_tasks import add
 from pipeline.graph.poses import target_poses
@@ -22,13 +23,14 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
     """
     asked = dataset.exports
     for name in asked.formats:
-        wanted = FORMATS[name]
+        wanted = format_of(name)
         cameras = [one for one in dataset.cameras if wanted.takes(_is_plenoptic(one))]
         read = _Read(graph, files, cameras, wanted)
         sights = read.sights() if Reads.RAYS in wanted.reads else {}
         noisy = Reads.CORNERS in wanted.reads
         params = Export(
             format=name,
+            code=code_of_writer(name),
             position=asked.position,
             noise=Noise(**asked.noise) if noisy else Noise(),  # type: ignore[arg-type]  # scene knows no Noise
             stage=f"</{dataset.stage_name}>",
@@ -106,13 +108,13 @@ def _is_plenoptic(camera: CameraEntry) -> bool:
     return camera.asked.microlenses is not None
 
 
-def _named(cameras: list[CameraEntry]) -> list[NamedCamera]:
-    """The cameras as an opened build lists them."""
-    return [
-        NamedCamera(name=name_with(one.name, channel or None), is_plenoptic=_is_plenoptic(one))
-        for one in sorted(cameras, key=lambda one: one.name)
-        for channel in [channel.name for channel in one.channels] or [""]
-    ]
+def _named(cameras: list[CameraEntry]) -> dict[str, bool]:
+    """The cameras as an opened build lists them, and whether each is plenoptic."""
+    return {
+        name_with(camera.name, channel or None): _is_plenoptic(camera)
+        for camera in sorted(cameras, key=lambda camera: camera.name)
+        for channel in [channel.name for channel in camera.channels] or [""]
+    }
 
 
 def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[SeenFrame, ...]:

@@ -8,7 +8,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
-from pipeline.export_formats import AskedExports
+from pipeline.formats import EXACT
 from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.colorimetry import Colorimetry
@@ -236,6 +236,25 @@ class Frame:
     world_from_target: dict[str, Matrix]
     world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
     world_from_lamp: dict[str, Matrix] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedExports:
+    """Exports that a stage asks for.
+
+    Attributes
+    ----------
+    formats : tuple of str
+        Names of formats, in the order of the stage.
+    position : str
+        Kind of position of a point: exact, chief, saddle or centroid.
+    noise : dict
+        Fields of `exports.noise.Noise`.
+    """
+
+    formats: tuple[str, ...] = ()
+    position: str = EXACT
+    noise: dict[str, float | int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from pipeline.tasks.params.exports import Export
 
 def run(params: Export, inputs: Inputs, out: Path) -> None:
     """Write the files of the format, and export.json."""
+    # No import statement: what makes keys is no part of them.
+    import_module("pipeline.exports.writer_code").require_code(params.format, params.code)
     places = {path: inputs[role][output] for path, (role, output) in params.files.items()}
     digests = dict.fromkeys((*places, *params.records), "")
     parts = BuiltParts(path=Path(), stage=params.stage, digests=digests, places=places, records=params.records)

@@ -4,7 +4,6 @@ Sections of observations: pleno/geometry/observation.cpp. Nodes of a mesh: GridM
 thin lens, Brown terms left out, a straight line through each microlens, u = W - 1 - x / scale.
 """
 
-import csv
 import gzip
 import json
 import struct
@@ -41,7 +40,6 @@ class Files:
     params: dict
     scene: dict
     poses: dict
-    intrinsics: dict
 
 
 def sections(path: Path) -> list[list[tuple]]:
@@ -62,13 +60,7 @@ def read(folder: Path) -> Files:
     again, corners, none = sections(folder / "corners.bin.gz")
     assert again == centres and none == []
     assert corners == [(k, l, u, v, cluster, frame) for k, l, u, v, _, cluster, frame in features]
-    for name, head, rows in (("centers", "k,l,u,v", centres), ("features", "k,l,u,v,rho,cluster,frame", features)):
-        with (folder / f"{name}.csv").open() as stream:
-            first, *lines = list(csv.reader(stream))
-        assert ",".join(first) == head and [tuple(map(float, line)) for line in lines] == rows
-    texts = (
-        json.loads((folder / f"{name}.js").read_text()) for name in ("camera", "params", "scene", "poses", "intrinsics")
-    )
+    texts = (json.loads((folder / f"{name}.js").read_text()) for name in ("camera", "params", "scene", "poses"))
     return Files(centres, features, *texts)
 
 
@@ -124,7 +116,6 @@ def check_libpleno(folder: Path, scene: PlenopticScene) -> None:
     expected = [row for frame in sorted(scene.poses) for row in scene.rows(frame)]
     assert len(files.features) == len(expected) and sorted(poses) == sorted(scene.poses)
     np.testing.assert_allclose(reprojection_errors(files), 0, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(through_the_intrinsics(files), 0, rtol=0, atol=1e-5)
     assert np.abs([row[2:4] - HIT_PX for row in map(np.array, files.features)]).sum(axis=1).min() < PRINTED
     for name, number in (
         ("dc", mesh["pitch"][0][0] * sensor["scale"]),
@@ -170,24 +161,3 @@ def reprojected(files: Files, seen: np.ndarray, k: int, l: int) -> list[float]:
     blur = 1 / micro_focal - 1 / before - 1 / sensor_mm
     rho = files.params["dc"] * array / (array + sensor_mm) * sensor_mm / 2 * blur / scale
     return [u, v, rho]
-
-
-def through_the_intrinsics(files: Files) -> np.ndarray:
-    """u and v by intrinsics.js alone less those of the features, (n, 2): a microlens is (W - 1 - k, H - 1 - l)."""
-    camera, (board,) = files.intrinsics, files.scene["checkerboards"]
-    poses = {pose["frame"]: pose["pose"] for pose in files.poses["poses"]}
-    mesh, sensor = camera["mla"]["mesh"], camera["sensor"]
-    assert (mesh["width"], mesh["height"]) == (camera["mia"]["mesh"]["width"], camera["mia"]["mesh"]["height"])
-    flat = {**mesh, "pose": {"rotation": np.eye(2), "translation": [[0.0, 0.0]]}}
-    corner, off = np.array(sensor["pose"]["translation"][0]), []
-    for k, l, u, v, _, cluster, frame in files.features:
-        row, column = divmod(cluster, board["x_grid"])
-        place = np.array([column * board["lph"], row * board["lph"], 0.0])
-        seen = matrix(poses[frame]["rotation"]).T @ (place - poses[frame]["translation"][0])
-        image = -camera["main_lens"]["f"] / (abs(seen[2]) - camera["main_lens"]["f"]) * seen
-        there = np.append(node(flat, mesh["width"] - 1 - k, mesh["height"] - 1 - l), 0.0)
-        lens = matrix(mesh["pose"]["rotation"]) @ there + mesh["pose"]["translation"][0]
-        met = image + (corner[2] - image[2]) / (lens[2] - image[2]) * (lens - image)
-        last = np.array([sensor["width"], sensor["height"]]) - 1
-        off.append(last - (met - corner)[:2] / sensor["scale"] - [u, v])
-    return np.array(off)

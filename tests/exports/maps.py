@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import OpenEXR
 from exports.pretended import write_manifest
-from pxr import Usd
 
 from pipeline.results.answers import PixelRays
 
@@ -137,30 +136,6 @@ def looked_at(name: str, row: np.ndarray, column: np.ndarray) -> np.ndarray:
     return pixels_of(np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))]))
 
 
-def check_omni_lut(folder: Path) -> None:
-    """Directions of a USD camera; the tables and the camera of the layer agree about what is where."""
-    enter = channels(folder / "Left.ray_enter.exr", "R", "G", "B")
-    column, row = PIXEL
-    seen = point() * [1, -1, -1] / np.linalg.norm(point())
-    same(enter[row, column], seen, 1e-6)
-    leave = channels(folder / "Left.ray_exit.exr", "R", "G")
-    size = leave.shape[0]
-    # Unfolded octahedron: the middle looks ahead, right and up are +x and +y of the camera.
-    for right, up in ((0.05, 0.03), (-0.1, 0.08), (0.12, -0.07)):
-        i, j = (int((1 + share / (1 + abs(right) + abs(up))) * size / 2) for share in (right, up))
-        u, v = (2 * i + 1) / size - 1, (2 * j + 1) / size - 1
-        ahead = np.array([[u, -v, 1 - abs(u) - abs(v)]])
-        place = (pixels_of(ahead / ahead[:, 2:])[0] + 0.5) / SIZE_PX
-        same(leave[j, i], place, 1e-6)
-    assert (leave[0, 0] == -1).all() and (leave[size // 2, 5] == -1).all()
-    stage = Usd.Stage.Open(str(folder / "Left.usda"))
-    prim = stage.GetDefaultPrim()
-    values = {a.GetName().rpartition(":")[2]: a.Get() for a in prim.GetAttributes() if "lensdist" in a.GetName()}
-    assert (values["nominalWidth"], values["nominalHeight"], tuple(values["opticalCenter"])) == (64, 48, (32, 24))
-    assert Path(values["rayEnterDirectionTexture"].resolvedPath) == (folder / "Left.ray_enter.exr").resolve()
-    assert values["model"] == "lut"
-
-
 def check_depth(folder: Path) -> None:
     """A slanted plane before the pinhole, cut off at the right: from the equation of the plane."""
     depth = channels(folder / "Left/0001.depth.exr", "Z")[..., 0]
@@ -180,6 +155,5 @@ CHECKS = {
     "depth": check_depth,
     "rays": check_rays,
     "stmap": check_stmap,
-    "omni-lut": check_omni_lut,
 }
 """Format with rays or maps -> its check."""

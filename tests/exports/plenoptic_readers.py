@@ -1,7 +1,6 @@
-"""Readers of formats for plenoptic cameras, written from the published code of those who read them."""
+"""Readers of formats for plenoptic cameras; in `test_programs` programs read libpleno, raytrix, lftoolbox and bok."""
 
 import json
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,6 @@ from exports.pretended_plenoptic import (
     PIXEL_MM,
     RADIUS_PX,
     SIZE_PX,
-    TYPES_MM,
     PlenopticScene,
 )
 from scipy.io import loadmat
@@ -31,40 +29,6 @@ def nearest(scene: PlenopticScene, place: np.ndarray) -> int:
     off = np.linalg.norm(scene.array.centre_px - place, axis=1)
     assert off.min() < FITTED_PX, f"no micro-image at {place}, the next one is {off.min()} px away"
     return int(off.argmin())
-
-
-def check_raytrix(folder: Path, scene: PlenopticScene) -> None:
-    """imgIO.read_calibration, MLACalibration and lens_grid of PlenopticToolbox 2.0."""
-    text = (folder / f"{NAME}.xml").read_text()
-    root = ET.fromstring(text)
-    order = ["offset", "diameter", "rotation", "lens_border", "tcp", "lens_base_x", "lens_base_y", "sub_grid_base"]
-    assert [child.tag for child in root] == [*order, "distortion", *["lens_type"] * 3]
-    number = {name: float(root.findtext(name)) for name in ("diameter", "rotation", "lens_border")}
-    pair = {
-        name: np.array([float(root.find(name).findtext(axis)) for axis in "xy"])
-        for name in order
-        if root.find(f"{name}/x") is not None
-    }
-    offset = np.array([-pair["offset"][1], pair["offset"][0]])  # row, column
-    right = np.array([-pair["lens_base_x"][1], pair["lens_base_x"][0]])
-    down = right - np.array([-pair["lens_base_y"][1], pair["lens_base_y"][0]])
-    cos, sin = np.cos(number["rotation"]), np.sin(number["rotation"])
-    middle = (np.array(SIZE_PX[::-1]) - 1) / 2
-    np.testing.assert_allclose(number["lens_border"], number["diameter"] / 2 - RADIUS_PX, atol=1e-6)
-    kinds, ranges = {}, []
-    for kind in root.findall("lens_type"):
-        x, y = (int(float(kind.find("offset").findtext(axis))) for axis in "xy")
-        kinds[((-x % 3) + y) % 3] = int(kind.get("id"))
-        ranges.append([float(kind.find("depth_range").findtext(end)) for end in ("min", "max")])
-    assert sorted(kinds) == [0, 1, 2] and kinds[0] == 0
-    for c0 in range(-3, 4):
-        for c1 in range(-3, 4):
-            place = np.array([[cos, -sin], [sin, cos]]) @ (number["diameter"] * (c0 * down + c1 * right))
-            row, column = place + offset + middle
-            own = scene.array.types[nearest(scene, np.array([column, row]))]
-            found = ranges[kinds[((-c0 % 3) + c1) % 3]]
-            np.testing.assert_allclose(found, virtual_depths(TYPES_MM[own]), rtol=1e-9)
-    assert np.linalg.norm(offset) < number["diameter"], "the central lens is the one nearest to the middle"
 
 
 def virtual_depths(focal_mm: float) -> list[float]:
@@ -152,19 +116,6 @@ def check_plenopticam(folder: Path, scene: PlenopticScene) -> None:
             np.testing.assert_allclose(by_cell[row, column + 1][0] - place[0], pitch_x, rtol=1e-3)
         if (row + 2, column) in by_cell:
             np.testing.assert_allclose(by_cell[row + 2, column][1] - place[1], 2 * pitch_y, rtol=0.05)
-
-
-def check_lftoolbox(folder: Path, scene: PlenopticScene) -> None:
-    """LFBuildHexGrid of LFToolbox 3bf4f55, in LFBuildLensletGridModel.m since 0.5: Rot about its origin, then the
-    offset. MATLAB counts pixels from 1. `test_programs` runs the function itself.
-    """
-    model = json.loads((folder / f"{NAME}.grid.json").read_text())["LensletGridModel"]
-    assert model["Orientation"] == "horz"
-    cos, sin = np.cos(model["Rot"]), np.sin(model["Rot"])
-    v, u = np.mgrid[: model["VMax"], : model["UMax"]]
-    shifted = np.isin(v, np.arange(model["FirstPosShiftRow"] - 1, model["VMax"], 2))
-    flat = np.stack([(u + 0.5 * shifted) * model["HSpacing"], v * model["VSpacing"]], axis=-1).reshape(-1, 2)
-    require_all_centres(flat @ np.array([[cos, -sin], [sin, cos]]).T + [model["HOffset"], model["VOffset"]] - 1, scene)
 
 
 def require_all_centres(places: np.ndarray, scene: PlenopticScene) -> None:

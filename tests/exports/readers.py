@@ -1,10 +1,9 @@
-"""Readers of exported files: the real clients where they install, else written from the published layouts alone.
+"""Programs that read exported files, and what each has to find.
 
 Each `check_<format>` asserts that a folder says what a scene of `pretended` is, by that consumer's rules. Nothing here
 comes from the table of conventions.
 """
 
-import ast
 import json
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import numpy as np
 import pandas as pd
 import pycolmap
 import vision_calibration
-import yaml
 from exports.pretended import (
     CENTRE_PX,
     COLUMNS,
@@ -29,7 +27,7 @@ from exports.pretended import (
 )
 from vision_calibration import models as calibration
 
-from pipeline.frames import rigid, rotation_vector
+from pipeline.frames import rotation_vector
 
 FLOAT32_PX, PRINTED_PX, SOLVED_PX = 5e-5, 1e-9, 1e-5
 """Rounding of single precision at 640 px; of a double; what OpenCV's iterations leave."""
@@ -43,14 +41,6 @@ def grid_points(square: float) -> np.ndarray:
     """The board of most tools: x along columns, y along rows, from the first corner."""
     row, column = np.divmod(np.arange(COLUMNS * ROWS), COLUMNS)
     return np.stack([column, row, 0 * row], axis=1) * square
-
-
-def solved(points: np.ndarray, pixels: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """The pose by which OpenCV sees points at pixels, (4, 4)."""
-    found, rvec, tvec = cv2.solvePnP(points, pixels, matrix, DISTORTION, flags=cv2.SOLVEPNP_ITERATIVE)
-    rvec, tvec = cv2.solvePnPRefineLM(points, pixels, matrix, DISTORTION, rvec, tvec)
-    assert found
-    return rigid(cv2.Rodrigues(rvec)[0], tvec.ravel())
 
 
 def check_opencv(folder: Path, scene: Scene) -> None:
@@ -121,90 +111,27 @@ def check_opencv_multiview(folder: Path, scene: Scene) -> None:
             same(np.ravel(shift), pose[:3, 3] / 1000, 1e-5)
 
 
-def check_mrcal(folder: Path, scene: Scene) -> None:
-    """As `mrcal.compute_chessboard_corners` parses a cache, and `mrcal.cameramodel` its literal."""
-    lines = (folder / "corners.vnl").read_text().splitlines()
-    head = next(i for i, line in enumerate(lines) if not line.startswith("# ") or line == "# filename x y level")
-    assert lines[head] == "# filename x y level"
-    rows = [line.split() for line in lines[head + 1 :]]
-    assert all(len(row) == 4 for row in rows) and len(rows) == 9 * COLUMNS * ROWS
-    models = {name: _mrcal_model(folder / f"{name}.cameramodel") for name in scene.rig}
-    poses = {}
-    for start in range(0, len(rows), COLUMNS * ROWS):
-        block = rows[start : start + COLUMNS * ROWS]
-        (image,) = {row[0] for row in block}
-        _, frame, name, _ = image.split("/")
-        seen = [point for point, row in enumerate(block) if "-" not in row[1:]]
-        assert seen == scene.ids(name, int(frame))
-        pixels = np.array([[float(x), float(y)] for _, x, y, _ in (block[point] for point in seen)])
-        same(pixels, scene.pixels(name, int(frame))[seen], PRINTED_PX)
-        poses[name, int(frame)] = solved(grid_points(SQUARE_MM / 1000)[seen], pixels, scene.matrix)
-    same([float(value) for value in rows[0][1:3]], CORNER_PX, PRINTED_PX)
-    same(models["Left"]["rt_cam_ref"], np.zeros(6), 0)
-    for name, frame in poses:
-        between = poses[name, frame] @ np.linalg.inv(poses["Left", frame])
-        same(models[name]["rt_cam_ref"], [*rotation_vector(between), *between[:3, 3]], 1e-6)
-
-
-def _mrcal_model(path: Path) -> dict:
-    model = ast.literal_eval("".join(line for line in path.open() if not line.lstrip().startswith("#")))
-    assert model["lensmodel"] == "LENSMODEL_OPENCV5" and model["imagersize"] == list(SIZE_PX)
-    same(model["intrinsics"], [F_PX, F_PX, *CENTRE_PX, *DISTORTION], 0)
-    assert model["extrinsics"] == model["rt_cam_ref"]
-    return model
-
-
-def check_kalibr(folder: Path, scene: Scene) -> None:
-    target = yaml.safe_load((folder / "target.yaml").read_text())
-    spacing = target["rowSpacingMeters"], target["colSpacingMeters"]
-    assert all(type(value) is float for value in spacing), "Kalibr refuses integers"
-    assert (target["target_type"], target["targetCols"], target["targetRows"]) == ("checkerboard", COLUMNS, ROWS)
-    same(spacing, [SQUARE_MM / 1000] * 2, 1e-15)
-    chain = yaml.safe_load((folder / "camchain.yaml").read_text())
-    assert list(chain) == ["cam0", "cam1", "cam2"] and "T_cn_cnm1" not in chain["cam0"]
-    for camera in chain.values():
-        assert (camera["camera_model"], camera["distortion_model"]) == ("pinhole", "radtan")
-        same(camera["intrinsics"], [F_PX, F_PX, *CENTRE_PX], 0), same(camera["distortion_coeffs"], DISTORTION[:4], 0)
-        assert camera["resolution"] == list(SIZE_PX)
-        assert all(type(value) is float for value in camera["intrinsics"] + camera["distortion_coeffs"])
-    names = list(scene.rig)
-    for number in (1, 2):
-        expected = scene.rig[names[number]] @ np.linalg.inv(scene.rig[names[number - 1]])
-        expected[:3, 3] /= 1000
-        same(chain[f"cam{number}"]["T_cn_cnm1"], expected, 1e-12)
-    corners = pd.read_csv(folder / "corners.csv", comment="#")
-    for (frame, camera), rows in corners.groupby(["frame", "camera"]):
-        name = list(scene.rig)[camera]
-        assert rows.point.tolist() == scene.ids(name, frame)
-        same(rows[["x_px", "y_px"]], scene.pixels(name, frame)[rows.point], PRINTED_PX)
-        row, column = np.divmod(rows.point, COLUMNS)
-        expected = np.stack([row * spacing[0], column * spacing[1], 0 * row], axis=1)
-        same(rows[["target_x_m", "target_y_m", "target_z_m"]], expected, 1e-12)
-    same(corners[["x_px", "y_px"]].iloc[0], CORNER_PX, SOLVED_PX)
-
-
 def check_colmap(folder: Path, scene: Scene) -> None:
-    """pycolmap projects the points of the model to its own observations, text and binary alike."""
-    for place in ("text", "binary"):
-        model = pycolmap.Reconstruction(str(folder / place))
-        assert (len(model.cameras), len(model.images), len(model.points3D)) == (3, 9, COLUMNS * ROWS)
-        for image in model.images.values():
-            _, number, name, _ = image.name.split("/")
-            camera, frame = model.cameras[image.camera_id], int(number)
-            assert (camera.width, camera.height) == SIZE_PX and camera.model.name == "FULL_OPENCV"
-            same(camera.params, [F_PX, F_PX, *(CENTRE_PX + 0.5), *DISTORTION, 0, 0, 0], 0)
-            ids = [point.point3D_id - 1 for point in image.points2D]
-            assert ids == scene.ids(name, frame)
-            stored = np.array([point.xy for point in image.points2D])
-            same(stored, scene.pixels(name, frame)[ids] + 0.5, PRINTED_PX)
-            seen = np.array([image.cam_from_world() * model.points3D[i + 1].xyz for i in ids])
-            assert (seen[:, 2] > 0).all()
-            same(camera.img_from_cam(seen), stored, PRINTED_PX)
-            if (frame, name) == (1, "Left"):
-                same(stored[0], CORNER_PX + 0.5, SOLVED_PX)
-        places = np.array([model.points3D[i + 1].xyz for i in range(COLUMNS * ROWS)])
-        same(places, grid_points(SQUARE_MM / 1000), 1e-12)
-        assert model.points3D[1].track.length() == 8
+    """pycolmap projects the points of the model to its own observations."""
+    model = pycolmap.Reconstruction(str(folder))
+    assert (len(model.cameras), len(model.images), len(model.points3D)) == (3, 9, COLUMNS * ROWS)
+    for image in model.images.values():
+        _, number, name, _ = image.name.split("/")
+        camera, frame = model.cameras[image.camera_id], int(number)
+        assert (camera.width, camera.height) == SIZE_PX and camera.model.name == "FULL_OPENCV"
+        same(camera.params, [F_PX, F_PX, *(CENTRE_PX + 0.5), *DISTORTION, 0, 0, 0], 0)
+        ids = [point.point3D_id - 1 for point in image.points2D]
+        assert ids == scene.ids(name, frame)
+        stored = np.array([point.xy for point in image.points2D])
+        same(stored, scene.pixels(name, frame)[ids] + 0.5, PRINTED_PX)
+        seen = np.array([image.cam_from_world() * model.points3D[i + 1].xyz for i in ids])
+        assert (seen[:, 2] > 0).all()
+        same(camera.img_from_cam(seen), stored, PRINTED_PX)
+        if (frame, name) == (1, "Left"):
+            same(stored[0], CORNER_PX + 0.5, SOLVED_PX)
+    places = np.array([model.points3D[i + 1].xyz for i in range(COLUMNS * ROWS)])
+    same(places, grid_points(SQUARE_MM / 1000), 1e-12)
+    assert model.points3D[1].track.length() == 8
 
 
 def check_parquet(folder: Path, scene: Scene) -> None:
@@ -234,16 +161,6 @@ def _check_tables(frame_of, scene: Scene) -> None:
             same(seen, pixels, PRINTED_PX)
 
 
-def check_lensboy(folder: Path, scene: Scene) -> None:
-    """The keys that OpenCV.from_json of lensboy reads; lensboy itself needs an OpenCV beside ours."""
-    for name in scene.rig:
-        data = json.loads((folder / f"{name}.json").read_text())
-        assert data["type"] == "opencv" and (data["image_width"], data["image_height"]) == SIZE_PX
-        matrix = np.array([[data["fx"], 0, data["cx"]], [0, data["fy"], data["cy"]], [0, 0, 1]])
-        same(matrix, scene.matrix, 0)
-        assert data["distortion_coeffs"] == [*DISTORTION, *[0.0] * 9]
-
-
 def check_vision_calibration(folder: Path, scene: Scene) -> None:
     """vision-calibration takes the views, and finds the camera that imaged them, in metres."""
     for name in scene.rig:
@@ -261,10 +178,7 @@ def check_vision_calibration(folder: Path, scene: Scene) -> None:
 CHECKS = {
     "opencv": check_opencv,
     "opencv-multiview": check_opencv_multiview,
-    "mrcal": check_mrcal,
-    "kalibr": check_kalibr,
     "colmap": check_colmap,
-    "lensboy": check_lensboy,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,
     "npz": check_npz,

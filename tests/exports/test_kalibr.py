@@ -8,12 +8,11 @@ import yaml
 from exports.maps import CHECKS as MAPS
 from exports.pretended import Scene, write_build
 
-from pipeline.export_formats import FORMATS
-from pipeline.exports.conventions import CONVENTIONS
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
 from pipeline.exports.gathering import gather, grid_of
 from pipeline.exports.writers import kalibr
+from pipeline.formats import Cameras, format_of, loadable
 from pipeline.results.output import open_output
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 
@@ -40,7 +39,7 @@ def aprilgrid(output):
     )
     none = np.zeros(0, int)
     views = tuple(replace(view, observations=view.observations.only(none)) for view in material.views)
-    return converted(replace(material, targets=(target,), views=views), CONVENTIONS["kalibr"])
+    return converted(replace(material, targets=(target,), views=views), format_of("kalibr"))
 
 
 def test_the_target_file_of_an_aprilgrid(output, tmp_path):
@@ -67,7 +66,7 @@ def test_a_frame_in_which_nothing_is_seen_is_exported(tmp_path):
         head = table.read_text().splitlines()[:2]
         table.write_text("\n".join([*head, ""]))
     write_manifest(out)
-    names = [name for name, one in FORMATS.items() if one.cameras != "plenoptic" and name not in MAPS]
+    names = [name for name, one in loadable().items() if one.cameras is not Cameras.PLENOPTIC and name not in MAPS]
     folders = export(open_output(out), names, tmp_path / "exports")
     assert len(folders) == len(names)
     corners = (tmp_path / "exports/mrcal/corners.vnl").read_text()

@@ -3,32 +3,13 @@
 import numpy as np
 import pytest
 from builds import tiny
-from exports.flipping import require_notice
+from exports.flipping import flips, require_notice
 from exports.maps import CHECKS, channels, write_small_build
 
 import pipeline
-from pipeline.exports.conventions import CONVENTIONS, ImageAxes, Origin, Rays, Unit
-from pipeline.exports.errors import ExportError
 from pipeline.exports.export import export
-from pipeline.exports.writers.maps import omni_lut
+from pipeline.formats import ExportError
 from pipeline.results.output import open_output
-
-FIELDS = {"origin": Origin, "axes": ImageAxes, "unit": Unit, "rays": Rays}
-
-
-def flips():
-    """Every other value of every field of every convention; "none" is no claim, and neither is made of one."""
-    for name in CHECKS:
-        for field, values in FIELDS.items():
-            stated = getattr(CONVENTIONS[name], field)
-            if stated.name != "NONE":
-                others = [other for other in values if other is not stated and other.name != "NONE"]
-                yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
-
-
-@pytest.fixture(autouse=True)
-def small_tables(monkeypatch):
-    monkeypatch.setattr(omni_lut, "_EXIT_PX", 128)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +33,11 @@ def test_its_reader_gets_back_every_number(output, name, tmp_path):
     CHECKS[name](folder)
 
 
-@pytest.mark.parametrize(("name", "field", "other"), list(flips()))
+UNSEEN = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
+"""This camera has no microlenses, and maps know no board."""
+
+
+@pytest.mark.parametrize(("name", "field", "other"), list(flips(CHECKS, UNSEEN)))
 def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path, monkeypatch):
     require_notice(CHECKS[name], output, name, {field: other}, tmp_path, monkeypatch)
 
@@ -106,12 +91,12 @@ def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
 
 
 def test_bands_do_not_show(output, tmp_path, monkeypatch):
-    from pipeline.exports.seen import ray_patches
-    from pipeline.exports.writers.maps import rays
+    from pipeline.exports import ray_patches
+    from pipeline.exports.writers.maps import traced
 
     monkeypatch.setattr(ray_patches, "EDGE_PX", 16)
     (whole,) = export(output, ["rays"], tmp_path / "a")
-    monkeypatch.setattr(rays, "_AT_ONCE", 100)
+    monkeypatch.setattr(traced, "AT_ONCE", 100)
     (bands,) = export(output, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name

@@ -8,11 +8,11 @@ import pytest
 from exports.pretended import Scene, write_build
 from scipy import stats
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import gather
 from pipeline.exports.material import ExportView, Material, Observations
 from pipeline.exports.noise import Noise, noise_of, with_noise
+from pipeline.formats import ExportError
 from pipeline.results.output import open_output
 
 COUNT = 40_000
@@ -26,9 +26,7 @@ def output(tmp_path_factory):
 def many(ids: np.ndarray, camera: str = "A") -> Material:
     """One view with an observation of each id at (0, 0)."""
     n = len(ids)
-    found = Observations(
-        rows=np.arange(n), ids=ids, positions=np.zeros((n, 2)), microlenses=None, types=None, rho_px=np.zeros(n)
-    )
+    found = Observations(rows=np.arange(n), ids=ids, positions=np.zeros((n, 2)), microlenses=None, rho_px=np.zeros(n))
     view = ExportView(
         camera=camera, target="T", frame=1, image="", built=None, camera_from_target=None, camera_from_world=None,
         observations=found,
@@ -80,7 +78,7 @@ def test_microlenses_of_a_point_have_noise_of_their_own():
     material = many(np.zeros(COUNT, np.int64))
     view = material.views[0]
     lenses = np.stack([np.arange(COUNT) - COUNT // 2, np.arange(COUNT) % 7 - 3], axis=1)
-    view = replace(view, observations=replace(view.observations, microlenses=lenses, types=lenses[:, 0] % 3))
+    view = replace(view, observations=replace(view.observations, microlenses=lenses))
     places = with_noise(replace(material, views=(view,)), Noise(noise_px=1.0)).views[0].observations.positions
     assert stats.kstest(places[:, 1], "norm").pvalue > 1e-3
 
@@ -96,7 +94,7 @@ def test_every_file_with_comments_says_so_and_so_does_the_side_car(output, tmp_p
         "opencv": ["Left.yml", "stereo-Left-Right.yml"],
         "mrcal": ["corners.vnl", "Left.cameramodel"],
         "kalibr": ["target.yaml", "camchain.yaml", "corners.csv"],
-        "colmap": ["text/cameras.txt", "text/images.txt", "text/points3D.txt"],
+        "colmap": ["cameras.txt", "images.txt", "points3D.txt"],
     }
     for folder in export(output, list(texts), tmp_path, Request(noise=noise)):
         for name in texts[folder.name]:

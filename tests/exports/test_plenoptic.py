@@ -6,42 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builds import tiny
-from exports.flipping import require_notice
+from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
-from exports.plenoptic_readers import (
-    check_bok,
-    check_lftoolbox,
-    check_lightfield,
-    check_pip,
-    check_plenopticam,
-    check_raytrix,
-)
+from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
-from pipeline.export_formats import FORMATS, Cameras
-from pipeline.exports.cameras import GridMesh
-from pipeline.exports.conventions import (
-    CONVENTIONS,
-    Board,
-    Centre,
-    ImageAxes,
-    Microlenses,
-    Origin,
-    Pose,
-    Rotation,
-    Unit,
-)
-from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
+from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.noise import Noise
+from pipeline.formats import Centre, ExportError, format_of, module_of
 from pipeline.results.output import open_output
 
 CHECKS = {
     "libpleno": check_libpleno,
-    "raytrix": check_raytrix,
     "pip": check_pip,
     "bok": check_bok,
-    "lftoolbox": check_lftoolbox,
     "plenopticam": check_plenopticam,
     "lightfield": check_lightfield,
 }
@@ -55,31 +34,16 @@ LAYOUTS = {
     "lightfield": ("hexagonal", "hexagonal-columns", "square"),
 }
 """Arrays that a format knows."""
-UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses"), ("lftoolbox", "microlenses")}
-"""The keys of the one name their unit; the others know no types, and without numbers they write nothing."""
-FIELDS = {"origin": Origin, "axes": ImageAxes, "board": Board, "pose": Pose, "rotation": Rotation, "unit": Unit}
-FIELDS |= {"microlenses": Microlenses, "centre": Centre}
-
-
-def flips():
-    """Every other value of every field of every convention."""
-    for name in CHECKS:
-        for field, values in FIELDS.items():
-            stated = getattr(CONVENTIONS[name], field)
-            others = [other for other in values if other is not stated and "NONE" not in (stated.name, other.name)]
-            if (name, field) in UNSEEN or (field == "centre" and CONVENTIONS[name].pose is Pose.NONE):
-                continue
-            yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
-
-
+UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses")}
+"""The keys of the one name their unit; the other knows no types, and without numbers it writes nothing."""
 ARRAYS = ("hexagonal", "hexagonal-columns", "square")
 KNOWN = [(layout, name) for layout in ARRAYS for name in CHECKS if layout in LAYOUTS[name]]
-REFUSED = [(layout, name) for layout in ARRAYS for name in CHECKS if layout not in LAYOUTS[name]]
+REFUSED = [(layout, name) for layout in ARRAYS for name in LAYOUTS if layout not in LAYOUTS[name]]
 
 
 def flips_of_known():
     """Every flip, with every array that its format knows: in `make test`, with one that takes turns."""
-    for number, flip in enumerate(flips()):
+    for number, flip in enumerate(flips(CHECKS, UNSEEN)):
         known = LAYOUTS[flip.values[0]]
         for layout in known:
             marks = () if layout == known[number % len(known)] else pytest.mark.heavy
@@ -131,7 +95,7 @@ def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, co
     """Start values explain the rows of a double Gauss to 2 um on the sensor, 0.07 px; by the pinhole less well."""
     output, off = open_output(tiny("plenoptic", tmp_path, common_store)), {}
     for centre in Centre:
-        monkeypatch.setitem(CONVENTIONS, "libpleno", replace(CONVENTIONS["libpleno"], centre=centre))
+        monkeypatch.setattr(module_of("libpleno"), "FORMAT", replace(format_of("libpleno"), centre=centre))
         (folder,) = export(output, ["libpleno"], tmp_path / centre.name)
         off[centre] = reprojection_errors(read(folder / "Rig.Camera"))
     found = off[Centre.PRINCIPAL_POINT]
@@ -163,7 +127,7 @@ def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
     swapped = [re.sub(r"^(\S+?,\S+?),\d", r"\1,1", row) if i % 5 == 0 else row for i, row in enumerate(rows)]
     table.write_text("\n".join([head, first, second, *swapped, ""]))
     write_manifest(out)
-    with pytest.raises(ExportError, match="as libpleno counts them"):
+    with pytest.raises(ExportError, match="as libpleno counts"):
         export(open_output(out), ["libpleno"], tmp_path)
 
 
@@ -188,10 +152,6 @@ def test_a_conventional_camera_has_no_microlenses(tmp_path):
         export(open_output(out), ["libpleno"], tmp_path)
 
 
-def test_every_format_for_plenoptic_cameras_has_a_check():
-    assert CHECKS.keys() == {name for name, one in FORMATS.items() if one.cameras is Cameras.PLENOPTIC}
-
-
 def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, common_store):
     """There the main lens makes no image, so there is no virtual depth."""
     with pytest.raises(ExportError, match="up to the focal point"):
@@ -206,7 +166,13 @@ def test_microlenses_of_libpleno_are_opposite_to_their_micro_images(layout, size
 
     axis, per_px, (columns, rows) = np.array([90.0, 70.0]), 0.004, size
     mesh = GridMesh(
-        layout=layout, columns=columns, rows=rows, pitch_px=(20.0, 20.5), angle_rad=0.1, origin=np.array([8.0, 6.0])
+        layout=layout,
+        columns=columns,
+        rows=rows,
+        pitch_px=(20.0, 20.5),
+        angle_rad=0.1,
+        origin=np.array([8.0, 6.0]),
+        middle=np.zeros(2),
     )
     images = writer._mesh(mesh)
     pose = writer._array_pose(mesh, axis, per_px, 50.0)

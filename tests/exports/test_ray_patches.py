@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.exports.seen import ray_patches
-from pipeline.exports.seen.ray_patches import bands, rows_of_rays
+from pipeline.exports import ray_patches
+from pipeline.exports.ray_patches import bands, rows_of_rays
 from pipeline.results.answers import PixelRays
 
 PLANES_MM = (400.0, 500.0)

@@ -152,12 +152,11 @@ def test_opencv_finds_the_baseline_of_the_rows(exported):
 
 
 def test_the_errors_of_colmaps_points_are_those_that_colmap_computes(exported):
-    for place in ("text", "binary"):
-        model = pycolmap.Reconstruction(str(exported / "colmap" / place))
-        stated = [point.error for point in model.points3D.values()]
-        model.update_point_3d_errors()
-        assert min(stated) > FLOAT32_PX
-        np.testing.assert_allclose(stated, [point.error for point in model.points3D.values()], rtol=1e-9)
+    model = pycolmap.Reconstruction(str(exported / "colmap"))
+    stated = [point.error for point in model.points3D.values()]
+    model.update_point_3d_errors()
+    assert min(stated) > FLOAT32_PX
+    np.testing.assert_allclose(stated, [point.error for point in model.points3D.values()], rtol=1e-9)
 
 
 def stated(out, folder):

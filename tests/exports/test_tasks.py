@@ -8,9 +8,9 @@ from builds import DATA
 from shorter import few
 
 from pipeline.app.build import build, project
-from pipeline.export_formats import FORMATS, NamedCamera
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
+from pipeline.formats import format_of
 from pipeline.results.output import open_output
 
 ASKED = {
@@ -59,7 +59,7 @@ def test_a_build_writes_what_the_command_writes_of_it(kind, made, tmp_path):
     """Byte by byte, noise included; the rays of a task are those of the camera made ready from the folder."""
     _, out = made(stage_text(kind, ASKED[kind], **NOISY))
     output = replace(open_output(out), stage="</Dataset>")
-    readers = [name for name in ASKED[kind] if "correspondences and poses" in FORMATS[name].reads]
+    readers = [name for name in ASKED[kind] if "correspondences and poses" in format_of(name).reads]
     others = [name for name in ASKED[kind] if name not in readers]
     folders = export(output, readers, tmp_path / "by_hand", Request(noise=NOISE))
     folders += export(output, others, tmp_path / "by_hand")  # rays have no observations, so no noise
@@ -87,18 +87,14 @@ def test_another_seed_rebuilds_the_exports_alone_and_another_format_adds_one(mad
 
 def test_the_plan_knows_every_file_of_a_rig_with_both_kinds_of_cameras():
     """A format takes the cameras that it can describe; the names of pairs follow the order of an opened build."""
-    cameras = [
-        NamedCamera(name="A@red", is_plenoptic=False),
-        NamedCamera(name="A@blue", is_plenoptic=False),
-        NamedCamera(name="B@red", is_plenoptic=False),
-    ]
-    assert FORMATS["opencv"].paths(cameras, [1]) == sorted(
-        [f"{camera.name}.{ending}" for camera in cameras for ending in ("npz", "yml")]
+    cameras = {"A@red": False, "A@blue": False, "B@red": False}
+    assert format_of("opencv").paths(cameras, [1]) == sorted(
+        [f"{name}.{ending}" for name in cameras for ending in ("npz", "yml")]
         + ["stereo-A@red-B@red.npz", "stereo-A@red-B@red.yml", "export.json"]
     )
-    both = [NamedCamera(name="A", is_plenoptic=False), NamedCamera(name="B", is_plenoptic=True)]
-    assert [path for path in FORMATS["npz"].paths(both, [1]) if "micro" in path] == ["B.micro_images.npz"]
-    assert FORMATS["depth"].paths(both[:1], [1, 20]) == ["A/0001.depth.exr", "A/0020.depth.exr", "export.json"]
+    paths = format_of("npz").paths({"A": False, "B": True}, [1])
+    assert [path for path in paths if "micro" in path] == ["B.micro_images.npz"]
+    assert format_of("depth").paths({"A": False}, [1, 20]) == ["A/0001.depth.exr", "A/0020.depth.exr", "export.json"]
 
 
 def test_a_preview_exports_nothing(tmp_path):

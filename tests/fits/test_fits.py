@@ -14,8 +14,7 @@ from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.fits.errors import FitError
-from pipeline.fits.field import FieldRays, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, FitError, field_rays, pupil_curve
 from pipeline.fits.fitting import fitted
 from pipeline.fits.models import MODELS
 from pipeline.fits.result import ALL, THIN_LENS, by_distance, document, fit_camera, worst

@@ -6,14 +6,11 @@ import sys
 
 import cv2
 import numpy as np
-import OpenEXR
 import pytest
 from builds import DATA
 from pxr import Usd, UsdGeom
 
-import pipeline
 from pipeline import cli
-from pipeline.exports.writers.maps import omni_lut
 from pipeline.frames import apply
 from pipeline.scene.load import load
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION
@@ -99,31 +96,6 @@ def test_through_the_child_camera_points_fall_where_the_truth_has_them(layer):
     assert aperture * found.camera.field.start[0] == pytest.approx(32, rel=SINGLE)
 
 
-def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path, monkeypatch):
-    """Each pixel's direction leads from the child camera to the point of its ray on the plane of the tables."""
-    monkeypatch.setattr(omni_lut, "_EXIT_PX", 64)
-    code, _, _ = command(STAGE, "--lut", "-o", "seen.usda")
-    assert code == 0 and command(STAGE, "--lut", "-o", "seen.usda")[0] == 2
-    stage = Usd.Stage.Open(str(tmp_path / "seen.usda"))
-    camera = stage.GetPrimAtPath("/TinyConventional/Rig/Camera")
-    child = stage.GetPrimAtPath("/TinyConventional/Rig/Camera/Pinhole")
-    for prim in (camera, child):
-        assert prim.GetAttribute("omni:lensdistortion:model").Get() == "lut"
-        held = attributes(prim, "lut")
-        assert tuple(held["opticalCenter"]) == (16, 12) and (held["nominalWidth"], held["nominalHeight"]) == (32, 24)
-    with OpenEXR.File(held["rayEnterDirectionTexture"].resolvedPath, separate_channels=True) as file:
-        table = np.stack([file.parts[0].channels[name].pixels for name in "RGB"], axis=-1)
-        z_mm = float(file.header()["plane_mm"])
-    y, x = np.mgrid[0:24, 0:32].reshape(2, -1)
-    points = pipeline.ready(STAGE).rays(x, y).at_distance(z_mm) * [1, -1, -1]
-    ahead = points - np.array(UsdGeom.Xformable(child).GetLocalTransformation(0).ExtractTranslation())
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    np.testing.assert_allclose(table.reshape(-1, 3), ahead, rtol=0, atol=2e-7)
-    over = load(tmp_path / "seen.usda", [DATA.parents[1]])
-    assert over.problems == [] and over.dataset == load(STAGE).dataset
-    assert "OmniLensDistortionLutAPI" in over.flattened and ".exr" not in over.flattened  # it names no table
-
-
 def test_tables_are_accepted_of_the_schemas_of_a_camera_alone(tmp_path):
     """As Omniverse writes them, without "custom"; a missing table, another prim and a lone attribute are told."""
     (tmp_path / "enter.exr").write_bytes(b"")
@@ -176,7 +148,6 @@ def test_the_command_prints_the_largest_residual_of_the_field(command):
         ([STAGE, "-o", "seen.usd"], "must end in .usda"),
         ([STAGE, "--plot", "seen.png"], "is no .svg file"),
         ([STAGE, "-m", "tilted", "-o", "seen.usda"], "no schema of Omniverse has these models"),
-        ([STAGE, "--lut"], "--lut writes tables beside a layer"),
         (["."], "it has no manifest.json"),
     ],
 )
@@ -194,7 +165,7 @@ def test_the_list_loads_no_numpy():
 
 def test_a_plenoptic_camera_without_a_thin_lens_still_has_a_pinhole(command, monkeypatch):
     from pipeline.fits import result
-    from pipeline.fits.errors import FitError
+    from pipeline.fits.field import FitError
 
     def fails(camera):
         raise FitError("too few positions")

@@ -12,7 +12,7 @@ from hostile.scenes import SCENES
 from hostile.values import WITHOUT_VALUES, attempts, type_of
 from pxr import Sdf, Sdr, Usd, UsdGeom
 
-from pipeline.export_formats import FORMATS
+from pipeline import formats
 from pipeline.folders import share
 from pipeline.scene.load import load
 from pipeline.scene.read.lamps import KINDS
@@ -48,7 +48,7 @@ def test_every_attribute_and_relationship_is_tried_with_hostile_values():
     counts = Counter(attempt.name for attempt in attempts())
     assert {name: counts[name] for name in wanted if counts[name] < FEWEST} == {}
     assert {attempt.name for attempt in attempts() if attempt.type_name == "rel"} >= {"plen:mesh", "plen:targets"}
-    assert {text for one in attempts() if one.name == "plen:exports" for text in one.value} >= set(FORMATS)
+    assert {text for one in attempts() if one.name == "plen:exports" for text in one.value} >= set(formats.names())
     named = {(one.at, one.value.path) for one in attempts() if one.type_name == "asset"}
     assert named >= {(at, f"./{name}") for at in ("Lamp", "Paint/Picture") for name in PICTURES}
 

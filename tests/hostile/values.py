@@ -9,6 +9,7 @@ from hostile.pictures import PICTURES
 from hostile.scenes import SCENES, inputs_of, metadata, path_of, put, xform_ops
 from pxr import Sdf, Usd, Vt
 
+from pipeline import formats
 from pipeline.scene.usd.values import range_of
 
 FLOATS = (0.0, -0.0, 5e-324, 1e-30, -1.0, -1e-9, 1e9, 1e155, -1e155, 1.7e308, math.inf, -math.inf, math.nan)
@@ -125,6 +126,7 @@ def _of_scene(scene: str) -> Iterator[Attempt]:
             continue
         doc = definition.GetPropertyMetadata(name, "documentation") or ""
         tokens = definition.GetPropertyMetadata(name, "allowedTokens") or ()
+        tokens = formats.names() if name == "plen:exports" else tokens
         tokens = [token for token, _ in shader.GetOptions()] if shader else tokens
         usual = prim.GetAttribute(name).Get(1) if prim.GetAttribute(name) else None
         for value in [*values(kind, doc, usual), *_tokens(kind, tokens)]:

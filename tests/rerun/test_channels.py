@@ -16,7 +16,7 @@ from rerun.small_tiles import in_small_tiles
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verifying.verify import verify
-from pipeline.export_formats import is_pair
+from pipeline.formats import is_pair
 from pipeline.scene.load import load
 
 DATA = Path(__file__).parents[1] / "data"

@@ -10,22 +10,26 @@ from pipeline.app.verbs.terminal import OUTPUT, say
 
 def _names(incomplete: str) -> list[str]:
     """Formats, for completion in a shell; after a comma the next one."""
-    from pipeline.export_formats import FORMATS
+    from pipeline.formats import names
 
     before, comma, begun = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in FORMATS if name.startswith(begun)]
+    return [f"{before}{comma}{name}" for name in names() if name.startswith(begun)]
 
 
 def _print_list(wanted: bool) -> None:
     """Print the table of formats and end."""
     if not wanted:
         return
-    from pipeline.export_formats import FORMATS
-    from pipeline.exports.conventions import CONVENTIONS
+    from pipeline.formats import ExportError, format_of, names
 
-    width = max(map(len, FORMATS))
-    for name, one in FORMATS.items():
-        say(f"{name:{width}}  {CONVENTIONS[name].consumer}: {', '.join(one.files)} [cameras: {one.cameras}]")
+    width = max(map(len, names()), default=0)
+    for name in names():
+        try:
+            record = format_of(name)
+        except ExportError as error:
+            say(f"{name:{width}}  {error.what}")
+            continue
+        say(f"{name:{width}}  {record.consumer}: {', '.join(record.files)} [cameras: {record.cameras}]")
     raise typer.Exit
 
 

@@ -53,10 +53,6 @@ def fit(
             help="Write a layer on top of STAGE with the schemas OmniLensDistortion…API on the camera.",
         ),
     ] = None,
-    lut: Annotated[
-        bool,
-        typer.Option("--lut", rich_help_panel=OUTPUT, help="With -o: write lookup tables beside it, and use them."),
-    ] = False,
     as_json: Json = False,
     allow_root: Roots = None,
     listed: Annotated[
@@ -69,7 +65,7 @@ def fit(
     """
     from pipeline.app.fitting import fit as fitted
 
-    _require_usable(plot, layer, lut)
+    _require_usable(plot, layer)
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     found = fitted(place, camera, names, tuple(allow_root or ()))
     say(found.json().rstrip("\n") if as_json else "\n".join(found.page()))
@@ -79,15 +75,13 @@ def fit(
         found.plot(plot)
         note(f"wrote {plot}")
     if layer is not None:
-        found.layer(layer, with_tables=lut)
+        found.layer(layer)
         note(f"wrote {layer}")
 
 
-def _require_usable(plot: Path | None, layer: Path | None, lut: bool) -> None:
+def _require_usable(plot: Path | None, layer: Path | None) -> None:
     """Refuse files that cannot be written, before anything is computed."""
     require_suffix(plot, ".svg")
     if layer is not None and (layer.suffix != ".usda" or layer.exists()):
         wrong = "exists" if layer.exists() else "must end in .usda"
         raise UsageError(f"{layer} {wrong}", hint="choose another name")
-    if lut and layer is None:
-        raise UsageError("--lut writes tables beside a layer", hint="name one with -o FILE.usda")

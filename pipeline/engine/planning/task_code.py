@@ -1,9 +1,9 @@
 """Code of a kind of task, as a part of its keys.
 
-The fingerprint covers the module of the kind and all modules of its own package that it imports, directly or
-indirectly, even inside functions. Comments, layout and docstrings do not count; any other edit does. Modules of other
-distributions count by the version of their distribution. Nothing is imported to compute it, so a plan loads neither
-NumPy nor Numba.
+The fingerprint covers the module of the kind and all modules of its own package and of this one that it imports,
+directly or indirectly, even inside functions. Comments, layout and docstrings do not count; any other edit does.
+Modules of other distributions count by the version of their distribution. Nothing is imported to compute it, so a plan
+loads neither NumPy nor Numba.
 
 Parsing all modules takes most of a second. The result depends only on the bytes of a source file, so the store keeps it
 under their digest and it never becomes outdated.
@@ -156,14 +156,16 @@ def _module(name: str) -> _Module | None:
     # find_spec("a.b") would import a, so only the top package is looked up.
     top, *rest = name.split(".")
     spec = importlib.util.find_spec(top)
-    for folder in (spec.submodule_search_locations or ()) if spec else ():
-        path = "/".join([folder, *rest])
-        for file in (f"{path}/__init__.py", f"{path}.py"):
-            try:
-                facts = os.stat(file)  # noqa: PTH116 (thousands of them; a Path takes ten times as long)
-            except OSError:
-                continue
-            return _read(file, facts.st_mtime_ns, facts.st_size, name)
+    if spec is None:
+        return None
+    paths = ["/".join([folder, *rest]) for folder in spec.submodule_search_locations or ()]
+    files = [file for path in paths for file in (f"{path}/__init__.py", f"{path}.py")]
+    for file in files if files or rest else [str(spec.origin)]:
+        try:
+            facts = os.stat(file)  # noqa: PTH116 (thousands of them; a Path takes ten times as long)
+        except OSError:
+            continue
+        return _read(file, facts.st_mtime_ns, facts.st_size, name)
     return None
 
 
@@ -180,13 +182,14 @@ def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
     parent = name if is_package else name.rpartition(".")[0]
     top = name.split(".")[0]
     found = set(_imports(tree, parent))
-    foreign = {name.split(".")[0] for name in found} - {top}
+    own = {top, __name__.split(".")[0]}  # an export format of another package imports this one
+    foreign = {name.split(".")[0] for name in found} - own
     version = _version(tree)
     _drop_docstrings(tree)
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
-        imports=sorted(name for name in found if name.split(".")[0] == top),
+        imports=sorted(name for name in found if name.split(".")[0] in own),
         foreign=sorted(filter(is_foreign, foreign)),
         version=version,
     )

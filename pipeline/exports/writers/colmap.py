@@ -1,9 +1,8 @@
-"""COLMAP: a sparse model as text and as binary. Every image sees the target as the world, so poses need no rig.
+"""COLMAP: a sparse model as text. Every image sees the target as the world, so poses need no rig.
 
 Cameras are OPENCV, or FULL_OPENCV where k3 is not 0. Numbers of cameras, images and points begin with 1.
 """
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,23 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import ExportTarget, ExportView, Material
+from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
 
-_OPENCV, _FULL_OPENCV = (4, "OPENCV"), (6, "FULL_OPENCV")
-"""Numbers and names of camera models in COLMAP."""
+FORMAT = Format(
+    consumer="COLMAP",
+    note="the world is the target",
+    source="run: pycolmap 4.2.1",
+    cameras=Cameras.CONVENTIONAL,
+    targets=Targets.ONE,
+    files=("cameras.txt", "images.txt", "points3D.txt"),
+    origin=Origin.HALF,
+    board=Board.RIGHT_DOWN,
+    pose=Pose.CAMERA_FROM_TARGET,
+    centre=Centre.ROWS,
+    rotation=Rotation.QUATERNION,
+    unit=Unit.M,
+)
+
 _COLOUR = (128, 128, 128)
 """RGB of points, 0 to 255: grey, because a corner has no colour."""
 
@@ -36,7 +49,7 @@ class _Image:
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write both models.
+    """Write the three files of a model.
 
     Raises
     ------
@@ -45,31 +58,25 @@ def write(material: Material, folder: Path) -> None:
     """
     target = material.only_target
     names = [camera.name for camera in material.cameras]
-    models = [_parameters(camera) for camera in material.cameras]
     images = [_Image(number, names.index(view.camera) + 1, view) for number, view in enumerate(material.views, 1)]
     tracks = _tracks(images, len(target.points))
     errors = _errors(material, images)
-    for place in ("text", "binary"):
-        (folder / place).mkdir()
     remarks = [f"# {line}" for line in material.remarks]
     for name, lines in (
-        ("cameras", _camera_lines(material, models)),
+        ("cameras", _camera_lines(material)),
         ("images", _image_lines(images)),
         ("points3D", _point_lines(target, tracks, errors)),
     ):
-        (folder / f"text/{name}.txt").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
-    (folder / "binary/cameras.bin").write_bytes(_camera_bytes(material, models))
-    (folder / "binary/images.bin").write_bytes(_image_bytes(images))
-    (folder / "binary/points3D.bin").write_bytes(_point_bytes(target, tracks, errors))
+        (folder / f"{name}.txt").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
 
 
-def _parameters(camera: ExportCamera) -> tuple[tuple[int, str], list[float]]:
+def _parameters(camera: ExportCamera) -> tuple[str, list[float]]:
     """Model and its parameters."""
     model = camera.model
     f = model.principal_distance_px
     *four, k3 = model.distortion.tolist()
     pinhole = [f, f, *model.principal_point_px.tolist(), *four]
-    return (_FULL_OPENCV, [*pinhole, k3, *([0.0] * 3)]) if k3 else (_OPENCV, pinhole)
+    return ("FULL_OPENCV", [*pinhole, k3, *([0.0] * 3)]) if k3 else ("OPENCV", pinhole)
 
 
 def _tracks(images: list[_Image], count: int) -> list[list[tuple[int, int]]]:
@@ -91,9 +98,10 @@ def _errors(material: Material, images: list[_Image]) -> list[float]:
     return errors
 
 
-def _camera_lines(material: Material, models: list[tuple[tuple[int, str], list[float]]]) -> Iterator[str]:
+def _camera_lines(material: Material) -> Iterator[str]:
     yield "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"
-    for number, (camera, ((_, model), parameters)) in enumerate(zip(material.cameras, models, strict=True), 1):
+    for number, camera in enumerate(material.cameras, 1):
+        model, parameters = _parameters(camera)
         yield " ".join([str(number), model, *map(str, camera.size_px), *map(repr, parameters)])
 
 
@@ -101,8 +109,8 @@ def _image_lines(images: list[_Image]) -> Iterator[str]:
     yield "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then POINTS2D[] as X, Y, POINT3D_ID"
     for image in images:
         yield " ".join([str(image.number), *map(repr, image.pose), str(image.camera), image.view.image])
-        found = image.view.observations
-        rows = zip(found.positions.tolist(), _numbers(found.ids), strict=True)
+        observations = image.view.observations
+        rows = zip(observations.positions.tolist(), _numbers(observations.ids), strict=True)
         yield " ".join(f"{x!r} {y!r} {point}" for (x, y), point in rows)
 
 
@@ -117,34 +125,3 @@ def _point_lines(target: ExportTarget, tracks: list[list[tuple[int, int]]], erro
 def _numbers(ids: np.ndarray) -> list[int]:
     """Numbers of points in COLMAP."""
     return [number + 1 for number in ids.tolist()]
-
-
-def _camera_bytes(material: Material, models: list[tuple[tuple[int, str], list[float]]]) -> bytes:
-    parts = [struct.pack("<Q", len(models))]
-    for number, (camera, ((model, _), parameters)) in enumerate(zip(material.cameras, models, strict=True), 1):
-        parts += [
-            struct.pack("<iiQQ", number, model, *camera.size_px),
-            struct.pack(f"<{len(parameters)}d", *parameters),
-        ]
-    return b"".join(parts)
-
-
-def _image_bytes(images: list[_Image]) -> bytes:
-    parts = [struct.pack("<Q", len(images))]
-    for image in images:
-        found = image.view.observations
-        parts += [struct.pack("<i7di", image.number, *image.pose, image.camera), image.view.image.encode(), b"\0"]
-        parts += [struct.pack("<Q", len(found.ids))]
-        parts += [
-            struct.pack("<ddq", *xy, n) for xy, n in zip(found.positions.tolist(), _numbers(found.ids), strict=True)
-        ]
-    return b"".join(parts)
-
-
-def _point_bytes(target: ExportTarget, tracks: list[list[tuple[int, int]]], errors: list[float]) -> bytes:
-    parts = [struct.pack("<Q", len(tracks))]
-    points = zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, errors, strict=True)
-    for number, place, track, error in points:
-        parts += [struct.pack("<Q3d3Bd", number, *place, *_COLOUR, error), struct.pack("<Q", len(track))]
-        parts += [struct.pack("<ii", *pair) for pair in track]
-    return b"".join(parts)

@@ -10,9 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.filestorage import real
 from pipeline.exports.material import ExportTarget, Material
 from pipeline.files.tables import write_table
+from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
+
+FORMAT = Format(
+    consumer="Kalibr",
+    note="Kalibr itself does not read corners.csv",
+    source="proof: ConfigReader.py of ethz-asl/kalibr 1f60227. Read: GridCalibrationTarget*.cpp there",
+    cameras=Cameras.CONVENTIONAL,
+    targets=Targets.ONE,
+    files=("target.yaml", "camchain.yaml", "corners.csv"),
+    origin=Origin.ZERO,
+    board=Board.KALIBR,
+    pose=Pose.CAMERA_FROM_PREVIOUS,
+    centre=Centre.ROWS,
+    rotation=Rotation.MATRIX,
+    unit=Unit.M,
+)
 
 _LEAST = 3
 """Rows and columns that Kalibr asks of a checkerboard at least."""
@@ -42,11 +57,11 @@ def _target(material: Material) -> Iterator[str]:
         yield f"# Kalibr wants {_LEAST} rows and columns of inner corners at least"
     if target.kind == "circle-grid":
         yield from ("target_type: 'circlegrid'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
-        yield from (f"spacingMeters: {real(board.column_step)}", "asymmetricGrid: False")
+        yield from (f"spacingMeters: {_real(board.column_step)}", "asymmetricGrid: False")
         return
     yield from ("target_type: 'checkerboard'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
-    yield f"rowSpacingMeters: {real(board.row_step)}"
-    yield f"colSpacingMeters: {real(board.column_step)}"
+    yield f"rowSpacingMeters: {_real(board.row_step)}"
+    yield f"colSpacingMeters: {_real(board.column_step)}"
 
 
 def _aprilgrid(target: ExportTarget) -> Iterator[str]:
@@ -54,8 +69,8 @@ def _aprilgrid(target: ExportTarget) -> Iterator[str]:
     across = np.linalg.norm(np.diff(target.nominal[:3], axis=0), axis=1)
     yield from ("target_type: 'aprilgrid'", f"tagCols: {target.parameters['columns']}")
     yield f"tagRows: {target.parameters['rows']}"
-    yield f"tagSize: {real(across[0])}"
-    yield f"tagSpacing: {real(across[1] / across[0])}"
+    yield f"tagSize: {_real(across[0])}"
+    yield f"tagSpacing: {_real(across[1] / across[0])}"
 
 
 def _chain(material: Material) -> Iterator[str]:
@@ -67,7 +82,7 @@ def _chain(material: Material) -> Iterator[str]:
         if number and camera.pose:
             yield "  T_cn_cnm1:"
             for turn, shift in zip(camera.pose.rotation.tolist(), camera.pose.translation.tolist(), strict=True):
-                yield f"  - [{', '.join(map(real, [*turn, shift]))}]"
+                yield f"  - [{', '.join(map(_real, [*turn, shift]))}]"
             yield "  - [0.0, 0.0, 0.0, 1.0]"
 
 
@@ -79,10 +94,16 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
     if k3:
         yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
     yield "distortion_model: radtan"
-    yield f"distortion_coeffs: [{', '.join(map(real, radtan))}]"
-    yield f"intrinsics: [{', '.join(map(real, [f, f, *point]))}]"
+    yield f"distortion_coeffs: [{', '.join(map(_real, radtan))}]"
+    yield f"intrinsics: [{', '.join(map(_real, [f, f, *point]))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
+
+
+def _real(value: float) -> str:
+    """A number that YAML takes for real: not 1e-05, which has no point."""
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def _write_corners(material: Material, path: Path) -> None:

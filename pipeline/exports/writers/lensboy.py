@@ -4,6 +4,17 @@ from pathlib import Path
 
 from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Cameras, Format, Origin
+
+FORMAT = Format(
+    consumer="lensboy: OpenCV.load",
+    note="corners are arrays in its interface, as those of opencv",
+    source="proof: lensboy 4.0.3 loads the camera and projects",
+    cameras=Cameras.CONVENTIONAL,
+    reads=frozenset(),
+    files=("<camera>.json",),
+    origin=Origin.ZERO,
+)
 
 _COEFFICIENTS = 14
 """Coefficients of OpenCV's longest model, in its order: those that we have come first."""
@@ -21,7 +32,7 @@ def write(material: Material, folder: Path) -> None:
         model, (width, height) = camera.model, camera.size_px
         known = model.distortion.tolist()
         x, y = model.principal_point_px.tolist()
-        said = {
+        record = {
             "type": "opencv",
             "about": list(material.remarks),
             "image_width": width,
@@ -32,4 +43,4 @@ def write(material: Material, folder: Path) -> None:
             "cy": y,
             "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],
         }
-        write_json(folder / f"{camera.name}.json", said)
+        write_json(folder / f"{camera.name}.json", record)

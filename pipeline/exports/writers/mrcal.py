@@ -9,6 +9,21 @@ from pathlib import Path
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import ExportView, Grid, Material
+from pipeline.formats import Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
+
+FORMAT = Format(
+    consumer="mrcal",
+    note="LENSMODEL_OPENCV5",
+    source="proof: mrcal 2.2 of Debian calibrates from the corners and reads the models",
+    cameras=Cameras.CONVENTIONAL,
+    targets=Targets.BOARD,
+    files=("corners.vnl", "<camera>.cameramodel"),
+    origin=Origin.ZERO,
+    pose=Pose.CAMERA_FROM_FIRST,
+    centre=Centre.ROWS,
+    rotation=Rotation.VECTOR,
+    unit=Unit.M,
+)
 
 _LEVEL = 0
 """Decimation level of a corner: its weight is 2 to the power of minus this, so 1."""
@@ -40,11 +55,11 @@ def _call(board: Grid) -> Iterator[str]:
 
 def _corners(view: ExportView, board: Grid) -> Iterator[str]:
     """All rows of an image, x fastest; a point that was not seen keeps its row."""
-    found = view.observations
-    if not len(found.ids):
+    observations = view.observations
+    if not len(observations.ids):
         yield f"{view.image} - - -"
         return
-    seen = dict(zip(found.ids.tolist(), found.positions.tolist(), strict=True))
+    seen = dict(zip(observations.ids.tolist(), observations.positions.tolist(), strict=True))
     for number in range(board.columns * board.rows):
         cells = [repr(place) for place in seen[number]] + [str(_LEVEL)] if number in seen else ["-"] * 3
         yield " ".join([view.image, *cells])

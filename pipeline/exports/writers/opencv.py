@@ -1,4 +1,4 @@
-"""OpenCV: arrays for `calibrateCamera`, `stereoCalibrate` and `calibrateMultiview`, and FileStorage YAML.
+"""OpenCV: arrays for `calibrateCamera` and `stereoCalibrate`, and FileStorage YAML.
 
 Keys of the YAML files are those of OpenCV's own samples, calibration.cpp and stereo_calib.cpp.
 """
@@ -9,16 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.export_formats import is_pair
 from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
-from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import yaml_text
 from pipeline.exports.material import ExportView, Material
+from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Unit, is_pair
 
-_MISSED = -1
-"""Coordinate of a point that was not seen, in arrays that have room for all points; a mask leaves its view out."""
+FORMAT = Format(
+    consumer="OpenCV 4 and 5",
+    note="stereo- of pairs of cameras",
+    source="run: cv2 5.0.0. Read: opencv/opencv issues 10130, 24633 on the centres of pixels",
+    cameras=Cameras.CONVENTIONAL,
+    files=("<camera>.npz", "<camera>.yml", "stereo-<pair>.npz", "stereo-<pair>.yml"),
+    origin=Origin.ZERO,
+    board=Board.RIGHT_DOWN,
+    pose=Pose.CAMERA_FROM_TARGET,
+    centre=Centre.ROWS,
+    rotation=Rotation.VECTOR,
+    unit=Unit.MM,
+)
 
 
 def write(material: Material, folder: Path) -> None:
@@ -30,7 +39,7 @@ def write(material: Material, folder: Path) -> None:
         Several cameras move against each other.
     """
     for camera in material.cameras:
-        _save(folder / f"{camera.name}.npz", material, one_camera(material, camera))
+        save(folder / f"{camera.name}.npz", material, one_camera(material, camera))
         text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
         (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
     for first, second in combinations(material.cameras, 2):
@@ -38,24 +47,9 @@ def write(material: Material, folder: Path) -> None:
             continue
         name = f"stereo-{first.name}-{second.name}"
         arrays = stereo(material, first, second)
-        _save(folder / f"{name}.npz", material, arrays)
+        save(folder / f"{name}.npz", material, arrays)
         text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
         (folder / f"{name}.yml").write_text(text, encoding="utf-8")
-
-
-def write_multiview(material: Material, folder: Path) -> None:
-    """Write the arguments of `calibrateMultiview`.
-
-    Lengths are metres: OpenCV divides points by the square of their extent, and finds boards of 100 mm collinear.
-
-    Raises
-    ------
-    ExportError
-        There is one camera only, or there are several targets, or cameras move against each other.
-    """
-    if len(material.cameras) == 1:
-        raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
-    _save(folder / "multiview.npz", material, multiview(material))
 
 
 def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
@@ -110,30 +104,6 @@ def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dic
     }
 
 
-def multiview(material: Material) -> dict[str, Any]:
-    """Arguments of `calibrateMultiview` by their names, and the Ks, distortions, Rs and Ts that it should find."""
-    target, cameras = material.only_target, material.cameras
-    frames = [view.frame for view in material.of(cameras[0])]
-    found = np.full((len(cameras), len(frames), len(target.points), 2), _MISSED, np.float32)
-    for row, camera in zip(found, cameras, strict=True):
-        for places, view in zip(row, material.of(camera), strict=True):
-            places[view.observations.ids] = view.observations.positions
-    poses = [camera.pose for camera in cameras if camera.pose]
-    return {
-        "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),
-        "imagePoints": found,
-        "imageSize": np.array([camera.size_px for camera in cameras]),
-        "detectionMask": (found[..., 0] != _MISSED).all(axis=2).astype(np.uint8),
-        "models": np.zeros((len(cameras), 1), np.uint8),  # CALIB_MODEL_PINHOLE
-        "cameras": np.array([camera.name for camera in cameras], dtype=str),
-        "frames": np.array(frames, dtype=np.int64),
-        "Ks": np.stack([camera.model.matrix for camera in cameras]),
-        "distortions": np.stack([camera.model.distortion for camera in cameras]),
-        "Rs": np.stack([pose.rotation for pose in poses]),
-        "Ts": np.stack([pose.translation for pose in poses]),
-    }
-
-
 def _model(camera: ExportCamera) -> dict[str, Any]:
     width, height = camera.size_px
     head = {"image_width": width, "image_height": height}
@@ -156,7 +126,7 @@ def _stack(parts: list[np.ndarray], width: int) -> np.ndarray:
     return np.concatenate([np.reshape(part, (-1, width)) for part in parts]) if parts else np.zeros((0, width))
 
 
-def _save(path: Path, material: Material, arrays: dict[str, Any]) -> None:
+def save(path: Path, material: Material, arrays: dict[str, Any]) -> None:
     """Write arrays without pickles; `np.load` opens them."""
     with path.open("wb") as stream:
         np.savez(stream, remarks=np.array(material.remarks), **arrays)

@@ -2,9 +2,20 @@
 
 from pathlib import Path
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import ExportView, Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Board, Cameras, ExportError, Format, Origin, Unit
+
+FORMAT = Format(
+    consumer="vision-calibration (calibration-rs): run_planar_intrinsics, run_scheimpflug_intrinsics",
+    note="Observation.from_payload takes each entry obs of views",
+    source="run: vision-calibration 0.9.0",
+    cameras=Cameras.CONVENTIONAL,
+    files=("<camera>.json",),
+    origin=Origin.ZERO,
+    board=Board.RIGHT_DOWN,
+    unit=Unit.M,
+)
 
 _LEAST = 4
 """Points of a view: a homography needs as many."""
@@ -23,11 +34,11 @@ def write(material: Material, folder: Path) -> None:
             raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")
     for camera in material.cameras:
         views = [view for view in material.of(camera) if len(view.observations.ids) >= _LEAST]
-        said = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
-        write_json(folder / f"{camera.name}.json", said)
+        record = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
+        write_json(folder / f"{camera.name}.json", record)
 
 
 def _view(material: Material, view: ExportView) -> dict[str, object]:
-    points, found = material.target(view.target).points, view.observations
-    observed = {"points_3d": points[found.ids].tolist(), "points_2d": found.positions.tolist()}
+    points, observations = material.target(view.target).points, view.observations
+    observed = {"points_3d": points[observations.ids].tolist(), "points_2d": observations.positions.tolist()}
     return {"obs": observed, "meta": None}

@@ -2,7 +2,7 @@
 
 from pxr import Usd
 
-from pipeline.export_formats import AskedExports
+from pipeline.scene.dataset import AskedExports
 from pipeline.scene.usd.values import need
 
 NOISE = {

@@ -35,6 +35,8 @@ class Export:
     Attributes
     ----------
     format, position : str
+    code : str
+        Digest of the code that writes the format, which no import of the task names.
     noise : Noise
     stage : str
         Name of the dataset, which the files mention.
@@ -51,6 +53,7 @@ class Export:
     """
 
     format: str
+    code: str
     position: str
     noise: Noise
     stage: str

@@ -5,51 +5,43 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material, Scene
-from pipeline.exports.seen.ray_patches import bands
-from pipeline.exports.writers.maps.header import about
+from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr import Part, write_exr
+from pipeline.formats import Cameras, ExportError, Format, Origin, Reads, Unit
 
-_AT_ONCE = 1 << 16
-"""Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
+FORMAT = Format(
+    consumer="robotics, compositors; OpenEXR",
+    note="channel Z: how far before the centre of the stop the first surface is that the ray of a pixel meets",
+    source="CONVENTIONS.md, The ray of a position",
+    cameras=Cameras.ANY,
+    reads=frozenset({Reads.RAYS, Reads.SCENE}),
+    files=("<camera>/<frame>.depth.exr",),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+)
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera and frame; the rays of a camera are traced once, and lie in a file meanwhile."""
+    """Write a file per camera and frame."""
     if material.scene is None:
         raise ExportError("this material has no scene to measure depth in", hint="export from a finished build")
     scene = material.scene()
     for camera in material.cameras:
         (folder / camera.name).mkdir()
-        scratch = folder / f"{camera.name}.scratch.npy"
-        rays = _traced(camera, scratch)
-        try:
+        with traced(camera, folder) as pixels:
             for frame in material.frames:
-                depth = _depth(camera, scene, frame, rays)
+                depth = _depth(camera, scene, frame, pixels)
                 part = Part(name="depth", channels={"Z": depth}, attributes=about(material, camera))
                 write_exr(folder / camera.name / f"{frame:04d}.depth.exr", [part])
-        finally:
-            del rays
-            scratch.unlink()
 
 
-def _traced(camera: ExportCamera, scratch: Path) -> np.ndarray:
-    """Rays of all pixels (h, w, 6), in our conventions, in a file."""
-    width, height = camera.size_px
-    rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
-    for first, end in bands(height, _AT_ONCE // width):
-        found = camera.rays.lines(first, end)
-        rays[first:end, :, :3], rays[first:end, :, 3:] = found.origin, found.direction
-    return rays
-
-
-def _depth(camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray) -> np.ndarray:
-    """Places of the first surfaces along the view axis of the format, (h, w) float32."""
-    height, width, _ = rays.shape
+def _depth(camera: ExportCamera, scene: Scene, frame: int, pixels: TracedPixels) -> np.ndarray:
+    """Vision z of the first surfaces, in the unit of the format, (h, w) float32."""
+    height, width, _ = pixels.rays.shape
     depth = np.empty((height, width), np.float32)
-    for first, end in bands(height, _AT_ONCE // width):
-        origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
-        along = scene.distance_mm(frame, camera.name, origin, direction)
-        depth[first:end] = camera.rays.points(origin + along[:, None] * direction)[:, 2].reshape(-1, width)
+    for first, end in pixels.bands():
+        origin, direction = np.array(pixels.rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
+        z_mm = origin[:, 2] + scene.distance_mm(frame, camera.name, origin, direction) * direction[:, 2]
+        depth[first:end] = z_mm.reshape(-1, width) * camera.rays.convention.scale
     return depth

@@ -10,10 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
-from pipeline.exports.errors import ExportError
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.files.exr import read_exr
+from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Reads
+
+FORMAT = Format(
+    consumer="light-field code in Python; NumPy",
+    note="views (v, u, row, column), the top row first",
+    source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
+    cameras=Cameras.PLENOPTIC,
+    reads=frozenset({Reads.CORNERS, Reads.IMAGES}),
+    files=("<camera>/<frame>.lightfield.npz",),
+    origin=Origin.ZERO,
+    microlenses=Microlenses.MICRO_IMAGE_GRID,
+)
 
 _SHIFTED = {"square": None, "hexagonal": 1, "hexagonal-columns": 0}
 """Axis of a grid (row, column) along which every other line is shifted."""
@@ -36,7 +48,7 @@ def write(material: Material, folder: Path) -> None:
             arrays: dict[str, Any] = {"remarks": np.array(material.remarks), "views": grid.views(view.image_path)}
             if white is not None:
                 arrays["white"] = grid.views(white)
-            arrays |= {"offsets_px": grid.steps, "centres": grid.stated_centres}
+            arrays |= {"offsets_px": grid.steps, "centres": grid.centres}
             with (folder / camera.name / f"{view.frame:04d}.lightfield.npz").open("wb") as stream:
                 np.savez(stream, **arrays)
 
@@ -48,16 +60,15 @@ class _Grid:
     ----------
     steps : (s,) int64
         Offsets of the views from the centres, along x and along y [px].
-    stated_centres : (rows, columns, 2) float64
-        Centres as the format counts them; NaN where there is no micro-image.
+    centres : (rows, columns, 2) float64
+        NaN where there is no micro-image. The format counts pixels as we do.
     """
 
     def __init__(self, camera: ExportCamera) -> None:
         mesh, images = camera.mesh, camera.micro_images
         assert mesh is not None and images is not None and camera.built.micro_images is not None
         self.shifted = _SHIFTED[mesh.layout]
-        self.stated_centres = _table(mesh, images)
-        self.centres = camera.rays.ours(self.stated_centres)
+        self.centres = _table(mesh, images)
         reach = int(np.floor(camera.built.micro_images.radius_px.min()))
         if reach < 1:
             raise ExportError(f"micro-images of {camera.name} are smaller than three pixels, and have no views")
@@ -66,34 +77,34 @@ class _Grid:
     def views(self, path: Path) -> np.ndarray:
         """Views of an image, (v, u, rows, columns) float32, with a last axis of channels if it has several."""
         part = next(iter(read_exr(path).values()))  # of a white image: the light of all microlenses
-        pixels = [np.asarray(one, float) for _, one in sorted(part.channels.items())]
+        pixels = [np.asarray(channel, float) for _, channel in sorted(part.channels.items())]
         stack = np.stack([self._view(pixels, x, y) for y in self.steps.tolist() for x in self.steps.tolist()])
         count = len(self.steps)
-        found = stack.reshape(count, count, *stack.shape[1:]).astype(np.float32)
-        return found[..., 0] if len(pixels) == 1 else found
+        views = stack.reshape(count, count, *stack.shape[1:]).astype(np.float32)
+        return views[..., 0] if len(pixels) == 1 else views
 
     def _view(self, pixels: list[np.ndarray], x_px: int, y_px: int) -> np.ndarray:
         """A view (rows, columns, channels)."""
         there = self.centres + np.array([x_px, y_px])
-        found = np.stack([bilinear(one, there) for one in pixels], axis=-1)
-        return found if self.shifted is None else _unshifted(found, self.shifted)
+        view = np.stack([bilinear(channel, there) for channel in pixels], axis=-1)
+        return view if self.shifted is None else _unshifted(view, self.shifted)
 
 
 def _table(mesh: GridMesh, images: MicroImages) -> np.ndarray:
     """Centres by row and column, (rows, columns, 2); NaN where there is none."""
     column, row = images.microlenses.T
-    found = np.full((mesh.rows, mesh.columns, 2), np.nan)
-    found[row, column] = images.centres
-    return found
+    table = np.full((mesh.rows, mesh.columns, 2), np.nan)
+    table[row, column] = images.centres
+    return table
 
 
 def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
     """A view whose lines 0, 2, … stood half a step farther along an axis: there the mean of two neighbours."""
     lines = np.moveaxis(view, axis, 1)
-    found = lines.copy()
+    straight = lines.copy()
     before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
-    found[0::2] = (before + lines[0::2]) / 2
-    return np.moveaxis(found, 1, axis)
+    straight[0::2] = (before + lines[0::2]) / 2
+    return np.moveaxis(straight, 1, axis)
 
 
 def bilinear(pixels: np.ndarray, places_px: np.ndarray) -> np.ndarray:

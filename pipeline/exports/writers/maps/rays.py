@@ -1,6 +1,5 @@
 """Rays of all pixels: EXR for pictures, npz in double precision. A band of rows is in memory at a time."""
 
-import io
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -9,75 +8,66 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.seen.ray_patches import bands
-from pipeline.exports.writers.maps.header import about
+from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.formats import Cameras, Format, Microlenses, Origin, Reads, Unit
 
-_AT_ONCE = 1 << 16
-"""Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
+FORMAT = Format(
+    consumer="ray tracers and robotics simulators; NumPy, OpenEXR",
+    note="origin and direction of the ray of each pixel, the top row first, in the vision frame",
+    source="CONVENTIONS.md, The ray of a position",
+    cameras=Cameras.ANY,
+    reads=frozenset({Reads.RAYS}),
+    files=("<camera>.rays.npz", "<camera>.rays.exr"),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+    microlenses=Microlenses.AXIAL,
+)
+
 _VECTORS = ("origin", "direction")
 
 
 def write(material: Material, folder: Path) -> None:
     """Write both files of every camera."""
     for camera in material.cameras:
-        scratch = folder / f"{camera.name}.scratch.npy"
-        rays, microlenses = _traced(camera, scratch)
-        try:
-            _write_npz(folder / f"{camera.name}.rays.npz", material, camera, rays, microlenses)
-            _write_exr(folder / f"{camera.name}.rays.exr", material, camera, rays, microlenses)
-        finally:
-            del rays
-            scratch.unlink()
+        with traced(camera, folder) as pixels:
+            _write_npz(folder / f"{camera.name}.rays.npz", material, camera, pixels)
+            _write_exr(folder / f"{camera.name}.rays.exr", material, camera, pixels)
 
 
-def _traced(camera: ExportCamera, scratch: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Rays (h, w, 6) in a file, and microlenses (h, w, 2) of a plenoptic camera."""
-    width, height = camera.size_px
-    rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
-    microlenses = None if camera.micro_images is None else np.zeros((height, width, 2), np.int32)
-    for first, end in bands(height, _AT_ONCE // width):
-        band = camera.rays.band(first, end)
-        rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin, band.direction
-        if microlenses is not None and band.microlenses is not None:
-            microlenses[first:end] = band.microlenses
-    return rays, microlenses
-
-
-def _write_npz(
-    path: Path, material: Material, camera: ExportCamera, rays: np.ndarray, microlenses: np.ndarray | None
-) -> None:
+def _write_npz(path: Path, material: Material, camera: ExportCamera, pixels: TracedPixels) -> None:
     """Write arrays without pickles, the large ones row by row; `np.load` opens them."""
     small: dict[str, Any] = {"remarks": np.array(material.remarks), "ends_px": camera.rays.ends}
-    if microlenses is not None:
-        small["microlenses"] = microlenses
+    if pixels.microlenses is not None:
+        small["microlenses"] = pixels.microlenses
     with zipfile.ZipFile(path, "w") as archive:
         for name, array in small.items():
-            text = io.BytesIO()
-            np.lib.format.write_array(text, array, allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), text.getvalue())
-        for number, name in enumerate(_VECTORS):
-            part = slice(3 * number, 3 * number + 3)
-            header = {"descr": "<f8", "fortran_order": False, "shape": (*rays.shape[:2], 3)}
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as stream:
+                np.lib.format.write_array(stream, array, allow_pickle=False)
+        for name in _VECTORS:
+            header = {"descr": "<f8", "fortran_order": False, "shape": (*pixels.rays.shape[:2], 3)}
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as stream:
                 np.lib.format.write_array_header_1_0(stream, header)
-                for row in rays:
-                    stream.write(np.ascontiguousarray(row[:, part], "<f8").tobytes())
+                for row in pixels.rays:
+                    stream.write(np.ascontiguousarray(_vector(camera, row, name), "<f8").tobytes())
 
 
-def _write_exr(
-    path: Path, material: Material, camera: ExportCamera, rays: np.ndarray, microlenses: np.ndarray | None
-) -> None:
-    names = [f"{vector}.{axis}" for vector in _VECTORS for axis in "XYZ"]
-    numbers = () if microlenses is None else ("microlens.k", "microlens.l")
+def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: TracedPixels) -> None:
+    names = tuple(f"{name}.{axis}" for name in _VECTORS for axis in "XYZ")
+    if pixels.microlenses is not None:
+        names = (*names, "microlens.k", "microlens.l")
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        found = {name: rays[first:end, :, number] for number, name in enumerate(names)}
-        if microlenses is not None:
-            found |= {name: microlenses[first:end, :, number] for number, name in enumerate(numbers)}
-        return found
+        band = slice(first, end)
+        columns = [_vector(camera, pixels.rays[band], name) for name in _VECTORS]
+        if pixels.microlenses is not None:
+            columns.append(pixels.microlenses[band])
+        return dict(zip(names, np.moveaxis(np.concatenate(columns, axis=-1), -1, 0), strict=True))
 
-    part = BandedPart(
-        name="rays", shape=rays.shape[:2], channels=(*names, *numbers), rows=rows, attributes=about(material, camera)
-    )
-    write_bands(path, [part])
+    shape, attributes = pixels.rays.shape[:2], about(material, camera)
+    write_bands(path, [BandedPart(name="rays", shape=shape, channels=names, rows=rows, attributes=attributes)])
+
+
+def _vector(camera: ExportCamera, rays: np.ndarray, name: str) -> np.ndarray:
+    """Origins in the unit of the format, or directions, of rays (..., 6)."""
+    return rays[..., :3] * camera.rays.convention.scale if name == "origin" else rays[..., 3:]

@@ -2,18 +2,51 @@
 
 `undistort` makes the image of an ideal pinhole of a camera's image, `distort` the other way round. Red is s, green is
 t. A pixel for which there is no light has -1.
+
+Rays of a lens do not meet in one centre, so such a map holds at one distance: the points of the rays of positions on a
+plane, seen from the centre of the equivalent pinhole with its principal distance. Between traced positions the map is
+a spline; its error at other positions is measured and stated.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
 from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Origin, Reads
+from pipeline.results.records import BuiltPinhole
+
+FORMAT = Format(
+    consumer="Nuke and other compositors: STMap",
+    note="s and t of each pixel in R and G, the top row first",
+    source="proof: st_warp of OpenImageIO 3.2 with flip_t. Read: documentation of Foundry Nuke, STMap",
+    cameras=Cameras.CONVENTIONAL,
+    reads=frozenset({Reads.RAYS}),
+    files=("<camera>.undistort.exr", "<camera>.distort.exr"),
+    origin=Origin.SHARE,
+    axes=ImageAxes.X_UP,
+)
 
 _NOWHERE = -1
 """Value of a pixel that has no place in the other picture: outside of both, and a number, which compositors want."""
+_COLUMNS, _ROWS = 49, 37
+"""Traced positions along x and y: distortion of lenses is smooth over a cell."""
+_MARGIN = 0.05
+"""Part of the width and height that is traced beyond the image on each side [1]: corners of ideal images lie there."""
+_DEGREE = 5
+"""Degree of the splines along x and y: errors fall with the sixth power of the distance of positions."""
+_JUDGED = 64
+"""Positions between the traced ones at which the error is measured."""
+_STEPS, _SETTLED_PX = 30, 1e-9
+"""Most steps of Newton's method for the inverse, and the length of a step that ends it [px]."""
+_FOUND_PX = 1e-6
+"""Distance from the wanted position that a solution may have [px]."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -25,22 +58,113 @@ def write(material: Material, folder: Path) -> None:
         No pinhole fits, or light does not reach all of the image.
     """
     for camera in material.cameras:
-        for name in ("undistort", "distort"):
-            _write(folder / f"{camera.name}.{name}.exr", material, camera, name)
+        ideal = _ideal_map(camera)
+        (x, y), f = ideal.pinhole.principal_point_px.tolist(), ideal.pinhole.principal_distance_px
+        about: dict[str, str | float | int] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
+        about |= {"plane_mm": ideal.z_mm, "error_px": _error_px(camera, ideal)}
+        about |= {"pinhole_f_px": f, "pinhole_x": x, "pinhole_y": y}
+        for name, there in (("undistort", ideal.to_real), ("distort", ideal.to_ideal)):
+            part = BandedPart(
+                name=name,
+                shape=camera.size_px[::-1],
+                channels=("R", "G"),
+                rows=partial(_rows, camera, there),
+                attributes=about,
+            )
+            write_bands(folder / f"{camera.name}.{name}.exr", [part])
 
 
-def _write(path: Path, material: Material, camera: ExportCamera, name: str) -> None:
-    width, height = camera.size_px
-    ideal = camera.rays.ideal
-    there = ideal.real if name == "undistort" else ideal.ideal
+def _rows(
+    camera: ExportCamera, there: Callable[[np.ndarray], np.ndarray], first: int, end: int
+) -> dict[str, np.ndarray]:
+    """Rows of a map: s and t of where each pixel looks."""
+    y, x = np.mgrid[first:end, 0 : camera.size_px[0]].reshape(2, -1)
+    places = camera.rays.positions(there(np.stack([x, y], axis=1).astype(float)))
+    s, t = np.where(np.isnan(places), _NOWHERE, places).T.reshape(2, end - first, -1)
+    return {"R": s, "G": t}
 
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        y, x = np.mgrid[first:end, 0:width].reshape(2, -1)
-        found = camera.rays.positions(there(np.stack([x, y], axis=1).astype(float)))
-        s, t = np.where(np.isnan(found), _NOWHERE, found).T.reshape(2, end - first, width)
-        return {"R": s, "G": t}
 
-    about: dict[str, str | float | int] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
-    (x, y), f = ideal.pinhole.principal_point_px.tolist(), ideal.pinhole.principal_distance_px
-    about |= {"plane_mm": ideal.z_mm, "error_px": ideal.error_px, "pinhole_f_px": f, "pinhole_x": x, "pinhole_y": y}
-    write_bands(path, [BandedPart(name=name, shape=(height, width), channels=("R", "G"), rows=rows, attributes=about)])
+@dataclass(frozen=True, kw_only=True)
+class _IdealMap:
+    """Image positions of a camera and of an ideal pinhole, both with (0, 0) in the centre of the top-left pixel.
+
+    Attributes
+    ----------
+    pinhole : BuiltPinhole
+        Its distortion does not count.
+    z_mm : float
+        Vision z of the plane on which the map holds.
+    low, high : (2,) float64
+        Corners of the area that was traced.
+    splines : tuple
+        Shifts along x and y from a position of the camera to that of the ideal image.
+    """
+
+    pinhole: BuiltPinhole
+    z_mm: float
+    low: np.ndarray
+    high: np.ndarray
+    splines: tuple[Any, ...]
+
+    def to_ideal(self, x_px: np.ndarray) -> np.ndarray:
+        """Positions in the ideal image of positions (n, 2) of the camera; NaN outside of what was traced."""
+        inside = np.all((x_px >= self.low) & (x_px <= self.high), axis=1, keepdims=True)
+        return np.where(inside, x_px + self._shift(x_px), np.nan)
+
+    def to_real(self, u_px: np.ndarray) -> np.ndarray:
+        """Positions in the camera of positions (n, 2) of the ideal image; NaN where there is none."""
+        x, rows = np.clip(u_px, self.low, self.high), np.arange(len(u_px))
+        for _ in range(_STEPS):
+            here = x[rows]
+            miss = here + self._shift(here) - u_px[rows]
+            slopes = np.stack([self._shift(here, dx=1), self._shift(here, dy=1)], axis=2) + np.eye(2)
+            x[rows] = np.clip(here - np.linalg.solve(slopes, miss[:, :, None])[:, :, 0], self.low, self.high)
+            rows = rows[np.abs(x[rows] - here).max(axis=1) > _SETTLED_PX]  # those at the edge stay there, too
+            if not len(rows):
+                break
+        is_found = np.abs(x + self._shift(x) - u_px).max(axis=1) < _FOUND_PX
+        return np.where(is_found[:, None], x, np.nan)
+
+    def _shift(self, x_px: np.ndarray, **derivative: int) -> np.ndarray:
+        return np.stack([spline.ev(x_px[:, 0], x_px[:, 1], **derivative) for spline in self.splines], axis=1)
+
+
+def _ideal_map(camera: ExportCamera) -> _IdealMap:
+    """The map of a camera, from rays over its image."""
+    from scipy.interpolate import RectBivariateSpline
+
+    pinhole = camera.built.pinhole_with_distortion
+    if pinhole is None:
+        raise ExportError(
+            f"no pinhole fits {camera.name}, and this format bends its image into that of one",
+            hint="choose other cameras with --only",
+        )
+    near_mm, far_mm = map(float, camera.built.record["near_far_mm"])
+    z_mm = 2 / (1 / near_mm + 1 / far_mm)
+    size = np.array(camera.size_px, float)
+    for margin in (_MARGIN, 0.0):
+        low, high = -0.5 - margin * size, size - 0.5 + margin * size
+        x, y = (np.linspace(low[axis], high[axis], count) for axis, count in enumerate((_COLUMNS, _ROWS)))
+        places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        shift = _traced(camera, pinhole, z_mm, places) - places
+        if np.isfinite(shift).all():
+            break
+    else:
+        raise ExportError(f"light does not reach all of the image of {camera.name}, so it has no map to a pinhole's")
+    shifts = shift.reshape(len(x), len(y), 2)
+    splines = tuple(RectBivariateSpline(x, y, shifts[..., axis], kx=_DEGREE, ky=_DEGREE) for axis in range(2))
+    return _IdealMap(pinhole=pinhole, z_mm=z_mm, low=low, high=high, splines=splines)
+
+
+def _traced(camera: ExportCamera, pinhole: BuiltPinhole, z_mm: float, x_px: np.ndarray) -> np.ndarray:
+    """Exact positions in the ideal image, (n, 2) [px]."""
+    points = camera.rays.sight.rays(x_px[:, 0], x_px[:, 1]).at_distance(z_mm) - pinhole.centre_mm
+    return np.asarray(pinhole.principal_distance_px * points[:, :2] / points[:, 2:] + pinhole.principal_point_px)
+
+
+def _error_px(camera: ExportCamera, ideal: _IdealMap) -> float:
+    """Largest difference of the map from traced rays at positions between those that made it."""
+    size = np.array(camera.size_px, float)
+    places = np.random.default_rng(1).uniform(np.full(2, -0.5), size - 0.5, (_JUDGED, 2))
+    apart = ideal.to_ideal(places) - _traced(camera, ideal.pinhole, ideal.z_mm, places)
+    return float(np.hypot(*apart.T).max())

@@ -10,10 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, MicroImages
-from pipeline.exports.errors import ExportError
-from pipeline.exports.filestorage import real
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.exports.micro_images import MicroImages
+from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Targets, Unit
+
+FORMAT = Format(
+    consumer="MATLAB code of Bok 2017 and Nousias 2017",
+    source="proof: GNU Octave 7.3 loads the files. Read: sotnousias/plenoptic-camera-calibration d41208d",
+    cameras=Cameras.PLENOPTIC,
+    targets=Targets.BOARD,
+    files=(
+        "<camera>/microlens_center_list.mat",
+        "<camera>/lens_types.mat",
+        "<camera>/correspondencesAll_<frame>.mat",
+        "<camera>/image_center.txt",
+        "<camera>/pattern_size.txt",
+    ),
+    origin=Origin.ONE,
+    unit=Unit.MM,
+    microlenses=Microlenses.TYPES_FROM_ONE,
+)
 
 _NEIGHBOURS = ((0, 0), (1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """Itself, right, lower right, lower left, left, upper left, upper right, as steps of the axial indices (k, l)."""
@@ -30,10 +47,10 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows, or the target is no grid of squares.
     """
     for camera in material.cameras:
-        images, array = camera.micro_images, camera.array
-        assert images is not None and array is not None
-        if array.layout != "hexagonal":
-            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
+        images, mesh = camera.micro_images, camera.mesh
+        assert images is not None and mesh is not None
+        if mesh.layout != "hexagonal":
+            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         place = folder / camera.name
         place.mkdir()
         remarks = {"remarks": np.array(material.remarks, dtype=object)}
@@ -43,28 +60,28 @@ def write(material: Material, folder: Path) -> None:
         for view in material.of(camera):
             rows = _correspondences(material, images, view.observations)
             _save(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
-        (place / "image_center.txt").write_text(" ".join(map(real, camera.axis)) + "\n", encoding="utf-8")
-        (place / "pattern_size.txt").write_text(f"{real(material.board.column_step)}\n", encoding="utf-8")
+        (place / "image_center.txt").write_text(" ".join(map(repr, camera.axis.tolist())) + "\n", encoding="utf-8")
+        (place / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
 
 
 def _centres(camera: ExportCamera, images: MicroImages) -> dict[str, Any]:
     known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
     connection = [[known.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in known.items()]
-    assert camera.array is not None
+    assert camera.mesh is not None
     return {
         "center_list": images.centres.T,
         "center_connection": np.array(connection, dtype=np.float64).T,
         "image_size": np.array([camera.size_px], dtype=np.float64),
-        "radius": np.array([[camera.array.pitch_px // 2]]),
+        "radius": np.array([[camera.mesh.pitch_px[0] // 2]]),
     }
 
 
-def _correspondences(material: Material, images: MicroImages, found: Any) -> np.ndarray:
+def _correspondences(material: Material, images: MicroImages, observations: Any) -> np.ndarray:
     """Six rows: corner x, y, centre x, y, column and row of the board."""
     known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist())}
-    centres = images.centres[[known[tuple(pair)] for pair in found.microlenses.tolist()]]
-    row, column = np.divmod(found.ids, material.board.columns)
-    return np.column_stack([found.positions, centres, column, row]).T
+    centres = images.centres[[known[tuple(pair)] for pair in observations.microlenses.tolist()]]
+    row, column = np.divmod(observations.ids, material.board.columns)
+    return np.column_stack([observations.positions, centres, column, row]).T
 
 
 def _save(path: Path, values: Mapping[str, Any]) -> None:

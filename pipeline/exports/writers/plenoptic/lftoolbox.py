@@ -5,9 +5,19 @@ Since release 0.5 LFBuildHexGrid turns the grid about its own first place and th
 
 from pathlib import Path
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin
+
+FORMAT = Format(
+    consumer="LFToolbox (MATLAB)",
+    note="the grid of micro-images that a white image would give",
+    source="proof: LFBuildHexGrid of doda42/LFToolbox 3bf4f55, LFBuildLensletGridModel.m, in GNU Octave 7.3",
+    cameras=Cameras.PLENOPTIC,
+    files=("<camera>.grid.json",),
+    origin=Origin.ONE,
+    microlenses=Microlenses.MICRO_IMAGE_GRID,
+)
 
 
 def write(material: Material, folder: Path) -> None:
@@ -35,5 +45,5 @@ def write(material: Material, folder: Path) -> None:
             "Orientation": "horz",
             "FirstPosShiftRow": 1,
         }
-        said = {"about": list(material.remarks), "LensletGridModel": model}
-        write_json(folder / f"{camera.name}.grid.json", said)
+        record = {"about": list(material.remarks), "LensletGridModel": model}
+        write_json(folder / f"{camera.name}.grid.json", record)

@@ -11,16 +11,45 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, GridMesh
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.thin_lens import KAPPA, ThinLens, thin_lens_of
+from pipeline.exports.micro_images import GridMesh
+from pipeline.exports.thin_lens import ThinLens, thin_lens_of
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
+from pipeline.formats import Board, Cameras, Centre, Format, Microlenses, Origin, Pose, Rotation, Targets, Unit
+
+FORMAT = Format(
+    consumer="libpleno, COMPOTE, BLADE",
+    source="proof: projections of comsee-research/libpleno 48db282. Read: camera.js, in its pleno/io/cfg/",
+    cameras=Cameras.PLENOPTIC,
+    targets=Targets.BOARD,
+    files=(
+        "<camera>/observations.bin.gz",
+        "<camera>/corners.bin.gz",
+        "<camera>/centers.csv",
+        "<camera>/features.csv",
+        "<camera>/camera.js",
+        "<camera>/intrinsics.js",
+        "<camera>/params.js",
+        "<camera>/scene.js",
+        "<camera>/poses.js",
+    ),
+    origin=Origin.ZERO,
+    board=Board.RIGHT_DOWN,
+    pose=Pose.TARGET_FROM_CAMERA,
+    centre=Centre.PRINCIPAL_POINT,
+    rotation=Rotation.COLUMNS,
+    unit=Unit.MM,
+    microlenses=Microlenses.MICRO_IMAGE_GRID,
+)
 
 _CENTRE = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
 _CORNER = [*_CENTRE, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_CENTRE, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
 _NO_DISTORTION = {"model": 0, "radial": [[0.0] * 3], "tangential": [[0.0] * 2], "depth": [[0.0] * 3]}
+_KAPPA = 0.8
+"""Start value of its kappa, the spread of a point over its blur radius: about what calibrations find [1]."""
 _GEOMETRIES = {"square": 0, "hexagonal": 1, "hexagonal-columns": 2}
 
 
@@ -64,12 +93,12 @@ def _seen(material: Material, camera: ExportCamera) -> np.ndarray:
     """All observations of a camera, with NaN where a blur radius is unknown."""
     parts = []
     for view in material.of(camera):
-        found = view.observations
-        assert found.microlenses is not None
-        rows = np.zeros(len(found.ids), _FEATURE)
-        rows["k"], rows["l"] = found.microlenses.T
-        rows["u"], rows["v"] = found.positions.T
-        rows["rho"], rows["cluster"], rows["frame"] = found.rho_px, found.ids, view.frame
+        observations = view.observations
+        assert observations.microlenses is not None
+        rows = np.zeros(len(observations.ids), _FEATURE)
+        rows["k"], rows["l"] = observations.microlenses.T
+        rows["u"], rows["v"] = observations.positions.T
+        rows["rho"], rows["cluster"], rows["frame"] = observations.rho_px, observations.ids, view.frame
         parts.append(rows)
     return np.concatenate(parts)
 
@@ -128,7 +157,7 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
             "focal_lengths": model.focal_lengths_mm.tolist(),
             "mesh": {
                 **_mesh(mesh),
-                "pitch": [[one * per_px for one in mesh.pitch_px]],
+                "pitch": [[value * per_px for value in mesh.pitch_px]],
                 "pose": _array_pose(mesh, camera.axis, per_px, model.main_lens_mm),
             },
         },
@@ -171,12 +200,12 @@ def _parameters(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     return {
         "m": -model.sensor_mm * model.focal_mm / (2 * model.main_lens_mm),
         "scale": camera.pitch_mm,
-        "q": [one - pitch_mm / 2 for one in half],
+        "q": [value - pitch_mm / 2 for value in half],
         "q_prime": half,
         "dc": pitch_mm,
         "dC": pitch_mm * model.ratio,
         "lambda": model.ratio,
-        "kappa": KAPPA,
+        "kappa": _KAPPA,
         "N": model.f_number,
         "I": len(half),
     }

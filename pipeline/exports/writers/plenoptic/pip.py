@@ -2,10 +2,20 @@
 
 from pathlib import Path
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import xml_text
 from pipeline.exports.material import Material
 from pipeline.exports.thin_lens import thin_lens_of
+from pipeline.formats import Cameras, ExportError, Format, Origin, Unit
+
+FORMAT = Format(
+    consumer="PlenopticImageProcessing",
+    source="read: Arne-Petersen/PlenopticImageProcessing f72013a, PlenopticTypes.hh, PlenopticTools.cpp",
+    cameras=Cameras.PLENOPTIC,
+    reads=frozenset(),
+    files=("<camera>.MLAconfig.xml",),
+    origin=Origin.ZERO,
+    unit=Unit.MM,
+)
 
 
 def write(material: Material, folder: Path) -> None:
@@ -17,18 +27,18 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows.
     """
     for camera in material.cameras:
-        array, model = camera.array, thin_lens_of(camera)
-        assert array is not None
-        if array.layout != "hexagonal":
-            raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
+        mesh, model = camera.mesh, thin_lens_of(camera)
+        assert mesh is not None
+        if mesh.layout != "hexagonal":
+            raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         lens_pitch_px = camera.built.record["mla"]["pitch_mm"] / camera.pitch_mm
-        larger = array.pitch_px / lens_pitch_px
+        larger = mesh.pitch_px[0] / lens_pitch_px
         values = {
             "IsHexGrid": 1,
-            "GridRotRAD": array.turn_rad,
+            "GridRotRAD": -mesh.angle_rad,
             # The reference lens as its centre would lie on the sensor if the light came along the axis.
-            "MlaCenterPX": (camera.axis + (array.centre - camera.axis) / larger).tolist(),
-            "SensorResPX": camera.size_px,
+            "MlaCenterPX": (camera.axis + (mesh.middle - camera.axis) / larger).tolist(),
+            "SensorResPX": list(camera.size_px),
             "MicroLensDistancePX": lens_pitch_px,
             "MainPrincipalPointPX": camera.axis.tolist(),
             "MlaImageScale": larger,

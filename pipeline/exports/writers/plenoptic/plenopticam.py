@@ -4,9 +4,20 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
+from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Microlenses, Origin
+
+FORMAT = Format(
+    consumer="plenopticam",
+    note="to stand beside the white image of the same name",
+    source="read: hahnec/plenopticam 24bb523, cfg/cfg.py, lfp_aligner/lfp_local_resampler.py",
+    cameras=Cameras.PLENOPTIC,
+    files=("<camera>.json",),
+    origin=Origin.ZERO,
+    axes=ImageAxes.Y_X,
+    microlenses=Microlenses.MICRO_IMAGE_GRID,
+)
 
 
 def write(material: Material, folder: Path) -> None:

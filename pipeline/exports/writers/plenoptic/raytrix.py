@@ -5,19 +5,32 @@ pairs (0, 0), (0, 1), (0, -1), which readers truncate to integers.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pipeline.exports.cameras import ArrayFit, ExportCamera
-from pipeline.exports.errors import ExportError
-from pipeline.exports.filestorage import real
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.thin_lens import virtual_depths
+from pipeline.exports.micro_images import GridMesh
+from pipeline.exports.thin_lens import thin_lens_of
+from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Microlenses, Origin
+
+FORMAT = Format(
+    consumer="PlenopticToolbox 2.0, TLCT: calibration as RxLive writes it",
+    source="proof: load_from_xml of freerafiki/PlenopticToolbox2.0 79f2761. Read: SIGS-TZ/TLCT 9ef550c",
+    cameras=Cameras.PLENOPTIC,
+    reads=frozenset(),
+    files=("<camera>.xml",),
+    origin=Origin.IMAGE_CENTRE,
+    axes=ImageAxes.X_UP,
+    microlenses=Microlenses.FROM_CENTRAL,
+)
 
 _PAIRS = ((0, 0), (0, 1), (0, -1))
 """Axial pair of a microlens of each type, from the central one."""
 _TOTAL_COVERING = 2
 """Virtual depth of the total covering plane of a hexagonal array, whose micro-images tile there; no reader asks it."""
+_BEYOND = 1e-6
+"""Distance of an object beyond the focal point from which it counts as imaged, over the focal length [1]."""
 _BASES = (("lens_base_x", "1.0", "0.0"), ("lens_base_y", "0.5", "0.8660254037844386"))
 _PERIOD = ("sub_grid_base", "1.7320508075688772", "3.0")
 """Basis of an array that is not turned, and the period of one type, in pitches: as texts, since constants."""
@@ -32,20 +45,20 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows of three types, or Keplerian.
     """
     for camera in material.cameras:
-        array, images = camera.array, camera.micro_images
-        assert array is not None and images is not None
-        if array.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
+        mesh, images = camera.mesh, camera.micro_images
+        assert mesh is not None and images is not None
+        if mesh.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
             raise ExportError(
                 f"raytrix knows hexagonal rows of three types, and {camera.name} has {len(images.own_types)} on"
-                f" {array.layout}",
+                f" {mesh.layout}",
                 hint="libpleno knows others, too",
             )
-        text = "\n".join([*_elements(camera, array), ""])
+        text = "\n".join([*_elements(camera, mesh), ""])
         (folder / f"{camera.name}.xml").write_text(text, encoding="utf-8")
 
 
-def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
-    depths = virtual_depths(camera)
+def _elements(camera: ExportCamera, mesh: GridMesh) -> Iterator[str]:
+    depths = _virtual_depths(camera)
     if min(near for near, _ in depths) <= 0:
         raise ExportError(f"raytrix knows main-lens images behind the array, and those of {camera.name} lie before it")
     if not all(map(math.isfinite, [far for _, far in depths])):
@@ -55,13 +68,13 @@ def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
             hint="a smaller plen:camera:circleOfConfusion ends the depth of field before it",
         )
     assert camera.built.micro_images is not None
-    border = max(array.pitch_px / 2 - float(camera.built.micro_images.radius_px[0]), 0)
+    border = max(mesh.pitch_px[0] / 2 - float(camera.built.micro_images.radius_px[0]), 0)
     yield '<RayCalibData version="1.0">'
-    yield from _pair("offset", "pix", (real(array.centre[0]), real(array.centre[1])))
-    yield f'  <diameter units="pix">{real(array.pitch_px)}</diameter>'
-    yield f'  <rotation units="rad">{real(array.turn_rad)}</rotation>'
-    yield f'  <lens_border units="pix">{real(border)}</lens_border>'
-    yield f'  <tcp units="virtual_depth">{real(_TOTAL_COVERING)}</tcp>'
+    yield from _pair("offset", "pix", mesh.middle.tolist())
+    yield f'  <diameter units="pix">{mesh.pitch_px[0]}</diameter>'
+    yield f'  <rotation units="rad">{mesh.angle_rad}</rotation>'
+    yield f'  <lens_border units="pix">{border}</lens_border>'
+    yield f'  <tcp units="virtual_depth">{_TOTAL_COVERING:.1f}</tcp>'
     for name, x, y in (*_BASES, _PERIOD):
         yield from _pair(name, "lens", (x, y))
     yield from (
@@ -73,15 +86,37 @@ def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
     yield "  </distortion>"
     for number, (pair, (near, far)) in enumerate(zip(_PAIRS, depths, strict=True)):
         yield f'  <lens_type id="{number}">'
-        yield from (f"  {line}" for line in _pair("offset", "lens", (real(pair[0]), real(pair[1]))))
-        yield from (
-            f"  {line}" for line in _pair("depth_range", "virtual_depth", (real(near), real(far)), ("min", "max"))
-        )
+        yield from (f"  {line}" for line in _pair("offset", "lens", map(float, pair)))
+        yield from (f"  {line}" for line in _pair("depth_range", "virtual_depth", (near, far), ("min", "max")))
         yield "  </lens_type>"
     yield "</RayCalibData>"
 
 
-def _pair(name: str, units: str, texts: tuple[str, str], keys: tuple[str, str] = ("x", "y")) -> Iterator[str]:
+def _pair(name: str, units: str, values: Iterable[object], keys: tuple[str, str] = ("x", "y")) -> Iterator[str]:
     yield f'  <{name} units="{units}">'
-    yield from (f"    <{key}>{text}</{key}>" for key, text in zip(keys, texts, strict=True))
+    yield from (f"    <{key}>{value}</{key}>" for key, value in zip(keys, values, strict=True))
     yield f"  </{name}>"
+
+
+def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
+    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d.
+
+    An end is inf where it reaches the front focal point of the main lens.
+    """
+    record, images = camera.built.record, camera.micro_images
+    assert images is not None
+    model = thin_lens_of(camera)
+    lens, types = record["lens"], record["mla"]["types"]
+    front, ends = lens["principal_planes_mm"][0], []
+    for number in images.own_types.tolist():
+        away = [float(end) - front for end in types[number]["depth_of_field_mm"]]
+        behind = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in away]
+        depths = sorted(distance / model.sensor_mm for distance in behind)
+        ends.append((depths[0], depths[-1]))
+    return ends
+
+
+def _image_mm(focal_mm: float, away_mm: float) -> float:
+    """Distance of the image behind a thin lens; inf of objects at its focal point and nearer, which have none."""
+    is_beyond = away_mm > (1 + _BEYOND) * focal_mm
+    return 1 / (1 / focal_mm - 1 / away_mm) if is_beyond else float("inf")

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
-from pipeline.export_formats import EXACT, FORMATS, Format, Targets
+from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.read.channels import channel_prims
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -17,23 +17,28 @@ _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
 
 
 def check_exports(root: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the formats that a dataset names; the checks of values report unknown ones."""
+    """Problems of the formats that a dataset names."""
     asked = read(root, _ASKED) or ()
     place = root.GetAttribute(_ASKED)
     for name in [name for name, count in Counter(asked).items() if count > 1]:
         yield problem(place, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
     cameras = targets(root, "plen:cameras", "Camera")
     for name in dict.fromkeys(asked):
-        taken = [camera for camera in cameras if FORMATS[name].takes(_is_plenoptic(camera))]
+        try:
+            wanted = format_of(name)
+        except ExportError as error:
+            yield problem(place, error.code, error.what, hint=error.hint)
+            continue
+        taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
         if cameras and not taken:
             kind = _kind(not _is_plenoptic(cameras[0]))
-            others = [other for other, one in FORMATS.items() if one.takes(_is_plenoptic(cameras[0]))]
+            others = [other for other, one in loadable().items() if one.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
-        elif sum(_channels(camera) for camera in taken) < FORMATS[name].least_cameras:
+        elif sum(_channels(camera) for camera in taken) < wanted.least_cameras:
             message = f'"{name}" relates cameras to each other, and the dataset has one'
             yield problem(place, "export-cameras", message, hint="take it out, or add a camera")
-        yield from _check_targets(root, name, FORMATS[name])
+        yield from _check_targets(root, name, wanted)
         yield from _check_position(root, name, taken)
 
 

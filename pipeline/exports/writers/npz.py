@@ -1,4 +1,4 @@
-"""Data frames: correspondences, poses and micro-images of each camera as Parquet, or as NumPy arrays of the columns."""
+"""Data frames: correspondences, poses and micro-images of each camera, as NumPy arrays of the columns."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,31 +8,34 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.formats import Board, Cameras, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.results.rows import joined
-from pipeline.results.rows import write_parquet as parquet
+
+FORMAT = Format(
+    consumer="NumPy",
+    note="an array per column",
+    source="CONVENTIONS.md: nothing is converted",
+    cameras=Cameras.ANY,
+    files=("<camera>.correspondences.npz", "<camera>.poses.npz", "<plenoptic camera>.micro_images.npz"),
+    origin=Origin.ZERO,
+    board=Board.OURS,
+    pose=Pose.CAMERA_FROM_TARGET,
+    rotation=Rotation.VECTOR,
+    unit=Unit.MM,
+    microlenses=Microlenses.AXIAL,
+)
 
 
-def write_parquet(material: Material, folder: Path) -> None:
-    """Write Parquet files; their metadata hold the remarks (`attrs` of the data frame).
-
-    Raises
-    ------
-    UsageError
-        pandas or pyarrow is not installed.
-    """
-    for name, rows in _tables(material):
-        parquet(folder / f"{name}.parquet", rows, material.remarks)
-
-
-def write_npz(material: Material, folder: Path) -> None:
+def write(material: Material, folder: Path) -> None:
     """Write an array per column, and the remarks."""
-    for name, rows in _tables(material):
+    for name, rows in tables(material):
         with (folder / f"{name}.npz").open("wb") as stream:
             columns: dict[str, Any] = {column: rows[column] for column in rows.dtype.names or ()}
             np.savez(stream, remarks=np.array(material.remarks), **columns)
 
 
-def _tables(material: Material) -> Iterator[tuple[str, np.recarray]]:
+def tables(material: Material) -> Iterator[tuple[str, np.recarray]]:
+    """Names of the data frames, and the rows of each."""
     for camera in material.cameras:
         yield f"{camera.name}.correspondences", _correspondences(material, camera)
         yield f"{camera.name}.poses", _poses(material, camera)

@@ -9,10 +9,11 @@ ones are traced one by one.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pipeline.exports.seen.ideal_map import Sight
 from pipeline.results.answers import PixelRays
 
 EDGE_PX = 64
@@ -27,6 +28,13 @@ _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of an even sequence in the square: powers of the inverse of the plastic number (Roberts 2018)."""
 _JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np.arange(1, 9), _GOLDEN) % 1) - 1])
 """Positions on a patch at which it is judged, from -1 to 1 along each axis: its corners, and eight inside."""
+
+
+class Sight(Protocol):
+    """A camera made ready, as `sight.ready_camera.ReadyCamera` is."""
+
+    def rays(self, x_px: ArrayLike, y_px: ArrayLike) -> PixelRays:
+        """Rays of image positions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +85,8 @@ def rows_of_rays(
         for patch, values in kept:
             lines[patch.y - first : patch.y - first + patch.height, patch.x : patch.x + patch.width] = values
         quarters = [quarter for patch in odd for quarter in patch.quarters]
-        left = [one for one in quarters if min(one.width, one.height) >= _LEAST_PX]
-        single += [one for one in quarters if min(one.width, one.height) < _LEAST_PX]
+        left = [patch for patch in quarters if min(patch.width, patch.height) >= _LEAST_PX]
+        single += [patch for patch in quarters if min(patch.width, patch.height) < _LEAST_PX]
     if single:
         _trace_each(sight, single, first, lines)
     direction = np.concatenate([lines[..., 2:], np.ones_like(lines[..., :1])], axis=-1)
@@ -89,8 +97,8 @@ def rows_of_rays(
 def _trace_each(sight: Sight, patches: list[Patch], first: int, lines: np.ndarray) -> None:
     """Fill in the lines of the pixels of patches."""
     places = np.concatenate([np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1).T for p in patches])
-    found, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
-    lines[places[:, 0] - first, places[:, 1]] = found
+    traced, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
+    lines[places[:, 0] - first, places[:, 1]] = traced
 
 
 def _tried(

@@ -1,0 +1,210 @@
+"""Micro-images of a plenoptic camera: their numbers by column and row, and the regular mesh through them.
+
+Some formats count them from the top left of the image, as libpleno does. In hexagonal rows lines 0, 2, … are shifted by
+half a micro-image to the right, in hexagonal columns downwards. `GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp,
+moves lines 1, 3, … of columns up instead: the same places from another origin.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.formats import ExportError
+
+_SIN_60 = math.sqrt(3) / 2
+"""Distance of the lines of a hexagonal lattice over its pitch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImages:
+    """Micro-images of a plenoptic camera, a row each.
+
+    Attributes
+    ----------
+    layout : str
+        Layout as in camera.json.
+    microlenses : (n, 2) int64
+    types : (n,) int64
+    centres : (n, 2) float64
+        Image positions: the real ray through the centre of the stop and the vertex.
+    focal_lengths_mm : (types,) float64
+    own_types : (types,) int64
+        Our number of each type: where it stands in camera.json.
+    """
+
+    layout: str
+    microlenses: np.ndarray
+    types: np.ndarray
+    centres: np.ndarray
+    focal_lengths_mm: np.ndarray
+    own_types: np.ndarray
+
+    def in_image(self, size_px: tuple[int, int]) -> np.ndarray:
+        """Whether centres of ours lie in the image, (n,) bool."""
+        return np.asarray(((self.centres >= 0) & (self.centres <= np.array(size_px) - 1)).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridMesh:
+    """A regular mesh of micro-image centres: the node of column c and row r is origin + turned (x(c, r), y(c, r)).
+
+    Attributes
+    ----------
+    layout : str
+        `square`, `hexagonal` or `hexagonal-columns`.
+    columns, rows : int
+    pitch_px : tuple of float
+        Along x and along y.
+    angle_rad : float
+        Rotation from +x towards +y.
+    origin, middle : (2,) float64
+        Image positions of the first node, and of the one nearest to the middle of the image.
+    """
+
+    layout: str
+    columns: int
+    rows: int
+    pitch_px: tuple[float, float]
+    angle_rad: float
+    origin: np.ndarray
+    middle: np.ndarray
+
+    @property
+    def step_px(self) -> tuple[float, float]:
+        """Distance of columns and of rows: lines of a hexagonal mesh stand closer than its pitch."""
+        across = _SIN_60 if self.layout == "hexagonal-columns" else 1
+        down = _SIN_60 if self.layout == "hexagonal" else 1
+        return self.pitch_px[0] * across, self.pitch_px[1] * down
+
+    def place(self, x_px: float, y_px: float) -> np.ndarray:
+        """Image position of a place that counts from the origin along the axes of the mesh, (2,)."""
+        cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return np.array([[cos, -sin], [sin, cos]]) @ [x_px, y_px] + self.origin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImageGrid:
+    """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point.
+
+    Attributes
+    ----------
+    layout : str
+        Layout as in camera.json; in hexagonal-columns lines run down, else across.
+    first : tuple of int
+        Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted.
+    rows : (n,) int64
+        Rows of the micro-images that count, sorted by row and column.
+    """
+
+    layout: str
+    first: tuple[int, int]
+    rows: np.ndarray
+
+    @property
+    def across(self) -> bool:
+        """Whether lines are rows."""
+        return self.layout != "hexagonal-columns"
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether every other line is shifted."""
+        return self.layout != "square"
+
+    def cells(self, microlenses: np.ndarray) -> np.ndarray:
+        """Column and row of microlenses (n, 2)."""
+        line, place = self._line_and_place(microlenses)
+        line = line - self.first[0]
+        column = (place - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
+        return np.stack([column, line] if self.across else [line, column], axis=1)
+
+    def renumbered(self, images: MicroImages) -> MicroImages:
+        """The micro-images that matter with the numbers of the grid; focal lengths by its types.
+
+        Raises
+        ------
+        ExportError
+            Their types do not repeat as the grid counts them.
+        """
+        cells, ours = self.cells(images.microlenses[self.rows]), images.types[self.rows]
+        types = self._types(cells, ours, len(images.focal_lengths_mm))
+        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), types, types[ours])
+
+    def mesh(self, images: MicroImages, central: int) -> GridMesh:
+        """The regular mesh that fits centres best, by least squares.
+
+        Parameters
+        ----------
+        images : MicroImages
+            Micro-images with our numbers, and centres as the format counts them.
+        central : int
+            Row of the one nearest to the middle of the image.
+        """
+        cells = self.cells(images.microlenses)
+        (columns, rows), (x, y) = cells.T, cells.T.astype(float)
+        if self.is_shifted and self.across:
+            x, y = x + 0.5 * (rows % 2 == 0), y * _SIN_60
+        elif self.is_shifted:
+            x, y = x * _SIN_60, y + 0.5 * (columns % 2 == 0)
+        nodes = np.stack([x, y, np.ones(len(x))], axis=1)
+        along, across, origin = np.linalg.lstsq(nodes[self.rows], images.centres[self.rows], rcond=None)[0]
+        angle = math.atan2(along[1], along[0])
+        return GridMesh(
+            layout=self.layout,
+            columns=int(columns[self.rows].max()) + 1,
+            rows=int(rows[self.rows].max()) + 1,
+            pitch_px=(float(np.hypot(*along)), float(across @ [-math.sin(angle), math.cos(angle)])),
+            angle_rad=angle,
+            origin=origin,
+            middle=nodes[central] @ [along, across, origin],
+        )
+
+    def _line_and_place(self, microlenses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the line of each microlens, and twice its place along the line, in micro-images."""
+        k, l = microlenses.T
+        if not self.is_shifted:
+            return l, 2 * k
+        line, along = (l, k) if self.across else (k, l)
+        return line, 2 * along + line
+
+    def _types(self, cells: np.ndarray, ours: np.ndarray, count: int) -> np.ndarray:
+        """Our type -> ((line mod (n - 1)) + place) mod n, libpleno's; only in hexagonal rows the lines are rows."""
+        if count == 1:
+            return np.zeros(1, np.int64)
+        column, row = cells.T
+        line, place = (row, column) if self.layout == "hexagonal" else (column, row)
+        theirs = (line % (count - 1) + place) % count
+        types = np.array([theirs[ours == kind][0] if (ours == kind).any() else -1 for kind in range(count)])
+        if (types[ours] != theirs).any() or sorted(types.tolist()) != list(range(count)):
+            raise ExportError(
+                "types of these microlenses do not repeat as ((row mod (n - 1)) + column) mod n, as libpleno counts",
+                hint="three types on a hexagonal lattice do, as (k - l) mod 3",
+            )
+        return types
+
+
+def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> MicroImages:
+    """Micro-images of these types; `numbers` has the new number of each of ours, and focal lengths follow."""
+    order = np.argsort(numbers)
+    return replace(
+        images, types=types, focal_lengths_mm=images.focal_lengths_mm[order], own_types=images.own_types[order]
+    )
+
+
+def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
+    """The grid of micro-images, in our conventions: its smallest column and row are 0.
+
+    Parameters
+    ----------
+    seeing : (n, 2) int64
+        Microlenses that see a point.
+    """
+    matter = images.in_image(size_px)
+    known = {tuple(pair) for pair in seeing.tolist()}
+    matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
+    rows = np.flatnonzero(matter)
+    grid = MicroImageGrid(layout=images.layout, first=(0, 0), rows=rows)
+    line, place = grid._line_and_place(images.microlenses[rows])
+    first = int(line.min())
+    grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))
+    return replace(grid, rows=rows[np.lexsort(grid.cells(images.microlenses[rows]).T)])

@@ -1,0 +1,54 @@
+"""Rays of all pixels, for files with a value per pixel: a camera is traced once, and few rows of it are in memory."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import Material
+from pipeline.exports.ray_patches import bands
+
+AT_ONCE = 1 << 16
+"""Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class TracedPixels:
+    """Rays (h, w, 6) of all pixels in a file: origin [mm], direction; microlenses (h, w, 2) of a plenoptic camera."""
+
+    rays: np.ndarray
+    microlenses: np.ndarray | None
+
+    def bands(self) -> Iterator[tuple[int, int]]:
+        """First and end rows of bands that fit into memory."""
+        height, width, _ = self.rays.shape
+        return bands(height, AT_ONCE // width)
+
+
+@contextmanager
+def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
+    """Rays of a camera; the file in the folder goes afterwards."""
+    width, height = camera.size_px
+    scratch = folder / f"{camera.name}.scratch.npy"
+    rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
+    microlenses = None if camera.micro_images is None else np.zeros((height, width, 2), np.int32)
+    try:
+        for first, end in bands(height, AT_ONCE // width):
+            band = camera.rays.band(first, end)
+            rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin_mm, band.direction
+            if microlenses is not None and band.microlenses is not None:
+                microlenses[first:end] = band.microlenses
+        yield TracedPixels(rays, microlenses)
+    finally:
+        del rays
+        scratch.unlink()
+
+
+def about(material: Material, camera: ExportCamera) -> dict[str, str | float | int]:
+    """Attributes of a file: remarks line by line, and the first and the last pixel as the format counts them."""
+    remarks = {f"remark{number}": line for number, line in enumerate(material.remarks)}
+    (first_x, first_y), (last_x, last_y) = camera.rays.ends.tolist()
+    return {**remarks, "first_x": first_x, "first_y": first_y, "last_x": last_x, "last_y": last_y}

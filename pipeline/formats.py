@@ -1,0 +1,324 @@
+"""Export formats: the record with which a format begins, and how the formats of all installed packages are found.
+
+A format is a module with `FORMAT`, a `Format`, and `write(material, folder)`, which puts an `exports.material.Material`
+into the layout of its files. An entry point of the group `plenoptic_pipeline.formats` names it, in this package or in
+another. A stage that asks for an export is checked, and its tasks are planned, before there is any result: so a format
+states its files by the names of cameras and frames alone. docs/export_format.md writes one.
+
+Our own conventions are those of CONVENTIONS.md: the centre of the top-left pixel is (0, 0), x right, y down; mm; poses
+from the target, whose frame has its origin in the middle, x right, y up, z towards the viewer.
+"""
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from itertools import combinations
+from types import ModuleType
+
+from pipeline.channel_names import body_and_channel
+from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
+
+GROUP = "plenoptic_pipeline.formats"
+"""Group of the entry points, each of which names the module of a format."""
+SIDE_CAR = "export.json"
+"""File in the folder of every format: the stage, the conventions, the noise."""
+EXACT = "exact"
+"""Name of the positions of J; chief, saddle and centroid are those of the columns with these names."""
+
+
+class ExportError(UsageError):
+    """A format that is unknown, or that cannot hold a build, or exports that make no sense."""
+
+
+class Cameras(StrEnum):
+    """Kind of cameras that a format can describe."""
+
+    CONVENTIONAL = "conventional"
+    PLENOPTIC = "plenoptic"
+    ANY = "any"
+
+
+class Targets(StrEnum):
+    """Targets that a format can describe."""
+
+    ANY = "any"
+    ONE = "one"
+    BOARD = "one, whose points form a grid"
+
+
+class Reads(StrEnum):
+    """Results that a format reads, besides camera.json and the micro-images."""
+
+    CORNERS = "correspondences and poses"
+    IMAGES = "linear images"
+    RAYS = "rays of pixels"
+    SCENE = "surfaces before the cameras"
+
+
+class Origin(StrEnum):
+    """Number that a format has for the centre of the top-left pixel; the middle of an image lies between pixels."""
+
+    ZERO = "0"
+    HALF = "0.5"
+    ONE = "1"
+    IMAGE_CENTRE = "from the image centre"
+    SHARE = "0.5 / size"
+    """Shares of width and height, from a corner: half a pixel of them."""
+
+
+class ImageAxes(StrEnum):
+    """Order and direction of image coordinates."""
+
+    X_Y = "x right, y down"
+    Y_X = "y down, then x right"
+    X_UP = "x right, y up"
+
+
+class Board(StrEnum):
+    """Frame in which a format counts target points."""
+
+    RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
+    KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
+    OURS = "from the middle of the pattern, x right, y up, z towards the viewer"
+    NONE = "none, columns and rows alone"
+
+
+class Pose(StrEnum):
+    """Direction of a stored pose."""
+
+    CAMERA_FROM_TARGET = "camera from target"
+    TARGET_FROM_CAMERA = "target from camera"
+    CAMERA_FROM_FIRST = "camera from first camera"
+    CAMERA_FROM_PREVIOUS = "camera from previous camera"
+    NONE = "none"
+
+
+class Centre(StrEnum):
+    """Point of the camera that a pose leads to."""
+
+    PINHOLE = "equivalent pinhole"
+    ROWS = "pinhole of the rows"
+    """Of the exported rows, as export.json states it; the equivalent pinhole where these determine none."""
+    PRINCIPAL_POINT = "front principal point"
+
+
+class Rotation(StrEnum):
+    """Form of a stored rotation."""
+
+    VECTOR = "Rodrigues vector"
+    MATRIX = "matrix, by rows"
+    COLUMNS = "matrix, by columns"
+    QUATERNION = "quaternion w, x, y, z"
+    NONE = "none"
+
+
+class Unit(StrEnum):
+    """Unit of lengths in space."""
+
+    MM = "mm"
+    M = "m"
+    NONE = "none"
+
+
+class Microlenses(StrEnum):
+    """Numbers of microlenses and of their types."""
+
+    NONE = "none"
+    AXIAL = "axial (k, l); type as in CONVENTIONS.md"
+    FROM_CENTRAL = "type counted from that of the microlens nearest to the middle of the image"
+    TYPES_FROM_ONE = "type 1, 2, 3 for 0, 1, 2 of ours"
+    MICRO_IMAGE_GRID = "column, row of the micro-image from the top left; type ((row mod 2) + column) mod 3"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convention:
+    """Meaning of numbers: `exports.conversion` brings a build into it, and nobody else does."""
+
+    origin: Origin
+    axes: ImageAxes = ImageAxes.X_Y
+    board: Board = Board.NONE
+    pose: Pose = Pose.NONE
+    centre: Centre = Centre.PINHOLE
+    rotation: Rotation = Rotation.NONE
+    unit: Unit = Unit.NONE
+    microlenses: Microlenses = Microlenses.NONE
+
+    @property
+    def scale(self) -> float:
+        """A millimetre in the unit."""
+        return 1e-3 if self.unit is Unit.M else 1.0
+
+
+OURS = Convention(origin=Origin.ZERO, board=Board.OURS, unit=Unit.MM, microlenses=Microlenses.AXIAL)
+"""Our own conventions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format(Convention):
+    """A format: who reads it, its files, what it reads of a build, and what its numbers mean.
+
+    Attributes
+    ----------
+    consumer : str
+        Who reads it.
+    source : str
+        How we know: programs that are run on files, in every test or in a proof, and what was only read.
+    note : str
+        Facts that a reader of its files has to know, beside their names.
+    files : tuple of str
+        Paths in its folder. `<camera>`, `<plenoptic camera>`, `<frame>` and `<pair>` (of cameras)
+        stand for as many files.
+    cameras, targets, reads
+    least_cameras : int
+        Fewest cameras, or channels of one, that it relates to each other.
+    """
+
+    consumer: str
+    source: str = ""
+    note: str = ""
+    files: tuple[str, ...]
+    cameras: Cameras
+    targets: Targets = Targets.ANY
+    reads: frozenset[Reads] = frozenset({Reads.CORNERS})
+    least_cameras: int = 1
+
+    def takes(self, is_plenoptic: bool) -> bool:
+        """Whether it can describe such a camera."""
+        return self.cameras is Cameras.ANY or is_plenoptic is (self.cameras is Cameras.PLENOPTIC)
+
+    def paths(self, cameras: Mapping[str, bool], frames: Iterable[int]) -> list[str]:
+        """All files of an export, with its side-car, sorted.
+
+        Parameters
+        ----------
+        cameras : mapping of str to bool
+            Name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
+        frames : iterable of int
+        """
+        numbers = list(frames)
+        return sorted({SIDE_CAR, *(path for pattern in self.files for path in _filled(pattern, cameras, numbers))})
+
+
+def _filled(pattern: str, cameras: Mapping[str, bool], frames: list[int]) -> Iterator[str]:
+    """Paths for which a pattern stands."""
+    lists = {
+        "<camera>": list(cameras),
+        "<plenoptic camera>": [name for name, is_plenoptic in cameras.items() if is_plenoptic],
+        "<pair>": [f"{first}-{second}" for first, second in combinations(cameras, 2) if is_pair(first, second)],
+        "<frame>": [f"{frame:04d}" for frame in frames],
+    }
+    paths = [pattern]
+    for word, values in lists.items():
+        if word in pattern:
+            paths = [path.replace(word, value) for path in paths for value in values]
+    yield from paths
+
+
+def is_pair(first: str, second: str) -> bool:
+    """Whether two are different cameras, seen in the same channel of their sensors if these have channels."""
+    (body, channel), (other_body, other_channel) = body_and_channel(first), body_and_channel(second)
+    return body != other_body and channel == other_channel
+
+
+def folder_of(name: str, position: str) -> str:
+    """Folder of a format: `opencv`, or `opencv-saddle` with the positions of saddles."""
+    return name if position == EXACT else f"{name}-{position}"
+
+
+def names() -> list[str]:
+    """Names of all formats of the installed packages, sorted; none of them is loaded."""
+    return sorted(_entries(tuple(sys.path)))
+
+
+def format_of(name: str) -> Format:
+    """The format of a name; its module is loaded.
+
+    Raises
+    ------
+    ExportError
+        There is none, two packages have one of that name, or its package is broken.
+    """
+    record: Format = module_of(name).FORMAT
+    return record
+
+
+def loadable() -> dict[str, Format]:
+    """Name -> format, of those that load: what `pipeline export` can be asked for."""
+    formats = {}
+    for name in names():
+        try:
+            formats[name] = format_of(name)
+        except ExportError:
+            continue  # whoever asks for it is told
+    return formats
+
+
+def module_of(name: str) -> ModuleType:
+    """The module of a format, which has `FORMAT` and `write`.
+
+    Raises
+    ------
+    ExportError
+        As `format_of`.
+    """
+    entry = entry_of(name)
+    where = f"of the package {_package(entry)}"
+    try:
+        module: ModuleType = entry.load()
+    except Exception as error:  # a stranger's code may fail in any way
+        raise ExportError(
+            f'the export format "{name}" {where} cannot be loaded: {type(error).__name__}: {error}',
+            hint="mend or remove that package",
+            code="broken-export",
+        ) from error
+    if not isinstance(getattr(module, "FORMAT", None), Format) or not callable(getattr(module, "write", None)):
+        raise ExportError(
+            f'the export format "{name}" {where} is {entry.value}, which has no FORMAT or no write',
+            hint="its entry point names a module with both: docs/export_format.md",
+            code="broken-export",
+        )
+    return module
+
+
+@cache
+def _entries(path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
+    """Name -> entry points of the distributions on a path, which is `sys.path`."""
+    entries: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=GROUP):
+        entries.setdefault(entry.name, []).append(entry)
+    return entries
+
+
+def entry_of(name: str) -> EntryPoint:
+    """The entry point of a format, which is not loaded.
+
+    Raises
+    ------
+    ExportError
+        There is none, or two packages have one of that name.
+    """
+    offered = _entries(tuple(sys.path)).get(name, [])
+    if len(offered) > 1:
+        packages = " and ".join(sorted(map(_package, offered)))
+        raise ExportError(
+            f'the packages {packages} each have an export format "{name}"',
+            hint="remove one of them",
+            code="broken-export",
+        )
+    if not offered:
+        known = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
+        guess = did_you_mean(name, names())
+        raise ExportError(
+            f'there is no export format "{name}"',
+            hint=f"{guess} formats: {known}" if guess else f"formats: {known}",
+            code="unknown-export",
+        )
+    return offered[0]
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.module
