@@ -19,17 +19,12 @@ from pipeline.records.shapes import Float64, Int64
 class Rig:
     """A camera made ready, and what J means.
 
-    Attributes
-    ----------
-    tracer : Tracer
-    images : MicroImages or None
-        None for a conventional camera.
-    square_px : float
-        Edge of the square around a position that the rays of J start on; 0: the position itself.
-    diffraction_nm : float or None
-        Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is.
-    device : str or None
-        Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor.
+    `images`: None for a conventional camera.
+    `square_px`: edge of the square around a position that the rays of J start on; 0: the position itself.
+    `diffraction_nm`: wavelength whose diffraction images have, if its light has one; None: images are those of
+        geometry, as J is.
+    `device`: device that traces the rays of images, in single precision: a name from
+        `pipeline.jit.device`, or the processor.
     """
 
     tracer: Tracer
@@ -68,8 +63,8 @@ class Rig:
         if self.images is None or self.tracer.lattice is None:
             return ()
         kind, middles = self.tracer.lattice.type, []
-        for one in range(kind.max() + 1):
-            rows = np.flatnonzero(kind == one)
+        for number in range(kind.max() + 1):
+            rows = np.flatnonzero(kind == number)
             nearest = rows[np.argmin(np.hypot(*self.tracer.vertices_mm[rows].T))]
             middles.append((*self.images.centre_mm[nearest].tolist(), int(nearest)))
         return tuple(middles)

@@ -124,11 +124,11 @@ def read_exr(path: str | Path) -> dict[str, Part]:
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
     except (RuntimeError, ValueError) as error:
         raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
-    found = [_decode(path, encoded) for encoded in file.parts]
+    parts = [_decode(path, encoded) for encoded in file.parts]
     counts = {encoded.header[PART_COUNT] for encoded in file.parts}
-    if counts != {str(len(found))}:
-        raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
-    return {part.name: part for part in found}
+    if counts != {str(len(parts))}:
+        raise DamagedFile(path, f"{len(parts)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
+    return {part.name: part for part in parts}
 
 
 def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
@@ -148,12 +148,12 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
             raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
         require_few(sum(_values(part) for part in headers.parts))
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
-        found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+        channels = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
     except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
         raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
-    if any(pixels.shape != (height, width) for pixels in found.values()):
+    if any(pixels.shape != (height, width) for pixels in channels.values()):
         raise DamagedFile(path, "its channels differ in size")
-    return found
+    return channels
 
 
 def _system_error(error: RuntimeError, path: Path) -> Exception:

@@ -16,7 +16,6 @@ from typing import BinaryIO
 import numpy as np
 
 from pipeline.files import exr_layout
-from pipeline.files.crc import joined
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import CRC, PART_COUNT, RESERVED, TILE_PX, Part, write_exr
 from pipeline.files.exr_layout import Header, UnknownLayout
@@ -30,21 +29,17 @@ wider than 8,192 pixels is one row of tiles."""
 
 _PROBED_BYTES = 1 << 16
 """Size of a test write [bytes] that shows whether the disk is full."""
+_POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
+"""x^32 less its remainder; x^0; x^8."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandedPart:
     """A part of a file whose pixels are computed while they are written.
 
-    Attributes
-    ----------
-    shape : (int, int)
-        Height and width [px].
-    channels : tuple of str
-    rows : callable
-        Called for each band in turn, from the top.
-    attributes : dict
-        Attributes, see `exr.Part`.
+    `shape`: (int, int), height and width [px].
+    `rows`: called for each band in turn, from the top.
+    `attributes`: attributes, see `exr.Part`.
     """
 
     name: str
@@ -142,25 +137,22 @@ class ExrWindows:
     Of each part the rows of tiles that were read last are kept, so that overlapping windows decode a tile once. Every
     tile carries a checksum of its own; that of the whole part is not looked at.
 
-    Raises
-    ------
-    DamagedFile
-        It is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
+    Raises DamagedFile: it is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
         with self._path.open("rb") as stream:
             try:
-                found = exr_layout.read_headers(stream)
-                self.headers = {header.texts["name"]: header for header in found}
-                sizes = [8 * header.grid[0] * header.grid[1] for header in found]
+                headers = exr_layout.read_headers(stream)
+                self.headers = {header.texts["name"]: header for header in headers}
+                sizes = [8 * header.grid[0] * header.grid[1] for header in headers]
                 room = os.fstat(stream.fileno()).st_size
-                if {header.texts[PART_COUNT] for header in found} != {str(len(found))} or sum(sizes) > room:
+                if {header.texts[PART_COUNT] for header in headers} != {str(len(headers))} or sum(sizes) > room:
                     raise UnknownLayout("parts are missing")
                 self._tables = [
                     np.frombuffer(stream.read(size), "<u8").reshape(header.grid)
-                    for size, header in zip(sizes, found, strict=True)
+                    for size, header in zip(sizes, headers, strict=True)
                 ]
             except (ValueError, KeyError, struct.error) as error:
                 raise DamagedFile(self._path, f"not a readable OpenEXR file of this program ({error})") from error
@@ -206,4 +198,28 @@ def _pixels(data: bytes, size: int) -> np.ndarray:
     halves = np.cumsum(differences, dtype=np.uint8)
     result = np.empty(size, np.uint8)
     result[0::2], result[1::2] = halves[: (size + 1) // 2], halves[(size + 1) // 2 :]
+    return result
+
+
+def joined(first: int, second: int, second_bytes: int) -> int:
+    """CRC-32 of two pieces together.
+
+    `first`, `second`: `zlib.crc32` of each piece alone.
+    `second_bytes`: length of the second piece.
+    """
+    shift, power = _ONE, _BYTE
+    while second_bytes:
+        if second_bytes & 1:
+            shift = _product(shift, power)
+        power, second_bytes = _product(power, power), second_bytes >> 1
+    return _product(first, shift) ^ second
+
+
+def _product(a: int, b: int) -> int:
+    """Product of two remainders."""
+    result = 0
+    for bit in range(31, -1, -1):
+        if a >> bit & 1:
+            result ^= b
+        b = (b >> 1) ^ (_POLYNOMIAL if b & 1 else 0)
     return result

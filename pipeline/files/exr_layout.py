@@ -70,8 +70,8 @@ class Header:
         )
 
     def _value(self, name: str, kind: str) -> bytes:
-        found, value = self.attributes.get(name, ("", b""))
-        if found != kind:
+        stored, value = self.attributes.get(name, ("", b""))
+        if stored != kind:
             raise UnknownLayout(f"no attribute {name} of type {kind}")
         return value
 
@@ -94,10 +94,7 @@ def bytes_of(headers: list[Header]) -> bytes:
 def read_headers(stream: BinaryIO) -> list[Header]:
     """Headers of a file; afterwards the stream is at the tables of offsets.
 
-    Raises
-    ------
-    UnknownLayout
-        The file is not of this layout, or ends.
+    Raises UnknownLayout: the file is not of this layout, or ends.
     """
     magic, version = stream.read(4), stream.read(4)
     if magic != _MAGIC or len(version) < 4:
@@ -150,14 +147,11 @@ class Chunk:
 def read_chunk(stream: BinaryIO, offset: int, part: int | None) -> Chunk:
     """The chunk at an offset of a file.
 
-    Raises
-    ------
-    UnknownLayout
-        The offset holds another chunk.
+    Raises UnknownLayout: the offset holds another chunk.
     """
     stream.seek(offset)
-    found = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
+    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
     column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
-    if found != part or level != [0, 0]:
+    if stored_part != part or level != [0, 0]:
         raise UnknownLayout("a tile of another part")
     return Chunk(column, row, _exactly(stream, size))

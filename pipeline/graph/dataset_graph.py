@@ -6,8 +6,7 @@ appear only in the params of tasks that write them.
 
 import dataclasses
 
-from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
-from pipeline.camera.focusing.stop import shown_f_number
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, shown_f_number
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph

@@ -26,10 +26,7 @@ def settle(
     Numbers of NumPy become Python's. NaN and what is larger than 1e12 is no number; infinity is one in the fields
     `infinite`, and whatever is finite in the fields `finite`: coefficients of high powers of small heights are huge.
 
-    Raises
-    ------
-    PipelineError
-        A field has a wrong value; the error has the given type.
+    Raises PipelineError: a field has a wrong value; the error has the given type.
     """
     for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
         value = getattr(record, name)
@@ -70,10 +67,7 @@ def number(
 ) -> float:
     """A finite number within bounds, given as an argument.
 
-    Raises
-    ------
-    PipelineError
-        The argument is wrong; the error has the given type.
+    Raises PipelineError: the argument is wrong; the error has the given type.
     """
     return _within(name, float, value, error, least, most)
 

@@ -6,7 +6,7 @@ way.
 
 from pathlib import Path
 
-from pipeline.camera.focusing.stop import stopped_down
+from pipeline.camera.focusing.focus_request import stopped_down
 from pipeline.files.jsonfile import write_json
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED, Inputs, focused_camera

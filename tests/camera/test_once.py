@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from pipeline.camera.pupil.once import _KEPT, once
+from pipeline.camera.pupil.outlines import _KEPT, once
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.boundary import halved
-from pipeline.camera.focusing.focus_request import matched_stop_mm
-from pipeline.camera.focusing.stop import widest_stop_mm
+from pipeline.camera.focusing.focus_request import matched_stop_mm, widest_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import lattice

@@ -30,18 +30,11 @@ _LEVEL = 2
 class Pinhole:
     """One centre of projection, with and without distortion.
 
-    Attributes
-    ----------
-    centre_mm : (float, float, float)
-        Centre of projection, vision frame.
-    planes_mm : (float, float)
-        Vision z of the planes between which it was fitted: those of J_near and J_far.
-    lit_share : float
-        Share of the image that light reaches; the rest is not fitted.
-    plain : Projection
-        Without distortion: the best one over the image.
-    distorted : Projection
-        With distortion, whose principal distance is that on the axis.
+    `centre_mm`: centre of projection, vision frame.
+    `planes_mm`: vision z of the planes between which it was fitted: those of J_near and J_far.
+    `lit_share`: share of the image that light reaches; the rest is not fitted.
+    `plain`: without distortion: the best one over the image.
+    `distorted`: with distortion, whose principal distance is that on the axis.
     """
 
     centre_mm: tuple[float, float, float]
@@ -73,19 +66,19 @@ def pinhole(camera: Camera) -> Pinhole | None:
     if len(rays.x_px) <= 2 * len(free):
         return None
     ideal = camera.prescription.ideal
-    found = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
-    bare = found.copy()
+    bent = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
+    bare = bent.copy()
     bare[[*RADIAL, *TANGENTIAL]] = 0.0
     plain = bare if ideal and not ideal.distortion else rays.fitted(bare, (F,) if centred else (F, *POINT))
-    if not (np.isfinite(found).all() and np.isfinite(plain).all() and found[F] > 0):
+    if not (np.isfinite(bent).all() and np.isfinite(plain).all() and bent[F] > 0):
         return None
-    x, y, z = (found[list(CENTRE)] + 0.0).tolist()
+    x, y, z = (bent[list(CENTRE)] + 0.0).tolist()
     return Pinhole(
         centre_mm=(x, y, z),
         planes_mm=(camera.near_mm, camera.far_mm),
         lit_share=lit_share,
         plain=rays.projection(plain),
-        distorted=rays.projection(found),
+        distorted=rays.projection(bent),
     )
 
 

@@ -47,12 +47,8 @@ class Fate(IntEnum):
 class Outlook:
     """Fates of points.
 
-    Attributes
-    ----------
-    fate : (poses, n) int
-        Fate of each point, a value of `Fate`.
-    blur_px : (poses, n) float64
-        Width of their light on the sensor, behind microlenses that of the sharpest type.
+    `fate`: (poses, n) int, fate of each point, a value of `Fate`.
+    `blur_px`: (poses, n) float64, width of their light on the sensor, behind microlenses that of the sharpest type.
     """
 
     fate: Int64[np.ndarray, "poses n"]

@@ -15,19 +15,13 @@ from pipeline.optics.first_order import first_order
 class Viewfinder:
     """A pinhole before a film, both in the entrance pupil's place.
 
-    Attributes
-    ----------
-    principal_mm : float
-        Distance from the pinhole to the film.
-    size_mm, offset_mm : (float, float)
-        Size of the film along x and y of the image; its middle, from the foot of the pinhole, x right and y up as
-        the viewer looks at the scene.
-    focus_mm : float
-        Vision z of what is in focus, of the middle microlens type; may be inf.
-    f_number : float
-        Principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is as wide.
-    nearest_mm : float
-        Vision z of the first vertex: nothing nearer is ever seen.
+    `principal_mm`: distance from the pinhole to the film.
+    `size_mm`, `offset_mm`: size of the film along x and y of the image; its middle, from the foot of
+        the pinhole, x right and y up as the viewer looks at the scene.
+    `focus_mm`: vision z of what is in focus, of the middle microlens type; may be inf.
+    `f_number`: principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is
+        as wide.
+    `nearest_mm`: vision z of the first vertex: nothing nearer is ever seen.
     """
 
     principal_mm: float

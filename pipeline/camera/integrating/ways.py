@@ -24,17 +24,10 @@ below a few hundred-thousandths of it, and a thousandth inside."""
 class Ways:
     """Regions that rays pass, for many sensor positions, each seen from an inner point.
 
-    Attributes
-    ----------
-    arrays : CameraArrays
-    positions, microlens : (n, 2) float64, (n,) int64
-        Sensor positions and their microlens.
-    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
-        Polygons that enclose what passes.
-    free_sr : (n,) float64
-        Weight of all rays through the position's own microlens; 0 without one.
-    centres : (n, 2) float64
-        Inner points; NaN where nothing passes.
+    `positions`, `microlens`: (n, 2) float64, (n,) int64, sensor positions and their microlens.
+    `polygons`, `counts`: (n, MAX_VERTICES, 2) float64, (n,) int64, polygons that enclose what passes.
+    `free_sr`: (n,) float64, weight of all rays through the position's own microlens; 0 without one.
+    `centres`: (n, 2) float64, inner points; NaN where nothing passes.
     """
 
     arrays: CameraArrays

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.nearby import Nearby, nearby_of
+from pipeline.camera.micro_images.nearby import Nearby
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing import microlens_kernels
-from pipeline.camera.tracing.microlens_tables import is_plain
+from pipeline.camera.tracing import microlens_kernels as column
+from pipeline.camera.tracing.microlens_kernels import aims_for, rays_before
+from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.first_order import exit_pupil
 from pipeline.records.shapes import Float64, Int64
@@ -26,16 +27,11 @@ _ROUNDING_MM = 1e-9
 class MicroImages:
     """Centres of all micro-images, in the order of `camera.parts.lattice`.
 
-    Attributes
-    ----------
-    centre_mm : (n, 2) float64
-        Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame.
-    radius_mm : float
-        Exit-pupil radius * B / P, the contour of half illumination.
-    reach_mm : (n,) float64
-        Beyond this distance from the centre no light of the microlens arrives.
-    nearby : Nearby
-        The centres.
+    `centre_mm`: (n, 2) float64, sensor hit of the real ray through the stop centre and the microlens vertex, vision
+        frame.
+    `radius_mm`: exit-pupil radius * B / P, the contour of half illumination.
+    `reach_mm`: (n,) float64, beyond this distance from the centre no light of the microlens arrives.
+    `nearby`: the centres.
     """
 
     centre_mm: Float64[np.ndarray, "n 2"]
@@ -59,7 +55,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
     vertex = tracer.vertices_mm
-    if is_plain(array):
+    if array.is_plain:
         slope = chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(vertex))
         centre = vertex - slope * array.distance_mm
     else:
@@ -67,21 +63,21 @@ def micro_images(tracer: Tracer) -> MicroImages:
     pupil = exit_pupil(tracer.camera.prescription)
     behind, ahead = array.principal_mm[0]
     radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
-    return MicroImages(centre, float(radius), _reach(tracer, centre), nearby_of(centre))
+    return MicroImages(centre, float(radius), _reach(tracer, centre), Nearby(centre))
 
 
 def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
-    lenses = tracer.arrays.lenses
-    microlens, count = np.arange(len(lenses)), len(lenses)
-    centre = lenses[:, :2].copy()
+    rows = tracer.arrays.microlenses
+    microlens, count = np.arange(len(rows)), len(rows)
+    centre = rows[:, :2].copy()
     position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for _ in range(_STEPS):
         aims = vertex_aims(tracer, microlens, centre)
-        microlens_kernels.rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
+        rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
         miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
-        centre += lenses[:, [microlens_kernels.AIM]] * miss
+        centre += rows[:, [column.AIM]] * miss
         if np.abs(miss).max() < _TOLERANCE:
             return centre
     raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
@@ -93,27 +89,27 @@ def vertex_aims(
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
-    if is_plain(array):
-        return tracer.arrays.lenses[microlens, :2]
     point, aims = np.zeros((len(microlens), 3)), np.empty((len(microlens), 2))
     heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
     point[:, 2] = np.array(heights)[tracer.lattice.type[microlens]] if heights else 0.0
-    microlens_kernels.aims_for(tracer.arrays, microlens, positions_mm, point, aims)
+    aims_for(tracer.arrays, microlens, positions_mm, point, aims)
     return aims
 
 
 def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
     """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
-    _, _, outlines, lenses, aperture, _ = tracer.arrays
-    base = around = lenses[:, :2]
-    margin: np.ndarray | float = 0.0
-    if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
-        base = lenses[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
-        around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
-        margin = lenses[:, microlens_kernels.MARGIN]
-    polygons = np.empty((len(lenses), outlines.shape[2], 2))
-    outlines_at(tracer.bounds.step_mm, outlines, np.ascontiguousarray(around), polygons)
-    by_start, by_aim = tracer.microlenses.reach.T
-    edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]
-    corner = np.hypot(*aperture.T).max() * (1 + (lenses[0, microlens_kernels.INFLATION] if np.ndim(margin) else 0.0))
-    return np.hypot(*edge.T).max(axis=0) + (corner * np.abs(by_aim) + margin) / np.abs(by_start) + _ROUNDING_MM
+    rows, aperture = tracer.arrays.microlenses, tracer.arrays.aperture
+    polygons, by_start = outlines_of(tracer.arrays, rows), rows[:, column.BY_START]
+    base = rows[:, None, [column.BASE_X, column.BASE_Y]]
+    edge = (polygons - base) / by_start[:, None, None] - (centre - rows[:, :2])[:, None]
+    corner = np.hypot(*aperture.T).max() * (1 + rows[0, column.INFLATION])
+    slack = corner * np.abs(rows[:, column.BY_AIM]) + rows[:, column.MARGIN]
+    return np.hypot(*edge.T).max(axis=0) + slack / np.abs(by_start) + _ROUNDING_MM
+
+
+def outlines_of(camera: CameraArrays, rows: Float64[np.ndarray, "n columns"]) -> np.ndarray:
+    """Outlines that bound the light of rows of `CameraArrays.microlenses`, (n, directions, 2)."""
+    polygons = np.empty((len(rows), camera.outlines.shape[2], 2))
+    around = np.ascontiguousarray(rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+    outlines_at(camera.optics.step_mm, camera.outlines, around, polygons)
+    return polygons

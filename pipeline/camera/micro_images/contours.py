@@ -11,8 +11,7 @@ import numpy as np
 
 from pipeline.camera.boundary import halved, widened
 from pipeline.camera.integrating.label_kernels import PASSES
-from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays
-from pipeline.camera.micro_images.pinhole_rays import look
+from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, look
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.records.shapes import Float64
 
@@ -43,13 +42,9 @@ class _Points(NamedTuple):
 class Contours:
     """Outer edges of light along directions from origins.
 
-    Parameters
-    ----------
-    camera : CameraArrays
-    rims : Pencils
-        Microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be dark,
-        because another face cuts the light there.
-    origins, directions : (n, 2), (d, 2) float64
+    `rims`: microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be
+        dark, because another face cuts the light there.
+    `origins`, `directions`: (n, 2), (d, 2) float64.
     """
 
     def __init__(
@@ -65,13 +60,9 @@ class Contours:
     def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Distances (n, d) from the origins; NaN where no light was found.
 
-        Parameters
-        ----------
-        outside : (n, d) float64
-            About where it is dark. From there inwards, because near the middle a small pupil may be seen through the
-            inside of the aperture only.
-        step : (n,) float64
-            Shorter than the way on which the rim stays lit once light has reached it.
+        `outside`: (n, d) float64, about where it is dark. From there inwards, because near the middle a small pupil may
+            be seen through the inside of the aperture only.
+        `step`: (n,) float64, shorter than the way on which the rim stays lit once light has reached it.
         """
         tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)

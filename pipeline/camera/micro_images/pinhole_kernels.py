@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.integrating.label_kernels import PASSES, Labels, label_packet
-from pipeline.camera.tracing.acceptance import HALF_ANGLE, accepted_share, is_limited
-from pipeline.camera.tracing.microlens_kernels import AIM, MODEL, PLAIN, X, Y, aim_for
+from pipeline.camera.tracing.acceptance import accepted_share, is_limited
+from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN, aim_for
 from pipeline.camera.tracing.packets import send_mixed
-from pipeline.camera.tracing.records import SensorPoints
+from pipeline.camera.tracing.records import CameraArrays, SensorPoints
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
@@ -30,12 +30,9 @@ _CONE_NODES, _CONE_WEIGHTS = np.polynomial.legendre.leggauss(16)
 class Pencils(NamedTuple):
     """Microlenses and points of their apertures.
 
-    Attributes
-    ----------
-    microlens, kind : (n,) int64
-        Rows and types.
-    points : (types, k, 3) or (types, k, 5, 3) float64
-        Points in the frame of the microlens; for `add_light` each with its neighbours, see `_density`.
+    `microlens`, `kind`: (n,) int64, rows and types.
+    `points`: (types, k, 3) or (types, k, 5, 3) float64, points in the frame of the microlens; for `add_light` each with
+        its neighbours, see `_density`.
     """
 
     microlens: np.ndarray
@@ -46,14 +43,9 @@ class Pencils(NamedTuple):
 class Rays(NamedTuple):
     """Rays from the sensor through points of microlens apertures.
 
-    Attributes
-    ----------
-    owner : (m,) int64
-        The row of pencils that each belongs to, ascending.
-    which : (m,) int64
-        The point of its type that it passes.
-    starts : (m, 2) float64
-        Sensor positions.
+    `owner`: (m,) int64, the row of pencils that each belongs to, ascending.
+    `which`: (m,) int64, the point of its type that it passes.
+    `starts`: (m, 2) float64, sensor positions.
     """
 
     owner: np.ndarray
@@ -64,14 +56,9 @@ class Rays(NamedTuple):
 class Sectors(NamedTuple):
     """Thin sectors of the regions of pencils.
 
-    Attributes
-    ----------
-    owner, which : (f,) int64
-        The microlens, one of n, and the point of its aperture.
-    bases, directions : (f, 2) float64
-        The tip, and a unit vector.
-    radius, angle : (f,) float64
-        Distance to which light reaches, and the angle that the direction stands for.
+    `owner`, `which`: (f,) int64, the microlens, one of n, and the point of its aperture.
+    `bases`, `directions`: (f, 2) float64, the tip, and a unit vector.
+    `radius`, `angle`: (f,) float64, distance to which light reaches, and the angle that the direction stands for.
     """
 
     owner: np.ndarray
@@ -82,19 +69,23 @@ class Sectors(NamedTuple):
     angle: np.ndarray
 
 
+def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = False) -> np.ndarray:
+    """Labels of rays, (m,): `PASSES` or another, which names what blocks the ray if names are asked for."""
+    label = np.empty(len(rays.owner), np.int64)
+    # Contiguous and writable, so that Numba has one specialisation.
+    even = Rays(*(np.require(values, requirements=("C", "W")) for values in rays))
+    label_rays(camera, pencils, even, is_named, label)
+    label_rays.count(len(label), len(camera.table))
+    return label
+
+
 @kernel
-def look(camera, pencils, rays, is_named, label):
+def label_rays(camera, pencils, rays, is_named, label):
     """Trace rays and say which pass, or what blocks them.
 
-    Parameters
-    ----------
-    pencils : Pencils
-    rays : Rays
-    is_named : bool
-        Whether labels of blocked rays name what blocks them, as `label_kernels.label_packet` does, which costs more.
-        Else they are all the same.
-    label : (m,) int64
-        Written: PASSES or another.
+    `is_named`: whether labels of blocked rays name what blocks them, as `label_kernels.label_packet` does, which costs
+        more. Else they are all the same.
+    `label`: (m,) int64, written: PASSES or another.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     points, named = np.empty((PACKET, 2)), Labels(np.empty(PACKET, np.int64), np.empty(PACKET))
@@ -120,8 +111,6 @@ def _aim(camera, pencils, owner, which, start_x, start_y):
     """The point of the sampling plane that a ray from the sensor through a point of an aperture passes."""
     microlens = pencils.microlens[owner]
     px, py, pz = pencils.points[pencils.kind[owner], which]
-    if camera.mosaic.detail[MODEL] == PLAIN:
-        return camera.lenses[microlens, X] + px, camera.lenses[microlens, Y] + py
     return aim_for(camera, microlens, start_x, start_y, px, py, pz)
 
 
@@ -131,13 +120,9 @@ def _density(camera, microlens, near, sx, sy):
 
     `near` holds the point of the aperture and its neighbours along +x, -x, +y and -y.
     """
-    detail, optics, row, stretch = camera.mosaic.detail, camera.optics, camera.lenses[microlens], 1.0
-    if detail[MODEL] == PLAIN:
-        h = optics.sampling_z_mm - optics.sensor_z_mm
-        qx, qy = row[X] + near[0, 0], row[Y] + near[0, 1]
-    else:
-        h = row[AIM]
-        qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
+    acceptance, h, stretch = camera.acceptance, camera.microlenses[microlens, AIM], 1.0
+    qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
+    if camera.elements.model != PLAIN:
         ax, ay = aim_for(camera, microlens, sx, sy, near[1, 0], near[1, 1], near[1, 2])
         bx, by = aim_for(camera, microlens, sx, sy, near[2, 0], near[2, 1], near[2, 2])
         cx, cy = aim_for(camera, microlens, sx, sy, near[3, 0], near[3, 1], near[3, 2])
@@ -146,7 +131,7 @@ def _density(camera, microlens, near, sx, sy):
         stretch /= (near[1, 0] - near[2, 0]) * (near[3, 1] - near[4, 1])
     u, v = (qx - sx) / h, (qy - sy) / h
     squared = 1.0 + u * u + v * v
-    share = accepted_share(detail, 1.0 / math.sqrt(squared)) if is_limited(detail) else 1.0
+    share = accepted_share(acceptance, 1.0 / math.sqrt(squared)) if is_limited(acceptance) else 1.0
     return share * stretch / (h * h * squared * squared)
 
 
@@ -154,21 +139,15 @@ def _density(camera, microlens, near, sx, sy):
 def add_light(camera, pencils, shares, middle, sectors, sums):
     """Integrate light over the regions of pencils whose edges are known.
 
-    Parameters
-    ----------
-    pencils : Pencils
-        Their points are nodes of a quadrature over the aperture.
-    shares : (k,) float64
-        Weights of the nodes.
-    middle : (n, 2) float64
-        Origin of the moments.
-    sectors : Sectors
-    sums : (n, 4) float64
-        Added to: light [sr], its moments along x and y [sr mm], and the area that light through node 0 fills [mm^2].
+    `pencils`: their points are nodes of a quadrature over the aperture.
+    `shares`: (k,) float64, weights of the nodes.
+    `middle`: (n, 2) float64, origin of the moments.
+    `sums`: (n, 4) float64, added to: light [sr], its moments along x and y [sr mm], and the area that light through
+        node 0 fills [mm^2].
     """
     owner, which, bases, directions, radius, angle = sectors
     microlens, kind, points = pencils
-    is_cone = camera.mosaic.detail[HALF_ANGLE] > 0.0
+    is_cone = camera.acceptance.half_angle > 0.0
     for f in range(owner.shape[0]):
         n, m = owner[f], which[f]
         near = points[kind[n], m]

@@ -12,8 +12,7 @@ import numpy as np
 from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, widened
 from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
-from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors
-from pipeline.camera.micro_images.pinhole_rays import look
+from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors, look
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.records.shapes import Float64
 
@@ -40,13 +39,9 @@ _GOLDEN_RAD = 2.399963229728653
 class Apertures:
     """Microlenses, and points of their apertures.
 
-    Attributes
-    ----------
-    camera : CameraArrays
-    pencils : Pencils
-        n of them, their points with neighbours, (types, m, 5, 3), as `pencils.add_light` takes them; the vertex first.
-    shares : (m,) float64
-        Weights of a quadrature over the aperture.
+    `pencils`: n of them, their points with neighbours, (types, m, 5, 3), as `pencils.add_light` takes them; the vertex
+        first.
+    `shares`: (m,) float64, weights of a quadrature over the aperture.
     """
 
     camera: CameraArrays
@@ -58,14 +53,9 @@ class Apertures:
     ) -> np.ndarray:
         """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
 
-        Parameters
-        ----------
-        middle : (n, 2) float64
-            About the middle of the light through the vertex.
-        shift : (n,) float64
-            Movement of that per distance of the point in the aperture.
-        limit : (n,) float64
-            About the farthest reach of light through one point.
+        `middle`: (n, 2) float64, about the middle of the light through the vertex.
+        `shift`: (n,) float64, movement of that per distance of the point in the aperture.
+        `limit`: (n,) float64, about the farthest reach of light through one point.
         """
         n, m = len(self.pencils.microlens), len(self.shares)
         owner, which = np.divmod(np.arange(n * m), m)
@@ -78,12 +68,12 @@ class Apertures:
         off, is_round = _middles(radius, blocker)
         sums, rounds = np.zeros((n, pinhole_kernels.SUMS)), np.repeat(lit & is_round, DIRECTIONS)
         share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
-        found = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
-        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
+        sectors = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
+        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         others = np.flatnonzero(lit & ~is_round)
         if len(others):
-            found = self._between_corners(tips.only(others), off[others])
-            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
+            sectors = self._between_corners(tips.only(others), off[others])
+            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         return sums
 
     def reach(
@@ -147,8 +137,8 @@ class Apertures:
         tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
         even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
         label = self._edges(tips, *even)[1].reshape(-1, DIRECTIONS)
-        found = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
-        row, angle, share = directions(rows, found, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
+        edge_corners = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
+        row, angle, share = directions(rows, edge_corners, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
         order = np.lexsort((angle, row))
         row, angle, share = row[order], angle[order], share[order]
         return _sectors(tips, row, angle, self._edges(tips, row, angle)[0], share)

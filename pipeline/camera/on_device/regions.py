@@ -17,12 +17,10 @@ AT_ONCE, THREADS = 1 << 16, 64
 class Regions(NamedTuple):
     """Regions that many bundles may pass.
 
-    Attributes
-    ----------
-    polygons, cumulative : (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64
-        Polygons, and cumulative areas of their fans.
-    vertices, centre, area : (n,) int64, (n, 2), (n,) float64
-        The fans, of area 0 where nothing passes: see `tracing.sampling_bounds.Fan`.
+    `polygons`, `cumulative`: (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64, polygons, and cumulative areas of their
+        fans.
+    `vertices`, `centre`, `area`: (n,) int64, (n, 2), (n,) float64, the fans, of area 0 where nothing passes: see
+        `tracing.sampling_bounds.Fan`.
     """
 
     polygons: np.ndarray

@@ -11,6 +11,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import LEAST_MM, MicrolensArray
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.printed import Lost, PrintedLens
 from pipeline.records.declared import settle
 
 WEIGHTS = ("irradiance", "area")
@@ -159,3 +160,28 @@ class Sampling:
 REPLICAS = 4
 """Independently scrambled replicas of every bundle: their spread gives the sampling error, and
 of more of them each would have fewer rays."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintedCamera:
+    """A camera with what is known about where it comes from; fields that it shares with `Camera` mean the same.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    provenance : tuple of str
+        Paragraphs: where the numbers were read, notes.
+    lost : tuple of Lost
+        Statements of the source that this record cannot hold; the lens lists its own.
+    """
+
+    name: str
+    provenance: tuple[str, ...] = ()
+    lens: PrintedLens
+    sensor: Sensor
+    sensor_distance_mm: float
+    microlenses: MicrolensArray | None = None
+    near_mm: float | None = None
+    far_mm: float | None = None
+    lost: tuple[Lost, ...] = ()

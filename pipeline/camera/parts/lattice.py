@@ -18,14 +18,9 @@ where an extent is a multiple of the pitch."""
 class Lattice:
     """Every microlens of an array, sorted by (l, k).
 
-    Attributes
-    ----------
-    k, l, type : (n,) int64
-        Axial indices and type.
-    x_mm, y_mm : (n,) float64
-        Vertices in the sensor frame, from the sensor's centre.
-    z_mm : (n,) float64
-        Height above microlens (0, 0), positive towards the scene; 0 without tilt.
+    `k`, `l`, `type`: (n,) int64, axial indices and type.
+    `x_mm`, `y_mm`: (n,) float64, vertices in the sensor frame, from the sensor's centre.
+    `z_mm`: (n,) float64, height above microlens (0, 0), positive towards the scene; 0 without tilt.
     """
 
     k: Int64[np.ndarray, "n"]
@@ -97,8 +92,8 @@ def cell(array: MicrolensArray) -> np.ndarray:
     following = neighbours[1:] + neighbours[:1]
     # A corner is as far from the vertex as from two neighbours that follow one another.
     corners = [
-        np.linalg.solve(np.array([one, other]), [one @ one / 2, other @ other / 2])
-        for one, other in zip(neighbours, following, strict=True)
+        np.linalg.solve(np.array([first, second]), [first @ first / 2, second @ second / 2])
+        for first, second in zip(neighbours, following, strict=True)
     ]
     return np.array(corners)
 

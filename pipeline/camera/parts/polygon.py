@@ -18,9 +18,7 @@ because a cut of a convex polygon adds one."""
 def fan(polygon, count, cumulative):
     """Cumulative areas of the triangles around the mean of the vertices.
 
-    Returns
-    -------
-    centre_x, centre_y, area : float
+    Returns centre_x, centre_y, area : float.
     """
     cx, cy = 0.0, 0.0
     for i in range(count):

@@ -9,12 +9,9 @@ import numpy as np
 class Optics(NamedTuple):
     """Planes of a camera, and how its outlines lie.
 
-    Attributes
-    ----------
-    sensor_z_mm, sampling_z_mm, rear_z_mm : float
-        Vision z of the sensor, of the plane in which rays are aimed, and of the rear vertex of the main lens.
-    step_mm, drift : float
-        As in `camera.pupil.outlines.Outlines`.
+    `sensor_z_mm`, `sampling_z_mm`, `rear_z_mm`: vision z of the sensor, of the plane in which rays are aimed, and of
+        the rear vertex of the main lens.
+    `step_mm`, `drift`: as in `camera.pupil.outlines.Outlines`.
     """
 
     sensor_z_mm: float
@@ -24,23 +21,34 @@ class Optics(NamedTuple):
     drift: float
 
 
-class Mosaic(NamedTuple):
-    """Pixels and microlenses, from `camera.tracing.microlens_tables`.
+class Acceptance(NamedTuple):
+    """Weight of a ray by its angle with the axis.
 
-    Attributes
-    ----------
-    detail : (15,) float64
-        Numbers common to all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels`
-        name.
-    faces : (types, surfaces, columns) float64
-        Surfaces of each type, as in `optics.table`.
-    bends : (types, BENDS) float64
-        Columns: see `camera.tracing.microlens_kernels`.
-    rims : (types, n, 3) float64
-        Points along the edge of each type's aperture, frame of the microlens [mm].
+    `power`: exponent of a cosine, or 0.
+    `half_angle`, `roll_off`: angles of a cone [rad]; the first is 0 where there is none.
+    `by_area`: whether rays weigh area of the sampling plane, not irradiance.
     """
 
-    detail: np.ndarray
+    power: float
+    half_angle: float
+    roll_off: float
+    by_area: bool
+
+
+class Elements(NamedTuple):
+    """Elements of microlenses, by their types.
+
+    `model`: `PLAIN`, `THIN`, `TWO_PLANE` or `REFRACTIVE` of `camera.tracing.microlens_kernels`.
+    `disc_mm`: radius of discs; 0: apertures are cells.
+    `turn`: (3, 3) float64, frame of the array from the vision frame.
+    `faces`: (types, surfaces, columns) float64, surfaces of each type, as in `optics.table`.
+    `bends`: (types, BENDS) float64, columns: see `camera.tracing.microlens_kernels`.
+    `rims`: (types, n, 3) float64, points along the edge of each type's aperture, frame of the microlens [mm].
+    """
+
+    model: int
+    disc_mm: float
+    turn: np.ndarray
     faces: np.ndarray
     bends: np.ndarray
     rims: np.ndarray
@@ -49,39 +57,27 @@ class Mosaic(NamedTuple):
 class CameraArrays(NamedTuple):
     """A camera for the kernels, from `Tracer.arrays`; vision frame, mm.
 
-    Attributes
-    ----------
-    optics : Optics
-    table : (s, columns) float64
-        Surfaces, from `optics.table.towards_scene`.
-    outlines : (rows, columns, d, 2) float64
-        Outlines from `camera.pupil.outlines`.
-    lenses : (m, columns) float64
-        Vertex x, y and focal length of every microlens, and more of those that are not plain:
-        `camera.tracing.microlens_kernels`.
-    aperture : (c, 2) float64
-        Polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is the aperture itself.
-    mosaic : Mosaic
+    `table`: (s, columns) float64, surfaces, from `optics.table.towards_scene`.
+    `outlines`: (rows, columns, d, 2) float64, outlines from `camera.pupil.outlines`.
+    `microlenses`: (m, COLUMNS) float64, columns: see `camera.tracing.microlens_kernels`.
+    `aperture`: (c, 2) float64, polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is
+        the aperture itself.
     """
 
     optics: Optics
+    acceptance: Acceptance
     table: np.ndarray
     outlines: np.ndarray
-    lenses: np.ndarray
+    microlenses: np.ndarray
     aperture: np.ndarray
-    mosaic: Mosaic
+    elements: Elements
 
 
 class Samples(NamedTuple):
     """Random numbers of rays.
 
-    Attributes
-    ----------
-    bits : (DIMENSIONS, samples) uint32
-        Numbers from `camera.tracing.sobol`; for bundles, the samples of one replica.
-    seed : int
-    edge_mm : float
-        Edge of the square that rays start anywhere on; 0: from its centre alone.
+    `bits`: (DIMENSIONS, samples) uint32, numbers from `camera.tracing.sobol`; for bundles, the samples of one replica.
+    `edge_mm`: edge of the square that rays start anywhere on; 0: from its centre alone.
     """
 
     bits: np.ndarray
@@ -92,18 +88,12 @@ class Samples(NamedTuple):
 class Diffraction(NamedTuple):
     """Spread of the light of a point on the sensor by apertures: pictures of n x n cells, one for each aperture.
 
-    Attributes
-    ----------
-    rows : (k, n) float64
-        Light of each picture in all rows up to one, as a share.
-    cells : (k, n, n) float64
-        Light of each row in all cells up to one, as a share.
-    edge_mm : (k,) float64
-        Edges of the cells.
-    node_mm : (2,) float64
-        Without microlenses pictures belong to the nodes of a square grid about the axis: their distance along x and y.
-    of_microlens : (m,) int64
-        The picture of each microlens.
+    `rows`: (k, n) float64, light of each picture in all rows up to one, as a share.
+    `cells`: (k, n, n) float64, light of each row in all cells up to one, as a share.
+    `edge_mm`: (k,) float64, edges of the cells.
+    `node_mm`: (2,) float64, without microlenses pictures belong to the nodes of a square grid about the axis: their
+        distance along x and y.
+    `of_microlens`: (m,) int64, the picture of each microlens.
     """
 
     rows: np.ndarray
@@ -126,16 +116,11 @@ def no_diffraction() -> Diffraction:
 class Starts(NamedTuple):
     """Sensor positions from which bundles start.
 
-    Attributes
-    ----------
-    pixels : (n, 2) int64
-        Pixels, on which random numbers depend besides the seed.
-    anchors : (n, 2) float64
-        Positions next to those below, for which the region is bound that rays go through, vision frame [mm].
-    positions : (n, 2) float64
-        Positions on the sensor.
-    microlens : (n,) int64
-        Microlens of each position, `NO_MICROLENS` or `SKIP`.
+    `pixels`: (n, 2) int64, pixels, on which random numbers depend besides the seed.
+    `anchors`: (n, 2) float64, positions next to those below, for which the region is bound that rays go through, vision
+        frame [mm].
+    `positions`: (n, 2) float64, positions on the sensor.
+    `microlens`: (n,) int64, microlens of each position, `NO_MICROLENS` or `SKIP`.
     """
 
     pixels: np.ndarray
@@ -158,18 +143,11 @@ class SensorPoints(NamedTuple):
 class Squares(NamedTuple):
     """Squares of the sensor from which rays start.
 
-    Attributes
-    ----------
-    pixels : (n, 2) int64
-        Pixels, on which random numbers depend besides the seed.
-    positions : (n, 2) float64
-        Their centres, vision frame [mm].
-    strata : (n, s) int64
-        Microlenses that light may pass, or `NO_MICROLENS`; `SKIP` fills up.
-    counts : (n, s) int64
-        Rays through each, a power of two: so many of the samples.
-    skipped : (n, s) int64
-        Samples before these; 0: they are the first ones.
+    `pixels`: (n, 2) int64, pixels, on which random numbers depend besides the seed.
+    `positions`: (n, 2) float64, their centres, vision frame [mm].
+    `strata`: (n, s) int64, microlenses that light may pass, or `NO_MICROLENS`; `SKIP` fills up.
+    `counts`: (n, s) int64, rays through each, a power of two: so many of the samples.
+    `skipped`: (n, s) int64, samples before these; 0: they are the first ones.
     """
 
     pixels: np.ndarray
@@ -182,14 +160,10 @@ class Squares(NamedTuple):
 class Leaving(NamedTuple):
     """Rays that leave a camera, written by `kernels.image_rays`; room for all that start.
 
-    Attributes
-    ----------
-    origin, direction : (n, 3) float64
-        A point behind the front vertex and the unit direction, vision frame [mm].
-    share : (n,) float64
-        Share of the square's integral of cos(theta) d omega, or of area, times its acceptance [sr or mm^2].
-    owner : (n,) int64
-        s times the row of the square plus the place of the microlens among its strata.
+    `origin`, `direction`: (n, 3) float64, a point behind the front vertex and the unit direction, vision frame [mm].
+    `share`: (n,) float64, share of the square's integral of cos(theta) d omega, or of area, times its acceptance [sr or
+        mm^2].
+    `owner`: (n,) int64, s times the row of the square plus the place of the microlens among its strata.
     """
 
     origin: np.ndarray

@@ -28,10 +28,7 @@ _PUPIL = 64
 def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
     """The spread of the apertures of a camera in light of one wavelength.
 
-    Parameters
-    ----------
-    middles : tuple of Middle
-        One for each type of microlens; none without microlenses.
+    `middles`: one for each type of microlens; none without microlenses.
     """
     if middles and tracer.lattice is not None:
         views = [View(np.array([x, y]), row, np.inf) for x, y, row in middles]
