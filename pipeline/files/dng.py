@@ -30,22 +30,14 @@ _LARGEST = 2**31 - 1
 class Negative:
     """Facts of a raw image that a raw converter has to know.
 
-    Attributes
-    ----------
-    model : str
-        Name of the camera.
-    black_dn : float
-        Digital number of no light, without noise; kept to 1/65536.
-    white_dn : int
-        Value of saturation.
-    filters : tuple of str
-        Names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
-    exposure_time_s : float
-        0: it is not stated.
-    neutral : tuple of float
-        What red, green and blue count of white, over the most; empty: unknown.
-    from_xyz : dict of str to 3 rows
-        What they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights: that of the scene, and another.
+    `model`: name of the camera.
+    `black_dn`: digital number of no light, without noise; kept to 1/65536.
+    `white_dn`: value of saturation.
+    `filters`: names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
+    `exposure_time_s`: 0: it is not stated.
+    `neutral`: what red, green and blue count of white, over the most; empty: unknown.
+    `from_xyz`: dict of str to 3 rows, what they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights:
+        that of the scene, and another.
     """
 
     model: str
@@ -60,10 +52,7 @@ class Negative:
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[str, Any], negative: Negative) -> None:
     """Write digital numbers band by band as a negative; the first four arguments as of `tiff.write_tiff`.
 
-    Raises
-    ------
-    ValueError
-        If a filter array names a colour that DNG does not know.
+    Raises ValueError: if a filter array names a colour that DNG does not know.
     """
     maker, model = _MAKER, negative.model.encode("ascii", "backslashreplace").decode()
     tags = [

@@ -48,15 +48,10 @@ RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 class Part:
     """One named image of a multi-part file.
 
-    Attributes
-    ----------
-    name : str
-        Unique within the file.
-    channels : dict of str to (h, w) array
-        Written as float32, NaN included; a file holds them sorted by name.
-    attributes : dict of str to str, float or int
-        Written as text, numbers by `repr`, so that `float(attributes[name])` gives back all digits. A part that was
-        read holds strings only.
+    `name`: unique within the file.
+    `channels`: dict of str to (h, w) array, written as float32, NaN included; a file holds them sorted by name.
+    `attributes`: dict of str to str, float or int, written as text, numbers by `repr`, so that
+        `float(attributes[name])` gives back all digits. A part that was read holds strings only.
     """
 
     name: str
@@ -79,14 +74,9 @@ class Part:
 def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
     """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
 
-    Parameters
-    ----------
-    path : path
-        No particular extension is needed; the folder must exist.
-    parts : list of Part
-        One part at least.
-    tiled : bool
-        Tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
+    `path`: no particular extension is needed; the folder must exist.
+    `parts`: one part at least.
+    `tiled`: tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
     """
     names = [part.name for part in parts]
     if not names or len(set(names)) != len(names):
@@ -106,15 +96,8 @@ def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
 def read_exr(path: str | Path) -> dict[str, Part]:
     """Read a file that `write_exr` wrote.
 
-    Returns
-    -------
-    dict of str to Part
-        Parts by name, in the order of the file.
-
-    Raises
-    ------
-    DamagedFile
-        If it is truncated, altered, or not from `write_exr`.
+    Returns dict of str to Part: parts by name, in the order of the file.
+    Raises DamagedFile: if it is truncated, altered, or not from `write_exr`.
     """
     path = Path(path)
     with path.open("rb"):  # a missing or unreadable file is an error of the system, not damage
@@ -134,10 +117,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
     """Channels (h, w) of the first part of a file of any program, by name; `require_few` may refuse the count of all.
 
-    Raises
-    ------
-    DamagedFile
-        It is no OpenEXR file, its size is implausible, or its channels differ in size.
+    Raises DamagedFile: it is no OpenEXR file, its size is implausible, or its channels differ in size.
     """
     path = Path(path)
     try:

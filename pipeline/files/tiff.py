@@ -42,18 +42,11 @@ def write_tiff(
 ) -> None:
     """Write a plane of digital numbers band by band; the same pixels, the same bytes.
 
-    Parameters
-    ----------
-    shape : (int, int)
-        Height and width [px].
-    rows : callable
-        Called for one band after the other, from the top.
-    about : dict
-        Meaning of the numbers as plain values: the description.
-    photometric : int
-        Kind of the pixels, as TIFF numbers it.
-    more : sequence of Tag
-        Further tags.
+    `shape`: (int, int), height and width [px].
+    `rows`: called for one band after the other, from the top.
+    `about`: meaning of the numbers as plain values: the description.
+    `photometric`: kind of the pixels, as TIFF numbers it.
+    `more`: sequence of Tag, further tags.
     """
     height, width = shape
     if 2 * height * width > _LARGEST_BYTES:
@@ -96,15 +89,9 @@ def _text(about: dict[str, Any]) -> str:
 def read_tiff(path: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
     """Digital numbers and description of a file that `write_tiff` or `dng.write_dng` wrote.
 
-    Returns
-    -------
-    (h, w) uint16
-    dict
-
-    Raises
-    ------
-    DamagedFile
-        If it is truncated, altered, or not from `write_tiff`.
+    Returns (h, w) uint16.
+    Returns dict.
+    Raises DamagedFile: if it is truncated, altered, or not from `write_tiff`.
     """
     data = Path(path).read_bytes()
     try:

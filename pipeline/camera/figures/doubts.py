@@ -52,10 +52,7 @@ class Doubt:
 def doubts(camera: Camera) -> Iterator[Doubt]:
     """List the doubts about a focused camera.
 
-    Raises
-    ------
-    CameraError
-        No chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
+    Raises CameraError: no chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
     """
     yield from pixel_doubts(camera.sensor)
     yield from _stop(camera)

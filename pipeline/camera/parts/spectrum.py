@@ -14,16 +14,10 @@ from pipeline.records.declared import settle
 class SpectralNode:
     """One wavelength of a channel, and what the glasses of a camera are at it.
 
-    Attributes
-    ----------
-    wavelength_nm : float
-        Wavelength in standard air.
-    weight : float
-        Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike.
-    indices : tuple of float
-        Refractive index behind each surface of the lens, relative to air.
-    microlens_index : float or None
-        Index of the microlenses; None where there are none, or thin ones.
+    `wavelength_nm`: wavelength in standard air.
+    `weight`: share of the channel's signal that this wavelength stands for, where all of them pass the lens alike.
+    `indices`: refractive index behind each surface of the lens, relative to air.
+    `microlens_index`: index of the microlenses; None where there are none, or thin ones.
     """
 
     wavelength_nm: float
@@ -58,15 +52,9 @@ def alone(wavelength_nm: float) -> Slices:
 class Channel:
     """A colour channel of a camera.
 
-    Attributes
-    ----------
-    name : str
-    middle : SpectralNode
-        Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses.
-    nodes : tuple of SpectralNode
-        The wavelengths that stand for it; their weights sum up to 1.
-    slices : tuple of Slices
-        How each of them sees colours; ground truth, which is that of a white target, does without.
+    `middle`: its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses.
+    `nodes`: the wavelengths that stand for it; their weights sum up to 1.
+    `slices`: how each of them sees colours; ground truth, which is that of a white target, does without.
     """
 
     name: str
