@@ -38,20 +38,14 @@ _NODES_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Bundles:
-    """Bundles of image positions.
+    """Bundles of image positions."""
 
-    `x_px`: (n, 2) float64, image positions; NaN: no bundle.
-    `microlens`: (n,) int64, row of the microlens of each, or NO_MICROLENS.
-    `planes`: (n, 2, 4, 3) float64, two planes of each on which it has moments.
-    `square_px`: edge of the square around a position that rays start on; 0: the position itself.
-    `anchor_px`: (n, 2) float64 or None, positions near their anchors have the random rays of these: a search keeps
-        them, so that its integrals change smoothly with the position. None: each has its own.
-    """
-
-    x_px: Float64[np.ndarray, "n 2"]
-    microlens: Int64[np.ndarray, "n"]
-    planes: Float64[np.ndarray, "n 2 4 3"]
-    square_px: float = 0.0
+    x_px: Float64[np.ndarray, "n 2"]  # image positions; NaN: no bundle
+    microlens: Int64[np.ndarray, "n"]  # row of the microlens of each, or NO_MICROLENS
+    planes: Float64[np.ndarray, "n 2 4 3"]  # two planes of each on which it has moments
+    square_px: float = 0.0  # edge of the square around a position that rays start on; 0: the position itself
+    #  or None, positions near their anchors have the random rays of these: a search keeps them, so that its integrals
+    # change smoothly with the position. None: each has its own.
     anchor_px: Float64[np.ndarray, "n 2"] | None = None
 
     @property
@@ -72,19 +66,13 @@ class Bundles:
 
 @dataclass(frozen=True, slots=True)
 class Integral:
-    """Moments of bundles on two planes of each.
+    """Moments of bundles on two planes of each."""
 
-    `moments`: (n, COLUMNS) float64, moments as from `Tracer.moments`; NaN where the bundle is empty.
-    `error_mm`: (n, 2) float64, error of the mean on the first plane: difference of two levels of quadrature, or
-        standard error of rays.
-    `is_random`: (n,) bool, whether random rays were used.
-    `rays`: traced for it.
-    """
-
-    moments: Float64[np.ndarray, "n COLUMNS"]
+    moments: Float64[np.ndarray, "n COLUMNS"]  # moments as from `Tracer.moments`; NaN where the bundle is empty
+    # Error of the mean on the first plane: difference of two levels of quadrature, or standard error of rays
     error_mm: Float64[np.ndarray, "n 2"]
-    is_random: Bool[np.ndarray, "n"]
-    rays: int
+    is_random: Bool[np.ndarray, "n"]  # whether random rays were used
+    rays: int  # traced
 
 
 def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:

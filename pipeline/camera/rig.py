@@ -11,26 +11,20 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.records import Diffraction, no_diffraction
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.camera.wave.aperture_spread import Middle, spread_of
+from pipeline.camera.wave.spread import Middle, spread_of
 from pipeline.records.shapes import Float64, Int64
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera made ready, and what J means.
-
-    `images`: None for a conventional camera.
-    `square_px`: edge of the square around a position that the rays of J start on; 0: the position itself.
-    `diffraction_nm`: wavelength whose diffraction images have, if its light has one; None: images are those of
-        geometry, as J is.
-    `device`: device that traces the rays of images, in single precision: a name from
-        `pipeline.jit.device`, or the processor.
-    """
+    """A camera made ready, and what J means."""
 
     tracer: Tracer
-    images: MicroImages | None
-    square_px: float = 0.0
+    images: MicroImages | None  # None for a conventional camera
+    square_px: float = 0.0  # edge of the square around a position that the rays of J start on; 0: the position itself
+    # Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is
     diffraction_nm: float | None = None
+    # Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor
     device: str | None = None
 
     @staticmethod

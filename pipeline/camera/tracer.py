@@ -30,17 +30,12 @@ SEED_STEP = 0x9E3779B9
 
 @dataclass(frozen=True)
 class Tracer:
-    """Traces bundles of a camera.
-
-    `seed`: `plen:seed` of the dataset.
-    `margin`: inflation of the sampling bounds; results must not depend on it.
-    `device`: device on which `moments` traces: a name from `pipeline.jit.device`, or the processor.
-    """
+    """Traces bundles of a camera."""
 
     camera: Camera
-    seed: int = 0
-    margin: float = MARGIN
-    device: str | None = None
+    seed: int = 0  # `plen:seed` of the dataset
+    margin: float = MARGIN  # inflation of the sampling bounds; results must not depend on it
+    device: str | None = None  # device on which `moments` traces: a name from `pipeline.jit.device`, or the processor
 
     @cached_property
     def lights(self) -> tuple["Light", ...]:
@@ -221,14 +216,10 @@ class Tracer:
 
 
 class Light(NamedTuple):
-    """One wavelength of a camera's light.
+    """One wavelength of a camera's light."""
 
-    `share`: share of the signal that it stands for, where all wavelengths pass alike.
-    `tracer`: tracer of the camera in this light alone.
-    """
-
-    share: float
-    tracer: Tracer
+    share: float  # share of the signal that it stands for, where all wavelengths pass alike
+    tracer: Tracer  # tracer of the camera in this light alone
 
 
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:

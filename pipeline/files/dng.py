@@ -28,24 +28,17 @@ _LARGEST = 2**31 - 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Negative:
-    """Facts of a raw image that a raw converter has to know.
+    """Facts of a raw image that a raw converter has to know."""
 
-    `model`: name of the camera.
-    `black_dn`: digital number of no light, without noise; kept to 1/65536.
-    `white_dn`: value of saturation.
-    `filters`: names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
-    `exposure_time_s`: 0: it is not stated.
-    `neutral`: what red, green and blue count of white, over the most; empty: unknown.
-    `from_xyz`: dict of str to 3 rows, what they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights:
-        that of the scene, and another.
-    """
-
-    model: str
-    black_dn: float
-    white_dn: int
+    model: str  # name of the camera
+    black_dn: float  # digital number of no light, without noise; kept to 1/65536
+    white_dn: int  # value of saturation
+    # Names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters
     filters: tuple[str, ...] = ("mono",)
-    exposure_time_s: float = 0.0
-    neutral: tuple[float, ...] = ()
+    exposure_time_s: float = 0.0  # 0: it is not stated
+    neutral: tuple[float, ...] = ()  # what red, green and blue count of white, over the most; empty: unknown
+    # Three rows each, what they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights: that of the
+    # scene, and another
     from_xyz: dict[str, list[list[float]]] = field(default_factory=dict)
 
 

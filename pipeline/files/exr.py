@@ -46,16 +46,13 @@ RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One named image of a multi-part file.
+    """One named image of a multi-part file."""
 
-    `name`: unique within the file.
-    `channels`: dict of str to (h, w) array, written as float32, NaN included; a file holds them sorted by name.
-    `attributes`: dict of str to str, float or int, written as text, numbers by `repr`, so that
-        `float(attributes[name])` gives back all digits. A part that was read holds strings only.
-    """
-
-    name: str
+    name: str  # unique within the file
+    # (h, w) each, written as float32, NaN included; a file holds them sorted by name
     channels: dict[str, np.ndarray]
+    # Written as text, numbers by `repr`, so that `float(attributes[name])` gives back all digits. A part that was read
+    # holds strings only.
     attributes: dict[str, str | float | int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -18,13 +18,10 @@ from pipeline.files.damaged import DamagedFile
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table as text.
+    """A table as text."""
 
-    `comments`: the lines before the header, without "# ".
-    `columns`: dict of str to list of str, cells as written, in the order of the file; "" where a value is unknown.
-    """
-
-    comments: tuple[str, ...]
+    comments: tuple[str, ...]  # the lines before the header, without "# "
+    # Cells as written, in the order of the file; "" where a value is unknown
     columns: dict[str, list[str]]
 
     def numbers(self, name: str) -> np.ndarray:

@@ -28,20 +28,13 @@ _LEVEL = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pinhole:
-    """One centre of projection, with and without distortion.
+    """One centre of projection, with and without distortion."""
 
-    `centre_mm`: centre of projection, vision frame.
-    `planes_mm`: vision z of the planes between which it was fitted: those of J_near and J_far.
-    `lit_share`: share of the image that light reaches; the rest is not fitted.
-    `plain`: without distortion: the best one over the image.
-    `distorted`: with distortion, whose principal distance is that on the axis.
-    """
-
-    centre_mm: tuple[float, float, float]
-    planes_mm: tuple[float, float]
-    lit_share: float
-    plain: Projection
-    distorted: Projection
+    centre_mm: tuple[float, float, float]  # centre of projection, vision frame
+    planes_mm: tuple[float, float]  # vision z of the planes between which it was fitted: those of J_near and J_far
+    lit_share: float  # share of the image that light reaches; the rest is not fitted
+    plain: Projection  # without distortion: the best one over the image
+    distorted: Projection  # with distortion, whose principal distance is that on the axis
 
 
 def pinhole(camera: Camera) -> Pinhole | None:

@@ -45,13 +45,10 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Fates of points.
+    """Fates of points."""
 
-    `fate`: (poses, n) int, fate of each point, a value of `Fate`.
-    `blur_px`: (poses, n) float64, width of their light on the sensor, behind microlenses that of the sharpest type.
-    """
-
-    fate: Int64[np.ndarray, "poses n"]
+    fate: Int64[np.ndarray, "poses n"]  # fate of each point, a value of `Fate`
+    # Width of their light on the sensor, behind microlenses that of the sharpest type
     blur_px: Float64[np.ndarray, "poses n"]
 
 

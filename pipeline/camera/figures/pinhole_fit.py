@@ -32,15 +32,12 @@ derivatives have neither truncation errors nor cancelled digits."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projection:
-    """A pinhole's image of directions, and how far the rays of the real camera differ from it.
-
-    `distortion`: k1, k2, p1, p2, k3 as OpenCV orders and defines them.
-    `rms_px`, `max_px`: lengths of the differences to what it was fitted to.
-    """
+    """A pinhole's image of directions, and how far the rays of the real camera differ from it."""
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
-    distortion: tuple[float, float, float, float, float]
+    distortion: tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 as OpenCV orders and defines them
+    # Lengths of the differences to what it was fitted to
     rms_px: float
     max_px: float
 

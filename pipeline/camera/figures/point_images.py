@@ -39,41 +39,30 @@ _SPOT = 1.2
 
 @dataclass(frozen=True, slots=True)
 class PointImage:
-    """The image of one point.
+    """The image of one point."""
 
-    `place`: the place in words.
-    `x_px`: (2,) float64, image position that the point has by geometry: the mean of its rays.
-    `object_mm`, `wavelength_nm`: vision z of the point; inf: infinitely far.
-    `numerical_aperture`: sine at the sensor of the circle that has the pupil's area in direction cosines.
-    `airy_radius_um`: first dark ring of that circle: 0.61 wavelength / numerical aperture.
-    `rms_waves`, `extent_waves`: wavefront error without piston and tilt: root mean square, highest less lowest.
-    `saddle_shift_px`: (2,) float64, saddle of an infinite corner, with edges along x and y, by diffraction less that by
-        geometry.
-    `per_mm`: (n,) float64, spatial frequencies of the curves.
-    `tangential`, `sagittal`, `perfect`, `geometric`: (n,) float64, modulation transfer along the radius of the field
-        (lines across it) and across the radius; along the radius also that of the same pupil without errors, and that
-        of the rays. Behind microlenses along x and along y.
-    `picture`: (m, m) float64, light per area, 1 at the largest; rows and columns as in the image.
-    `picture_um`: its edge.
-    """
-
-    place: str
-    x_px: Float64[np.ndarray, "2"]
+    place: str  # in words
+    x_px: Float64[np.ndarray, "2"]  # image position that the point has by geometry: the mean of its rays
+    # Vision z of the point; inf: infinitely far
     object_mm: float
     wavelength_nm: float
-    numerical_aperture: float
-    airy_radius_um: float
+    numerical_aperture: float  # sine at the sensor of the circle that has the pupil's area in direction cosines
+    airy_radius_um: float  # first dark ring of that circle: 0.61 wavelength / numerical aperture
+    # Wavefront error without piston and tilt: root mean square, highest less lowest
     rms_waves: float
     extent_waves: float
     strehl_ratio: float
+    # Saddle of an infinite corner, with edges along x and y, by diffraction less that by geometry
     saddle_shift_px: Float64[np.ndarray, "2"]
-    per_mm: Float64[np.ndarray, "n"]
+    per_mm: Float64[np.ndarray, "n"]  # spatial frequencies of the curves
+    # Modulation transfer along the radius of the field (lines across it) and across the radius; along the radius also
+    # that of the same pupil without errors, and that of the rays. Behind microlenses along x and along y.
     tangential: Float64[np.ndarray, "n"]
     sagittal: Float64[np.ndarray, "n"]
     perfect: Float64[np.ndarray, "n"]
     geometric: Float64[np.ndarray, "n"]
-    picture: Float64[np.ndarray, "m m"]
-    picture_um: float
+    picture: Float64[np.ndarray, "m m"]  # light per area, 1 at the largest; rows and columns as in the image
+    picture_um: float  # edge of the picture
 
     def at(self, per_mm: float) -> tuple[float, float]:
         """Tangential and sagittal transfer at a frequency, between those of the curves."""

@@ -13,23 +13,17 @@ from pipeline.optics.first_order import first_order
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Viewfinder:
-    """A pinhole before a film, both in the entrance pupil's place.
+    """A pinhole before a film, both in the entrance pupil's place."""
 
-    `principal_mm`: distance from the pinhole to the film.
-    `size_mm`, `offset_mm`: size of the film along x and y of the image; its middle, from the foot of
-        the pinhole, x right and y up as the viewer looks at the scene.
-    `focus_mm`: vision z of what is in focus, of the middle microlens type; may be inf.
-    `f_number`: principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is
-        as wide.
-    `nearest_mm`: vision z of the first vertex: nothing nearer is ever seen.
-    """
-
-    principal_mm: float
+    principal_mm: float  # distance from the pinhole to the film
+    # Size of the film along x and y of the image; its middle, from the foot of the pinhole, x right and y up as the
+    # viewer looks at the scene
     size_mm: tuple[float, float]
     offset_mm: tuple[float, float]
-    focus_mm: float
+    focus_mm: float  # vision z of what is in focus, of the middle microlens type; may be inf
+    # Principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is as wide
     f_number: float
-    nearest_mm: float
+    nearest_mm: float  # vision z of the first vertex: nothing nearer is ever seen
 
 
 def viewfinder(camera: Camera) -> Viewfinder:

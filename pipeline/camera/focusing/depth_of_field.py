@@ -23,16 +23,12 @@ plane can be."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Focus:
-    """Object side of one way through the camera: the sensor alone, or one microlens type.
+    """Object side of one way through the camera: the sensor alone, or one microlens type."""
 
-    `focus_distance_mm`: in-focus object distance from the stop.
-    `depth_of_field_mm`: objects in between blur to at most the circle of confusion; the far end may be
-        inf.
-    `virtual_depth`: distance of the in-focus virtual object from the array over the array's distance from the sensor.
-    """
-
-    focus_distance_mm: float
+    focus_distance_mm: float  # in-focus object distance from the stop
+    # Objects in between blur to at most the circle of confusion; the far end may be inf
     depth_of_field_mm: tuple[float, float]
+    # Distance of the in-focus virtual object from the array over the array's distance from the sensor
     virtual_depth: float | None = None
 
 

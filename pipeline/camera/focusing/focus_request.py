@@ -21,16 +21,7 @@ from pipeline.optics.prescription import Prescription
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusRequest:
-    """A camera before it is focused; fields that it shares with `Camera` mean the same.
-
-    `sensor_distance_mm`: distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are
-        given.
-    `focus_distance_mm`: object distance from the stop that shall be in focus; may be inf.
-    `focus_type`: microlens type that this holds for; None: the one of middle focal length.
-    `focus_groups`: groups of the lens that move together to meet the focus distance; empty: sensor and array do.
-    `match_stop`: whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as
-        wide as the MLA pitch.
-    """
+    """A camera before it is focused; fields that it shares with `Camera` mean the same."""
 
     prescription: Prescription
     sensor: Sensor
@@ -39,10 +30,14 @@ class FocusRequest:
     near_mm: float | None = None
     far_mm: float | None = None
     weight: str = "irradiance"
+    # Distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
     sensor_distance_mm: float | None = None
-    focus_distance_mm: float | None = None
-    focus_type: int | None = None
+    focus_distance_mm: float | None = None  # object distance from the stop that shall be in focus; may be inf
+    focus_type: int | None = None  # microlens type that this holds for; None: the one of middle focal length
+    # Groups of the lens that move together to meet the focus distance; empty: sensor and array do
     focus_groups: tuple[str, ...] = ()
+    # Whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as wide as the
+    # MLA pitch
     match_stop: bool = False
 
     @property

@@ -24,20 +24,14 @@ _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018)."""
 
 
-class Rays(NamedTuple):
-    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth.
+class Spans(NamedTuple):
+    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth."""
 
-    `centres`: (n, 2) float64, inner points [mm].
-    `owner`: (m,) int64, sensor position of each, ascending.
-    `along`: (m, 2) float64, unit vector of its direction.
-    `share`: (m,) float64, angle that it stands for [rad].
-    `start`, `length`: (m, pieces) float64, of its pieces [mm].
-    """
-
-    centres: np.ndarray
-    owner: np.ndarray
-    along: np.ndarray
-    share: np.ndarray
+    centres: np.ndarray  # (n, 2) float64, inner points [mm]
+    owner: np.ndarray  # (m,) int64, sensor position of each, ascending
+    along: np.ndarray  # (m, 2) float64, unit vector of its direction
+    share: np.ndarray  # (m,) float64, angle that it stands for [rad]
+    # (m, pieces) float64, of its pieces [mm]
     start: np.ndarray
     length: np.ndarray
 
@@ -50,29 +44,19 @@ class Rule(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of quadratures over bundles.
+    """Nodes of quadratures over bundles."""
 
-    `owner`: (m,) int64, sensor position of each, ascending.
-    `points`: (m, 2) float64, points of the sampling plane [mm].
-    `measure`: (m,) float64, area that each node stands for [mm^2].
-    """
-
-    owner: np.ndarray
-    points: np.ndarray
-    measure: np.ndarray
+    owner: np.ndarray  # (m,) int64, sensor position of each, ascending
+    points: np.ndarray  # (m, 2) float64, points of the sampling plane [mm]
+    measure: np.ndarray  # (m,) float64, area that each node stands for [mm^2]
 
 
 class SingleHits(NamedTuple):
-    """Hits of single rays on planes.
+    """Hits of single rays on planes."""
 
-    `on_plane`: (m, 2) float64, coordinates on the plane [mm].
-    `density`: (m,) float64, weight per area of the sampling plane.
-    `passes`: (m,) bool, whether the ray leaves the camera.
-    """
-
-    on_plane: np.ndarray
-    density: np.ndarray
-    passes: np.ndarray
+    on_plane: np.ndarray  # (m, 2) float64, coordinates on the plane [mm]
+    density: np.ndarray  # (m,) float64, weight per area of the sampling plane
+    passes: np.ndarray  # (m,) bool, whether the ray leaves the camera
 
 
 def empty_hits(count: int) -> SingleHits:

@@ -27,18 +27,12 @@ _KNOWN = 64
 
 
 class Spokes(NamedTuple):
-    """Ways from inner points of bundles.
+    """Ways from inner points of bundles."""
 
-    `owner`: (m,) int64, the bundle of each, ascending.
-    `angle`: (m,) float64, direction [rad].
-    `limit`: (m,) float64, distance of the bound of what passes, from `reach` [mm].
-    `along`: (2, m) float64, cosine and sine of the angle, from `reach`.
-    """
-
-    owner: np.ndarray
-    angle: np.ndarray
-    limit: np.ndarray
-    along: np.ndarray
+    owner: np.ndarray  # (m,) int64, the bundle of each, ascending
+    angle: np.ndarray  # (m,) float64, direction [rad]
+    limit: np.ndarray  # (m,) float64, distance of the bound of what passes, from `reach` [mm]
+    along: np.ndarray  # (2, m) float64, cosine and sine of the angle, from `reach`
 
 
 @kernel

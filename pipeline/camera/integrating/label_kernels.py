@@ -64,7 +64,7 @@ def _label_faces(camera, microlens, owner, points, start, size, packet, label):
     first = 0
     while first < size:
         end, n = first + 1, microlens[owner[first]]
-        while end < size and owner[end] == owner[first]:
+        while end < size and microlens[owner[end]] == n:
             end += 1
         here = slice(first, end)
         for i in range(first, end):

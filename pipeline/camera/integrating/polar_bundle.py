@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.quadrature import bounded, inner_points
+from pipeline.camera.integrating.ways import PROBES, holds_all
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.shapes import Bool, Float64, Int64
@@ -23,30 +23,22 @@ the bound."""
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Rays of n positions at a directions and r shares of the radius.
+    """Rays of n positions at a directions and r shares of the radius."""
 
-    `on_plane`: (n, a, r, 2) float64, coordinates on the plane of each position.
-    `density_sr`: (n, a, r) float64, weight per area of the unit disc: the integral over a bundle is that of density
-        times share d(share) d(angle).
-    `whole`: (n,) bool, whether every ray passes, none beyond the edge, and rays all over the bound where the edge says:
-        the bundle is star-shaped about its inner point, and all of it.
-    """
-
-    on_plane: Float64[np.ndarray, "n a r 2"]
+    on_plane: Float64[np.ndarray, "n a r 2"]  # coordinates on the plane of each position
+    # Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle)
     density_sr: Float64[np.ndarray, "n a r"]
+    # Whether every ray passes, none beyond the edge, and rays all over the bound where the edge says: the bundle is
+    # star-shaped about its inner point, and all of it
     whole: Bool[np.ndarray, "n"]
 
 
 class Polar(NamedTuple):
-    """Nodes about an inner point.
+    """Nodes about an inner point."""
 
-    `shares`: (r,) float64, shares of the way from the inner point to the edge.
-    `about`: the position whose inner point serves all of them.
-    """
-
-    shares: np.ndarray
+    shares: np.ndarray  # (r,) float64, shares of the way from the inner point to the edge
     directions: int
-    about: int = 0
+    about: int = 0  # the position whose inner point serves all of them
 
 
 def bundle_hits(

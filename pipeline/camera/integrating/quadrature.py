@@ -18,10 +18,9 @@ import numpy as np
 
 from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.edge_kernels import Rays, Rule
-from pipeline.camera.integrating.flux import PROBES, holds_all
+from pipeline.camera.integrating.edge_kernels import Rule, Spans
 from pipeline.camera.integrating.label_kernels import PASSES
-from pipeline.camera.integrating.ways import Ways
+from pipeline.camera.integrating.ways import PROBES, Ways, holds_all
 from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracing.microlens_kernels import AIM
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT, mixed
@@ -50,15 +49,12 @@ _LEAST = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Work that an integral may cost.
+    """Work that an integral may cost."""
 
-    `corner_steps`, `corner_edge_steps`: bisections of the direction of a corner, and of the edge for each of them.
-    `edge_steps`: bisections of the edge in the direction of a node.
-    """
-
+    # Bisections of the direction of a corner, and of the edge for each of them
     corner_steps: int
     corner_edge_steps: int
-    edge_steps: int
+    edge_steps: int  # bisections of the edge in the direction of a node
 
 
 FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
@@ -70,14 +66,10 @@ over the whole bound, too: a step that sees one piece of two goes far astray."""
 
 @dataclass(frozen=True, slots=True)
 class Edges(Ways):
-    """Regions that rays pass, and the means to integrate over them.
-
-    `corners`: boundary.Corners, corners of the edges.
-    `rays`: traced so far.
-    """
+    """Regions that rays pass, and the means to integrate over them."""
 
     corners: boundary.Corners
-    rays: int
+    rays: int  # traced so far
     effort: Effort
 
     def moments(
@@ -99,7 +91,7 @@ class Edges(Ways):
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            ways = Rays(self.centres, owner, along, share, *self._pieces(owner, along, radius))
+            ways = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
             whole, rule = np.zeros(n, bool), Rule(*boundary.unit_nodes(nodes[0]))
             given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
             count = edge_kernels.integrate(*given, ways, rule, result, whole)

@@ -25,19 +25,13 @@ _ROUNDING_MM = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class MicroImages:
-    """Centres of all micro-images, in the order of `camera.parts.lattice`.
+    """Centres of all micro-images, in the order of `camera.parts.lattice`."""
 
-    `centre_mm`: (n, 2) float64, sensor hit of the real ray through the stop centre and the microlens vertex, vision
-        frame.
-    `radius_mm`: exit-pupil radius * B / P, the contour of half illumination.
-    `reach_mm`: (n,) float64, beyond this distance from the centre no light of the microlens arrives.
-    `nearby`: the centres.
-    """
-
+    # Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame
     centre_mm: Float64[np.ndarray, "n 2"]
-    radius_mm: float
-    reach_mm: Float64[np.ndarray, "n"]
-    nearby: Nearby
+    radius_mm: float  # exit-pupil radius * B / P, the contour of half illumination
+    reach_mm: Float64[np.ndarray, "n"]  # beyond this distance from the centre no light of the microlens arrives
+    nearby: Nearby  # finds the nearest centres
 
     def owner(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""

@@ -14,9 +14,8 @@ import numpy as np
 from pipeline.camera.boundary import unit_nodes
 from pipeline.camera.micro_images import pinhole_kernels
 from pipeline.camera.micro_images.centres import MicroImages, outlines_of
-from pipeline.camera.micro_images.contours import RIM, Contours
 from pipeline.camera.micro_images.pinhole_kernels import Pencils
-from pipeline.camera.micro_images.pupil_images import Apertures
+from pipeline.camera.micro_images.pupil_images import RIM, Apertures, Contours
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -49,19 +48,14 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True, slots=True)
 class MicroLight:
-    """Light of the microlenses that reaches the image, each alone: through its own aperture, whatever cell it falls in.
+    """Light of microlenses that reaches the image, through the aperture of each alone, in whatever cell it falls."""
 
-    `rows`: (n,) int64, rows of the microlenses in the lattice, ascending.
-    `centroid_mm`: (n, 2) float64, centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN
-        for a dark one.
-    `pupil_area_mm2`: (n,) float64, area of the pupil that light through the vertex fills.
-    `pupil_mm`, `light_mm`: (n, directions) float64, reach of light through the vertex, and of any light, from the
-        centroid along `OUTLINE_DEG`; NaN where the vertex throws no light onto the centroid, or nothing is lit.
-    """
-
-    rows: Int64[np.ndarray, "n"]
+    rows: Int64[np.ndarray, "n"]  # rows of the microlenses in the lattice, ascending
+    # Centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN for a dark one
     centroid_mm: Float64[np.ndarray, "n 2"]
-    pupil_area_mm2: Float64[np.ndarray, "n"]
+    pupil_area_mm2: Float64[np.ndarray, "n"]  # area of the pupil that light through the vertex fills
+    # Reach of light through the vertex, and of any light, from the centroid along `OUTLINE_DEG`; NaN where the vertex
+    # throws no light onto the centroid, or nothing is lit
     pupil_mm: Float64[np.ndarray, "n directions"]
     light_mm: Float64[np.ndarray, "n directions"]
 

@@ -36,16 +36,11 @@ a residual of some roundings of 100 mm is none; directions of Brown's model are 
 
 
 class Shots(NamedTuple):
-    """Rays that start, by the squares and microlenses that they belong to.
+    """Rays that start, by the squares and microlenses that they belong to."""
 
-    `owner`: (m,) int64, what has any rays: numbers as in `Leaving.owner`.
-    `first`: (m,) int64, number of the first ray of each.
-    `of_ray`: (rays,) int32, which of them each ray belongs to.
-    """
-
-    owner: np.ndarray
-    first: np.ndarray
-    of_ray: np.ndarray
+    owner: np.ndarray  # (m,) int64, what has any rays: numbers as in `Leaving.owner`
+    first: np.ndarray  # (m,) int64, number of the first ray of each
+    of_ray: np.ndarray  # (rays,) int32, which of them each ray belongs to
 
     @staticmethod
     def of(counts: Int64[np.ndarray, "n s"]) -> "Shots":

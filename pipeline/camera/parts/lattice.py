@@ -16,19 +16,16 @@ where an extent is a multiple of the pitch."""
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
-    """Every microlens of an array, sorted by (l, k).
+    """Every microlens of an array, sorted by (l, k)."""
 
-    `k`, `l`, `type`: (n,) int64, axial indices and type.
-    `x_mm`, `y_mm`: (n,) float64, vertices in the sensor frame, from the sensor's centre.
-    `z_mm`: (n,) float64, height above microlens (0, 0), positive towards the scene; 0 without tilt.
-    """
-
+    # Axial indices and type
     k: Int64[np.ndarray, "n"]
     l: Int64[np.ndarray, "n"]
     type: Int64[np.ndarray, "n"]
+    # Vertices in the sensor frame, from the sensor's centre
     x_mm: Float64[np.ndarray, "n"]
     y_mm: Float64[np.ndarray, "n"]
-    z_mm: Float64[np.ndarray, "n"]
+    z_mm: Float64[np.ndarray, "n"]  # height above microlens (0, 0), positive towards the scene; 0 without tilt
 
 
 def lattice(array: MicrolensArray) -> Lattice:

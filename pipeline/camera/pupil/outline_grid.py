@@ -37,14 +37,10 @@ _DARK_RINGS = 2
 
 @dataclass(frozen=True, slots=True)
 class FilmPlane:
-    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second.
-
-    `origin_mm`: (3,) float64.
-    `axes`: (2, 3) float64, need not be of unit length: with x and y components of the unit matrix, u and v are x and y
-        from the origin.
-    """
+    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second."""
 
     origin_mm: Float64[np.ndarray, "3"]
+    # Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin
     axes: Float64[np.ndarray, "2 3"]
 
     def points(self, uv: Float64[np.ndarray, "... 2"]) -> np.ndarray:

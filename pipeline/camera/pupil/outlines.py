@@ -80,18 +80,14 @@ def _frozen(value: Any) -> Hashable:
 
 @dataclass(frozen=True, slots=True)
 class Outlines:
-    """Outlines of the passing rays on the rear vertex plane, vision frame.
+    """Outlines of the passing rays on the rear vertex plane, vision frame."""
 
-    `step_mm`: distance of neighbouring points.
-    `vertices_mm`: (rows, columns, DIRECTIONS, 2) float64, counter-clockwise polygons, some of their edges short or of
-        no length; all zero where nothing passes. One row: outline i belongs to the height i * step_mm on the +x axis.
-        Several: a grid over x (columns) and y (rows) with its middle in (0, 0).
-    `drift`: motion of an outline per motion of its point: near the axis, or in the middle of a grid.
-    """
-
-    step_mm: float
+    step_mm: float  # distance of neighbouring points
+    # Counter-clockwise polygons, some of their edges short or of no length; all zero where nothing passes. One row:
+    # outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with its
+    # middle in (0, 0).
     vertices_mm: Float64[np.ndarray, "rows columns DIRECTIONS 2"]
-    drift: float
+    drift: float  # motion of an outline per motion of its point: near the axis, or in the middle of a grid
 
 
 @once

@@ -30,28 +30,20 @@ _AT_ONCE = 2
 
 
 class Blocks(NamedTuple):
-    """Blocks of the sensor.
+    """Blocks of the sensor."""
 
-    `microlens`: (b,) int64, microlens of each block, or `NO_MICROLENS`.
-    `centre_mm`: (b, 2) float64, vision frame.
-    `step_mm`: (b,) float64, distance of the nodes, which lie around the centre.
-    """
-
-    microlens: np.ndarray
-    centre_mm: np.ndarray
-    step_mm: np.ndarray
+    microlens: np.ndarray  # (b,) int64, microlens of each block, or `NO_MICROLENS`
+    centre_mm: np.ndarray  # (b, 2) float64, vision frame
+    step_mm: np.ndarray  # (b,) float64, distance of the nodes, which lie around the centre
 
 
 class Beams(NamedTuple):
-    """Rays of blocks in front of the lens.
+    """Rays of blocks in front of the lens."""
 
-    `origin`, `direction`: (b, NODES^2, RAYS, 3) float64, vision frame [mm].
-    `known`: (b,) bool, whether all rays of the block found their way.
-    """
-
+    # (b, NODES^2, RAYS, 3) float64, vision frame [mm]
     origin: np.ndarray
     direction: np.ndarray
-    known: np.ndarray
+    known: np.ndarray  # (b,) bool, whether all rays of the block found their way
 
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:

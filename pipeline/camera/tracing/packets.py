@@ -126,7 +126,7 @@ def aim_mixed(camera, microlens, owner, start, size, packet):
     plain, first = microlens[owner[0]] < 0 or camera.elements.model == PLAIN, 0
     while first < size:
         end, n = first + 1, microlens[owner[first]]
-        while end < size and owner[end] == owner[first]:
+        while end < size and microlens[owner[end]] == n:
             end += 1
         if plain:
             _set_microlens(camera.microlenses, n, first, end, scratch)

@@ -10,18 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.microlens_kernels import (
-    CURVATURE_OF_NORMALS,
-    FOCAL,
-    INDEX,
-    KIND,
-    PLAIN,
-    THIN,
-    TWO_PLANE,
-    X,
-    Y,
-    Z,
-)
+from pipeline.camera.tracing import microlens_kernels as column
+from pipeline.camera.tracing.microlens_kernels import PLAIN, THIN, TWO_PLANE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply, inverse
 from pipeline.optics.rays import traced
@@ -30,20 +20,14 @@ from pipeline.records.shapes import Bool, Float64
 
 
 class PathRays(NamedTuple):
-    """Rays with the way that they have come.
+    """Rays with the way that they have come."""
 
-    `position_mm`, `direction`: (n, 3) float64, a point of each ray and its unit direction; NaN where it missed a
-        surface.
-    `passes`: (n,) bool, whether it has passed all apertures; those that have not are carried along.
-    `path_mm`: (n,) float64, optical path from the start to the point.
-    `medium`: refractive index of the medium that the rays are in, relative to air.
-    """
-
+    # A point of each ray and its unit direction; NaN where it missed a surface
     position_mm: Float64[np.ndarray, "n 3"]
     direction: Float64[np.ndarray, "n 3"]
-    passes: Bool[np.ndarray, "n"]
-    path_mm: Float64[np.ndarray, "n"]
-    medium: float = 1.0
+    passes: Bool[np.ndarray, "n"]  # whether it has passed all apertures; those that have not are carried along
+    path_mm: Float64[np.ndarray, "n"]  # optical path from the start to the point
+    medium: float = 1.0  # refractive index of the medium that the rays are in, relative to air
 
     @property
     def slope(self) -> np.ndarray:
@@ -115,7 +99,7 @@ def sent(
 
 def _through_plain(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
     """Rays behind a thin microlens that is parallel to the sensor."""
-    x, y, focal = tracer.arrays.microlenses[microlens, [X, Y, FOCAL]]
+    x, y, focal = tracer.arrays.microlenses[microlens, [column.X, column.Y, column.FOCAL]]
     along = (tracer.film_z_mm - rays.position_mm[:, 2]) / rays.direction[:, 2]
     position = rays.position_mm + along[:, None] * rays.direction
     offset, disc = position[:, :2] - [x, y], tracer.arrays.elements.disc_mm
@@ -126,13 +110,15 @@ def _through_plain(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
 def _through(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
     """Rays before a microlens of any other model."""
     elements, row = tracer.arrays.elements, tracer.arrays.microlenses[microlens]
-    kind, turn, vertex = int(row[KIND]), elements.turn, row[[X, Y, Z]]
+    kind, turn, vertex = int(row[column.KIND]), elements.turn, row[[column.X, column.Y, column.Z]]
     local = rays._replace(position_mm=(rays.position_mm - vertex) @ turn.T, direction=rays.direction @ turn.T)
     local = with_path(elements.faces[kind], local)
     if elements.model == THIN:
-        local = _bent_thinly(row[FOCAL], local.position_mm[:, :2], local)
+        local = _bent_thinly(row[column.FOCAL], local.position_mm[:, :2], local)
     elif elements.model == TWO_PLANE:
-        local = _bent_by_normals(elements.bends[kind, CURVATURE_OF_NORMALS], elements.bends[kind, INDEX], local)
+        local = _bent_by_normals(
+            elements.bends[kind, column.CURVATURE_OF_NORMALS], elements.bends[kind, column.INDEX], local
+        )
     return local._replace(position_mm=local.position_mm @ turn + vertex, direction=local.direction @ turn)
 
 

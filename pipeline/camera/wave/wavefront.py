@@ -35,34 +35,23 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An image position and the object that it sees.
+    """An image position and the object that it sees."""
 
-    `position_mm`: (2,) float64, position on the sensor, vision frame.
-    `microlens`: row of the microlens that light passes, or `NO_MICROLENS`.
-    `object_mm`: vision z of the plane of the object point; inf: infinitely far.
-    """
-
-    position_mm: Float64[np.ndarray, "2"]
-    microlens: int
-    object_mm: float
+    position_mm: Float64[np.ndarray, "2"]  # position on the sensor, vision frame
+    microlens: int  # row of the microlens that light passes, or `NO_MICROLENS`
+    object_mm: float  # vision z of the plane of the object point; inf: infinitely far
 
 
 @dataclass(frozen=True)
 class Wavefront:
-    """A pupil as square cells of direction cosines at the sensor, rows along y.
-
-    `centre`: (2,) float64, direction cosines of the middle of the pupil, x and y of the vision frame, from the sensor
-        to the scene.
-    `step`: edge of a cell [1].
-    `path_mm`: (n, n) float64, wavefront error in the middles of the cells; its mean over the pupil is 0.
-    `share`: (n, n) float64, share of each cell that light passes.
-    """
+    """A pupil as square cells of direction cosines at the sensor, rows along y."""
 
     wavelength_mm: float
+    # Direction cosines of the middle of the pupil, x and y of the vision frame, from the sensor to the scene
     centre: Float64[np.ndarray, "2"]
-    step: float
-    path_mm: Float64[np.ndarray, "n n"]
-    share: Float64[np.ndarray, "n n"]
+    step: float  # edge of a cell [1]
+    path_mm: Float64[np.ndarray, "n n"]  # wavefront error in the middles of the cells; its mean over the pupil is 0
+    share: Float64[np.ndarray, "n n"]  # share of each cell that light passes
 
     @property
     def cosines(self) -> tuple[np.ndarray, np.ndarray]:
