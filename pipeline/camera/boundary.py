@@ -30,7 +30,7 @@ def widened(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outer bounds moved outwards until they are dark, and inner ones that follow to the last lit place.
 
-    `low`, `high`: (...) float64, inner and outer bounds.
+    `low`, `high`: inner and outer bounds.
     `farther`: the next outer bounds, (...) to (...).
     `most`: moves at most.
     """
@@ -57,8 +57,6 @@ def inner_points(points: Float64[np.ndarray, "n m 2"], lit: Bool[np.ndarray, "n 
     """The lit one of some points (n, m, 2) that is nearest to the mean of all lit ones, (n, 2); NaN where none is.
 
     The mean itself may be dark: a crescent's is.
-
-    `lit`: (n, m) bool.
     """
     number = lit.sum(axis=1)[:, None]
     mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / np.maximum(number, 1)
@@ -90,10 +88,10 @@ def corners(
 
     A third label in between is an arc that the first directions missed: then there are two corners instead of one.
 
-    `rows`: (n,) int64, rows of regions, ascending.
-    `label`: (n, d) int64, labels of each in `even_angles(d)`.
+    `rows`: rows of regions, ascending.
+    `label`: labels of each in `even_angles(d)`.
     `steps`: bisections of the angle between two of these directions.
-    `turn`: (n,) float64, optional, angle by which the directions of each are turned [rad].
+    `turn`: optional, angle by which the directions of each are turned [rad].
     """
     count = label.shape[1]
     region, place = np.nonzero(label != np.roll(label, -1, axis=1))
@@ -138,7 +136,7 @@ def directions(
 ) -> Directions:
     """Directions all around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
 
-    `rows`: (n,) int64, rows of regions, ascending: those without a corner get evenly spaced directions.
+    `rows`: rows of regions, ascending: those without a corner get evenly spaced directions.
     `around`, `least_per_arc`: nodes over a full circle with corners, and on its shortest arc.
     `even`: directions where there is no corner; None: as many as over a circle with corners.
     """

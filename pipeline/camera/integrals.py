@@ -170,7 +170,7 @@ def pooled(finer: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
     Four replicas alone state an error that is itself wrong by 40 %, and who stops where it is small stops where it is
     too small. Scrambled Sobol points err by no more than half as much where there are four times as many.
 
-    `coarser_mm`: (n, 2) float64, standard errors of the level before; NaN where its rays were not random.
+    `coarser_mm`: standard errors of the level before; NaN where its rays were not random.
     """
     both = np.sqrt((finer.error_mm**2 + coarser_mm**2 / 4) / 2)
     known = finer.is_random[:, None] & ~np.isnan(coarser_mm)

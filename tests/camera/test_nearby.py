@@ -1,8 +1,7 @@
-"""Which points are nearest, against all distances, and SciPy's k-d tree."""
+"""Which points are nearest, against all distances."""
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from pipeline.camera.micro_images.nearby import NOBODY, Nearby
 
@@ -49,15 +48,6 @@ def test_the_nearest_are_those_of_all_distances(name, count):
     assert np.array_equal(rows[:, :some], order)
     assert np.array_equal(distance[:, :some], np.take_along_axis(apart, order, axis=1))
     assert (rows[:, some:] == NOBODY).all() and np.isinf(distance[:, some:]).all()
-
-
-def test_distances_are_those_of_scipy_to_the_bit():
-    points = CLOUDS["lattice"]
-    positions = around(points, 2000, 0.1)
-    distance, rows = Nearby(points).nearest(positions)
-    known, which = cKDTree(points).query(positions)
-    assert np.array_equal(rows[:, 0], which)
-    assert np.array_equal(distance[:, 0], known)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.05, 0.2, 1.0])

@@ -50,7 +50,7 @@ def bundle_hits(
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none.
 
-    `plane`: (4, 3) float64, rows origin, first axis, second axis, normal.
+    `plane`: rows origin, first axis, second axis, normal.
     """
     shares, directions, about = nodes
     n, behind = len(positions_mm), np.full(len(positions_mm), microlens)
@@ -83,12 +83,7 @@ def single_hits(
     aims_mm: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
-    """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
-
-    `microlens`: (n,) int64.
-    `aims_mm`: (n, 2) float64.
-    `planes`: (n, 4, 3) float64.
-    """
+    """Hits of rays from positions towards aims of the sampling plane on a plane of each, (n, 2); NaN: none."""
     hit = edge_kernels.empty_hits(len(positions_mm))
     given = map(np.ascontiguousarray, (planes, positions_mm, microlens, np.arange(len(microlens)), aims_mm))
     edge_kernels.hits(arrays, *given, hit)

@@ -77,7 +77,6 @@ class Edges(Ways):
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Moments of all bundles on two planes of each.
 
-        `planes`: (n, 2, 4, 3) float64.
         `nodes`: (int, int), along the radius, and over the full circle.
         `is_last`: whether it is a result, and no finer level follows: rays over the whole bound are held against that.
         Returns (n, COLUMNS) float64: as `Tracer.moments`; the standard errors are 0.

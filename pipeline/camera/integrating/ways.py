@@ -127,8 +127,8 @@ def holds_all(
     that ray's own direction and must agree with it: else what passes is in pieces, has a hole, or is not star-shaped.
     No more rays may pass beyond the chords than the area there accounts for: else the edge is drawn too short.
 
-    `owner`, `angle`, `radius`, `share`: (m,) int64, (m,) float64, (m,) float64, (m,) float64, directions of a
-        quadrature, sorted by owner; the distance of the edge, and the angle that each stands for.
+    `owner`, `angle`, `radius`, `share`: directions of a quadrature, sorted by owner; the distance of the edge, and the
+        angle that each stands for.
     """
     n = len(ways.positions)
     live = np.flatnonzero(np.bincount(owner, minlength=n))

@@ -67,9 +67,9 @@ class Apertures:
     ) -> np.ndarray:
         """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
 
-        `middle`: (n, 2) float64, about the middle of the light through the vertex.
-        `shift`: (n,) float64, movement of that per distance of the point in the aperture.
-        `limit`: (n,) float64, about the farthest reach of light through one point.
+        `middle`: about the middle of the light through the vertex.
+        `shift`: movement of that per distance of the point in the aperture.
+        `limit`: about the farthest reach of light through one point.
         """
         n, m = len(self.pencils.microlens), len(self.shares)
         owner, which = np.divmod(np.arange(n * m), m)
@@ -219,9 +219,9 @@ class Contours:
     def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Distances (n, d) from the origins; NaN where no light was found.
 
-        `outside`: (n, d) float64, about where it is dark. From there inwards, because near the middle a small pupil may
-            be seen through the inside of the aperture only.
-        `step`: (n,) float64, shorter than the way on which the rim stays lit once light has reached it.
+        `outside`: about where it is dark. From there inwards, because near the middle a small pupil may be seen through
+            the inside of the aperture only.
+        `step`: shorter than the way on which the rim stays lit once light has reached it.
         """
         tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)

@@ -2,6 +2,8 @@
 
 The centre of the stop is its vertex, wherever the stop stands. In a centred lens the ray stays in the plane of its
 point and the axis, and one height is sought; in any other lens two coordinates are.
+
+`table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
 
 import numpy as np
@@ -40,12 +42,9 @@ _TOO_WIDE = (
 def chief_slopes(
     table: Float64[np.ndarray, "n columns"], stop_row: int, points_mm: Float64[np.ndarray, "m 3"]
 ) -> np.ndarray:
-    """Slopes dx/dz and dy/dz with which the chief rays of points start.
+    """Slopes dx/dz and dy/dz with which the chief rays of points start, (m, 2).
 
-    `table`: (n, columns) float64, table from `optics.table.towards_scene`.
-    `stop_row`: row of the aperture stop in the table.
-    `points_mm`: (m, 3) float64, points behind the lens, vision frame.
-    Returns (m, 2) float64.
+    `points_mm`: points behind the lens, vision frame.
     Raises CameraError: when the rear group lets no such ray through.
     """
     across, ahead = points_mm[:, :2], (table[0, VERTEX] - points_mm[:, 2])[:, None]
@@ -137,10 +136,8 @@ def chief_heights(
 ) -> np.ndarray:
     """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
 
-    `table`: (n, columns) float64, table from `optics.table.towards_scene`.
-    `stop_row`: row of the aperture stop in the table.
     `plane_mm`: float or (m,) float64, vision z of the points.
-    `heights`: (m,) float64, heights of the points above the axis [mm].
+    `heights`: heights of the points above the axis [mm].
     Returns (m,) float64: height of the crossing, on the side given by its sign; the secant method ends when the ray
         meets the stop within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is
         bracketed; NaN where the rear group lets no such ray through. [mm]
@@ -198,9 +195,5 @@ def _stop_height(
 ) -> np.ndarray:
     """Height at which rays through (height, plane) and (crossing, rear vertex plane) meet the stop; NaN for a miss."""
     zero = np.zeros_like(heights)
-    position = np.stack([heights, zero, np.full_like(heights, plane_mm)], axis=1)
-    direction = np.stack([crossings - heights, zero, np.full_like(heights, rear[0, 0] - plane_mm)], axis=1)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(heights.size)
-    trace_rays(rear, position, direction, alive)
-    return np.where(alive > 0, position[:, 0], np.nan)
+    points = np.stack([heights, zero, np.full_like(heights, plane_mm)], axis=1)
+    return _stop_miss(rear, points, np.stack([crossings, zero], axis=1))[:, 0]

@@ -64,8 +64,6 @@ def grid_outlines(
 ) -> Outlines:
     """Trace the outlines of any lens for a grid of points of a plane behind it.
 
-    `table`: (n, columns) float64, table from `optics.table.towards_scene`.
-    `stop_row`: row of the aperture stop in the table.
     `half_extents_mm`: largest distances from the plane's origin, along u and v, of points that will be
         asked for.
     `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.

@@ -10,6 +10,8 @@ Outlines turn with the azimuth of their point, as a centred lens of rotationally
 a surface off its place have a grid of outlines, see `camera.pupil.outline_grid`.
 Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
 whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
+
+`table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
 
 import dataclasses
@@ -100,8 +102,6 @@ def outlines(
 ) -> Outlines:
     """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
 
-    `table`: (n, columns) float64, table from `optics.table.towards_scene`.
-    `stop_row`: row of the aperture stop in the table.
     `plane_mm`: vision z of the plane (negative).
     `max_height_mm`: largest height that will be asked for.
     """
@@ -196,8 +196,8 @@ def edges(
 ) -> np.ndarray:
     """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
 
-    `starts`: (n, 3) float64, points at which the rays start.
-    `inside`: (n, 2) float64, a passing point each.
+    `starts`: points at which the rays start.
+    `inside`: a passing point each.
     `slack_mm`: distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
     """
     ray = directions_of(directions)
@@ -243,9 +243,7 @@ def lit_share(
 ) -> float:
     """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
 
-    `table`: (n, columns) float64, table from `optics.table.towards_scene`.
-    `stop_row`: row of the aperture stop in the table.
-    `start_mm`, `end_mm`: (3,) float64, vision frame; light arrives at the first one.
+    `start_mm`, `end_mm`: vision frame; light arrives at the first one.
     Returns float: the share to 1e-5, if light ends once along the way; a sliver of the pupil that is narrower than 1/64
         of the rear surface and has no chief ray counts as dark.
     """

@@ -117,9 +117,8 @@ def finish(sums, total, pivot, sample_area, row):
 def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
     """Moments of bundles that mix others, of points of a square or of wavelengths, (n, COLUMNS).
 
-    `moments`: (n, m, COLUMNS) float64, moments of every part; NaN, with weight 0, where nothing passes. Errors of parts
-        are independent.
-    `share`: (m,) float64, share of each part in the mixture where all pass alike; negative: the part is taken away.
+    `moments`: moments of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
+    `share`: share of each part in the mixture where all pass alike; negative: the part is taken away.
     """
     weight = moments[..., WEIGHT] * share
     result = np.zeros((len(moments), COLUMNS))

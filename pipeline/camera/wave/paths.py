@@ -63,8 +63,8 @@ def ideal_path(
     With s the slope of a ray at the distance p from the middle and a that of the ray through the middle, which is not
     bent, light of a point has the path (a + s) p / (sqrt(1 + a^2) + sqrt(1 + s^2)) across the plane of the lens.
 
-    `offset_mm`: (n, 2) float64, points where the rays meet the lens, from its middle.
-    `before`, `behind`: (n, 2) float64, their slopes.
+    `offset_mm`: points where the rays meet the lens, from its middle.
+    `before`, `behind`: their slopes.
     """
     known = np.isfinite(before).all(axis=1) & np.isfinite(offset_mm).all(axis=1)
     terms = np.column_stack([np.ones(len(offset_mm)), offset_mm])
@@ -83,8 +83,8 @@ def sent(
     """Rays that leave the camera, on its front surface, with their path from the sensor.
 
     `microlens`: row of the one that they pass, or `NO_MICROLENS`.
-    `start_mm`: (2,) float64, start on the sensor.
-    `direction`: (n, 3) float64, unit vectors with a positive z.
+    `start_mm`: start on the sensor.
+    `direction`: unit vectors with a positive z.
     """
     count = len(direction)
     point = np.array([*start_mm, tracer.sensor_z_mm])
