@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.camera.micro_images.nearby import NOBODY, Nearby
+from pipeline.camera.micro_images.centres import NOBODY, Nearby
 
 _TURN = np.array([[0.96, -0.28], [0.28, 0.96]])
 

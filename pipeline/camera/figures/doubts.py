@@ -38,13 +38,10 @@ a longer way, so that no chief ray found there is missed here."""
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """One of them: a stable code, words and a way out.
-
-    The part is `camera`, `stop`, `sensor`, `image`, `microlenses` or `focal_lengths`.
-    """
+    """One of them: a stable code, words and a way out."""
 
     code: str
-    part: str
+    part: str  # camera, stop, sensor, image, microlenses or focal_lengths
     what: str
     hint: str
 

@@ -1,5 +1,5 @@
 """The pinhole that stands for a camera in programs that know nothing else, as OpenCV; viewers get
-`camera.figures.viewfinder`.
+`camera.figures.first_order_figures`.
 
 It is fitted to mean rays: those whose crossings with a plane are J, so the same that define every exact position. The
 paraxial entrance pupil would do for chief rays near the axis; coma pulls the mean away from them, by 0.18 mm along the

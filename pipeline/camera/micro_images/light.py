@@ -19,7 +19,7 @@ from pipeline.camera.micro_images.pupil_images import RIM, Apertures, Contours
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.parts.polygon import regular
+from pipeline.camera.parts.polygon import regular, rim_of
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_tables import on_apertures
@@ -190,10 +190,7 @@ def _rim(array: MicrolensArray) -> np.ndarray:
     """RIM points around an aperture, corners of a cell among them, (RIM, 2)."""
     if array.disc_diameter_mm is not None:
         return array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)
-    corners = cell(array)
-    share = np.arange(RIM // len(corners)) / (RIM // len(corners))
-    edge = np.roll(corners, -1, axis=0) - corners
-    return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)
+    return rim_of(cell(array), RIM)
 
 
 def _shares_of_rim(array: MicrolensArray) -> np.ndarray:

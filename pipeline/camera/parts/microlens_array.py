@@ -96,14 +96,9 @@ class Faces:
 def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float | None, flat: bool) -> np.ndarray:
     """Rows of a microlens for `optics.kernels.trace_packet`, rear face first, about its rear vertex.
 
-    Parameters
-    ----------
-    cell : (n, 2) float64
-        Corners of the lattice cell, counter-clockwise.
-    radius_mm : float or None
-        Radius of a disc that is the aperture instead.
-    flat : bool
-        Whether the front face is traced as the plane through its vertex that does not bend: the two-plane model.
+    `cell`: (n, 2) float64, corners of the lattice cell, counter-clockwise.
+    `radius_mm`: radius of a disc that is the aperture instead.
+    `flat`: whether the front face is traced as the plane through its vertex that does not bend: the two-plane model.
     """
     corner = float(np.hypot(*cell.T).max()) if radius_mm is None else radius_mm
     curved = faces.curved

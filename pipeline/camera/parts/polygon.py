@@ -124,3 +124,10 @@ def regular(sides: int, inradius: float, first_deg: float) -> np.ndarray:
     angle = np.deg2rad(first_deg) + (np.arange(sides) - 0.5) * 2 * np.pi / sides
     radius = inradius / np.cos(np.pi / sides)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def rim_of(corners: np.ndarray, count: int) -> np.ndarray:
+    """Points evenly along the edges of a polygon, its corners among them, (count, 2)."""
+    share = np.arange(count // len(corners)) / (count // len(corners))
+    edge = np.roll(corners, -1, axis=0) - corners
+    return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)

@@ -12,7 +12,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, tilt
 from pipeline.camera.parts.microlens_array import MicrolensArray, append_edges, face_table
-from pipeline.camera.parts.polygon import regular
+from pipeline.camera.parts.polygon import regular, rim_of
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.pupil.outlines import Outlines
 from pipeline.camera.tracing import microlens_kernels as column
@@ -117,10 +117,7 @@ def _set_plain(arrays: CameraArrays, camera: Camera, array: MicrolensArray) -> N
 def _rims(array: MicrolensArray) -> np.ndarray:
     """Points along the edge of each type's aperture, on the face that has it, (types, _RIM, 3)."""
     if array.disc_diameter_mm is None:
-        corners = cell(array)
-        share = np.arange(_RIM // len(corners)) / (_RIM // len(corners))
-        edge = np.roll(corners, -1, axis=0) - corners
-        rim = (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)
+        rim = rim_of(cell(array), _RIM)
     else:
         # A polygon of the disc's area: their weights differ by the curvature of cos^4 across a sixtieth of a radius.
         turn = 2 * np.pi / _RIM

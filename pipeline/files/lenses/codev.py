@@ -96,7 +96,7 @@ class _Sequence:
         if name in ("EPD", "FNO"):
             value = self._numbers(line, name, values)[0]
             self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
-            self.beam.said, self.beam.line = f"{name} {value:g}", line
+            self.beam.stated, self.beam.line = f"{name} {value:g}", line
         elif name == "WL":
             self.wavelengths = self._numbers(line, name, values)
         elif name == "REF":

@@ -19,15 +19,12 @@ _SAME = 1e-6
 
 @dataclass(slots=True)
 class Beam:
-    """The beam of a file: diameter of the entrance pupil [unit of the file] or f-number, and fields.
+    """The beam of a file: diameter of the entrance pupil or f-number, and fields."""
 
-    `said` and `line` are the text of the file for the pupil or f-number, and its line.
-    """
-
-    pupil: float | None = None
+    pupil: float | None = None  # in the unit of the file
     f_number: float | None = None
-    said: str = ""
-    line: int | None = None
+    stated: str = ""  # text of the file for pupil or f-number
+    line: int | None = None  # its line
     fields: list[float] = field(default_factory=list)
     upper: list[float] = field(default_factory=list)
     lower: list[float] = field(default_factory=list)
@@ -127,11 +124,11 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
         wide_mm = pupil_mm(lens, beam, unit_mm)
         rim_mm = with_clear_apertures(unsized, wide_mm, ()).surfaces[place].semi_diameter_mm or 0.0
     except PrescriptionError as error:
-        raise UnreadableLens(path, f"{beam.said}: {error.what}", line=beam.line, hint=error.hint) from None
+        raise UnreadableLens(path, f"{beam.stated}: {error.what}", line=beam.line, hint=error.hint) from None
     if math.isclose(rim_mm, printed_mm, rel_tol=_SAME):
         return lens
     asked, there = _f_number(lens, wide_mm), _f_number(lens, wide_mm * printed_mm / rim_mm)
-    what = f"{beam.said} is {asked}: the stop, surface {place + 1}, "
+    what = f"{beam.stated} is {asked}: the stop, surface {place + 1}, "
     if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
         shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
         return replace(lens, lost=(*lens.lost, Lost(what=f"{what}is {shape} and stays", line=beam.line)))

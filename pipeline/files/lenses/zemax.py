@@ -146,7 +146,7 @@ class _System:
             self.stop_floats = True
         elif (value := self._first(line, keyword, words)) > 0:
             self.beam.pupil, self.beam.f_number = (value, None) if keyword == "ENPD" else (None, value)
-            self.beam.said, self.beam.line = f"{keyword} {value:g}", line
+            self.beam.stated, self.beam.line = f"{keyword} {value:g}", line
             self.working_f_number = keyword == "FNUM" and len(words) > 1 and self._first(line, keyword, words, 1) == 1
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
@@ -229,7 +229,7 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
         lost.append(Lost(what=what, line=first.line))
         if system.working_f_number:
             system.beam.f_number = None
-            what = f"{system.beam.said}, a working f-number at that distance; the semi-diameter of the stop is taken"
+            what = f"{system.beam.stated}, a working f-number at that distance; the semi-diameter of the stop is taken"
             lost.append(Lost(what=what, line=system.beam.line))
     if image.curvature:
         lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))

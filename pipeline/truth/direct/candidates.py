@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import MicroImages
-from pipeline.camera.micro_images.nearby import NOBODY, Nearby
+from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.camera.micro_images.nearby import Nearby
+from pipeline.camera.micro_images.centres import Nearby
 from pipeline.records.shapes import Float64, Int64, Num
 from pipeline.truth.rows import Whereabouts
 
