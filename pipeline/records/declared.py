@@ -48,9 +48,7 @@ class Sizes(enum.Enum):
 
 
 def held_by(hint: Any, value: Any, sizes: Sizes = Sizes.USUAL) -> Any:
-    """A value as stored in a field or argument of this type, or WRONG: sequences become tuples, NumPy numbers those
-    of Python.
-    """
+    """A value as a field of this type stores it, or WRONG: sequences become tuples, NumPy's numbers those of Python."""
     return _check(hint, sizes)(value)
 
 

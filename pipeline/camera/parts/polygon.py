@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from pipeline.jit.decorators import inline
+from pipeline.records.shapes import Float64
 
 MAX_VERTICES = 64
 """Vertices that a buffer holds: an aperture of up to 24 corners that the 24 edges of an outline cut has 48 at most,
@@ -126,7 +127,7 @@ def regular(sides: int, inradius: float, first_deg: float) -> np.ndarray:
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def rim_of(corners: np.ndarray, count: int) -> np.ndarray:
+def rim_of(corners: Float64[np.ndarray, "n 2"], count: int) -> np.ndarray:
     """Points evenly along the edges of a polygon, its corners among them, (count, 2)."""
     share = np.arange(count // len(corners)) / (count // len(corners))
     edge = np.roll(corners, -1, axis=0) - corners
