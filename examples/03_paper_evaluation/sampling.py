@@ -60,7 +60,7 @@ def means(
     (n, len(samples), p, 2) float64
         In the planes' own axes [mm]; NaN where nothing passes.
     """
-    if tracer.camera.microlenses is None or tracer.microlenses.lenses.shape[1] != 3:
+    if tracer.camera.microlenses is None or not tracer.camera.microlenses.is_plain:
         raise ValueError("sampled are plain microlenses: thin, untilted")
     stops = np.array(samples) // REPLICAS
     if (stops % PACKET).any() or (np.diff(stops) <= 0).any():
@@ -153,7 +153,7 @@ def _add(plane, packet, started, pivot, sums):
 def _whole_aperture(camera, microlens, region):
     """The aperture of a microlens as a fan, as `regions.bound` returns it."""
     aperture, polygon, count = camera.aperture, region.polygon, camera.aperture.shape[0]
-    x, y = camera.lenses[microlens, X], camera.lenses[microlens, Y]
+    x, y = camera.microlenses[microlens, X], camera.microlenses[microlens, Y]
     for i in range(count):
         polygon[i, 0], polygon[i, 1] = aperture[i, 0] + x, aperture[i, 1] + y
     cx, cy, area = fan(polygon, count, region.cumulative)

@@ -142,9 +142,7 @@ def _microlenses() -> None:
 
 def _micro_images() -> None:
     tracer = _plenoptic(0.0)
-    images = micro_images(tracer)
-    micro_light(tracer, images)
-    images.nearby.nearest(_POSITION)
+    micro_light(tracer, micro_images(tracer))
 
 
 def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:

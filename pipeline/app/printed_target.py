@@ -7,8 +7,7 @@ from pathlib import Path
 from pipeline.app.chosen import chosen
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
-from pipeline.files.drawings import write_drawing
-from pipeline.files.pdf import write_pdf
+from pipeline.files.drawings import write_drawing, write_pdf
 from pipeline.report.artwork import pages_of, paper_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.load import load

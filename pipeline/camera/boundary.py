@@ -8,12 +8,12 @@ circle between corners. All ways are searched side by side, so that a predicate 
 One search is not of this kind, and says why: `camera.integrating.edge_search`.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.records.shapes import Bool, Float64, Int64
 
 _MOST_PER_ARC = 64
@@ -30,14 +30,9 @@ def widened(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outer bounds moved outwards until they are dark, and inner ones that follow to the last lit place.
 
-    Parameters
-    ----------
-    low, high : (...) float64
-        Inner and outer bounds.
-    farther : callable
-        The next outer bounds, (...) to (...).
-    most : int
-        Moves at most.
+    `low`, `high`: inner and outer bounds.
+    `farther`: the next outer bounds, (...) to (...).
+    `most`: moves at most.
     """
     for _ in range(most):
         lit = passes(high)
@@ -62,10 +57,6 @@ def inner_points(points: Float64[np.ndarray, "n m 2"], lit: Bool[np.ndarray, "n 
     """The lit one of some points (n, m, 2) that is nearest to the mean of all lit ones, (n, 2); NaN where none is.
 
     The mean itself may be dark: a crescent's is.
-
-    Parameters
-    ----------
-    lit : (n, m) bool
     """
     number = lit.sum(axis=1)[:, None]
     mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / np.maximum(number, 1)
@@ -97,16 +88,10 @@ def corners(
 
     A third label in between is an arc that the first directions missed: then there are two corners instead of one.
 
-    Parameters
-    ----------
-    rows : (n,) int64
-        Rows of regions, ascending.
-    label : (n, d) int64
-        Labels of each in `even_angles(d)`.
-    steps : int
-        Bisections of the angle between two of these directions.
-    turn : (n,) float64, optional
-        Angle by which the directions of each are turned [rad].
+    `rows`: rows of regions, ascending.
+    `label`: labels of each in `even_angles(d)`.
+    `steps`: bisections of the angle between two of these directions.
+    `turn`: optional, angle by which the directions of each are turned [rad].
     """
     count = label.shape[1]
     region, place = np.nonzero(label != np.roll(label, -1, axis=1))
@@ -131,6 +116,13 @@ def corners(
     return Corners(owner, (left + right) / 2)
 
 
+@functools.cache
+def unit_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes on [0, 1] and their weights, (count,) each: exact up to the degree 2 count - 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2, weights / 2
+
+
 class Directions(NamedTuple):
     """Directions of a quadrature: rows of regions (m,), ascending; angles and the part of the circle of each [rad]."""
 
@@ -140,23 +132,18 @@ class Directions(NamedTuple):
 
 
 def directions(
-    rows: Int64[np.ndarray, "n"], found: Corners, around: int, least_per_arc: int, even: int | None = None
+    rows: Int64[np.ndarray, "n"], between: Corners, around: int, least_per_arc: int, even: int | None = None
 ) -> Directions:
     """Directions all around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
 
-    Parameters
-    ----------
-    rows : (n,) int64
-        Rows of regions, ascending: those without a corner get evenly spaced directions.
-    around, least_per_arc : int
-        Nodes over a full circle with corners, and on its shortest arc.
-    even : int or None
-        Directions where there is no corner; None: as many as over a circle with corners.
+    `rows`: rows of regions, ascending: those without a corner get evenly spaced directions.
+    `around`, `least_per_arc`: nodes over a full circle with corners, and on its shortest arc.
+    `even`: directions where there is no corner; None: as many as over a circle with corners.
     """
     even = around if even is None else even
-    smooth = rows[~np.isin(rows, found.owner)]
+    smooth = rows[~np.isin(rows, between.owner)]
     parts = [(np.repeat(smooth, even), np.tile(even_angles(even), len(smooth)), 2 * np.pi / even)]
-    owner, start, length = _arcs(found, around)
+    owner, start, length = _arcs(between, around)
     number = np.maximum(np.ceil(around * length / (2 * np.pi)).astype(int), least_per_arc)
     for count in np.unique(number).tolist():
         node, weight = unit_nodes(count)
@@ -169,9 +156,9 @@ def directions(
     return Directions(owner[order], angle[order], share[order])
 
 
-def _arcs(found: Corners, around: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _arcs(between: Corners, around: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of regions, starts and lengths of the arcs between corners, long ones in pieces."""
-    owner, start = found
+    owner, start = between
     last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
     first = np.searchsorted(owner, owner)
     length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start

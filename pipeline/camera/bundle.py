@@ -87,15 +87,11 @@ def bundle_behind(
 ) -> Bundle:
     """The bundle of one image position through one microlens.
 
-    Parameters
-    ----------
-    microlens : int
-        Row of the microlens in the lattice of the tracer, or NO_MICROLENS.
-    samples : int
-        Rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the same
-        random numbers, so that differences between them are smooth.
-    drawn_at : (int, int) or None
-        Pixel whose random numbers rays have instead, so that differences between any positions are smooth.
+    `microlens`: row of the microlens in the lattice of the tracer, or NO_MICROLENS.
+    `samples`: rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the
+        same random numbers, so that differences between them are smooth.
+    `drawn_at`: (int, int) or None, pixel whose random numbers rays have instead, so that differences between any
+        positions are smooth.
     """
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     pixel = np.array([drawn_at or (round(x_px), round(y_px))])

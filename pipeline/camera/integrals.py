@@ -3,17 +3,15 @@
 Quadrature and random rays share the trace and nothing else, so that each can judge the other.
 """
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.integrating.mixture import mixed
-from pipeline.camera.integrating.obstructed import regions
-from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH
+from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, regions
 from pipeline.camera.parts.camera import REPLICAS
-from pipeline.camera.parts.gauss import square_nodes
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.moments import COLUMNS, VARIANCE
+from pipeline.camera.tracing.moments import COLUMNS, VARIANCE, mixed
 from pipeline.camera.tracing.records import Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Bool, Float64, Int64
@@ -40,27 +38,14 @@ _NODES_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Bundles:
-    """Bundles of image positions.
+    """Bundles of image positions."""
 
-    Attributes
-    ----------
-    x_px : (n, 2) float64
-        Image positions; NaN: no bundle.
-    microlens : (n,) int64
-        Row of the microlens of each, or NO_MICROLENS.
-    planes : (n, 2, 4, 3) float64
-        Two planes of each on which it has moments.
-    square_px : float
-        Edge of the square around a position that rays start on; 0: the position itself.
-    anchor_px : (n, 2) float64 or None
-        Positions near their anchors have the random rays of these: a search keeps them, so that its integrals change
-        smoothly with the position. None: each has its own.
-    """
-
-    x_px: Float64[np.ndarray, "n 2"]
-    microlens: Int64[np.ndarray, "n"]
-    planes: Float64[np.ndarray, "n 2 4 3"]
-    square_px: float = 0.0
+    x_px: Float64[np.ndarray, "n 2"]  # image positions; NaN: no bundle
+    microlens: Int64[np.ndarray, "n"]  # row of the microlens of each, or NO_MICROLENS
+    planes: Float64[np.ndarray, "n 2 4 3"]  # two planes of each on which it has moments
+    square_px: float = 0.0  # edge of the square around a position that rays start on; 0: the position itself
+    #  or None, positions near their anchors have the random rays of these: a search keeps them, so that its integrals
+    # change smoothly with the position. None: each has its own.
     anchor_px: Float64[np.ndarray, "n 2"] | None = None
 
     @property
@@ -81,24 +66,13 @@ class Bundles:
 
 @dataclass(frozen=True, slots=True)
 class Integral:
-    """Moments of bundles on two planes of each.
+    """Moments of bundles on two planes of each."""
 
-    Attributes
-    ----------
-    moments : (n, COLUMNS) float64
-        Moments as from `Tracer.moments`; NaN where the bundle is empty.
-    error_mm : (n, 2) float64
-        Error of the mean on the first plane: difference of two levels of quadrature, or standard error of rays.
-    is_random : (n,) bool
-        Whether random rays were used.
-    rays : int
-        Traced for it.
-    """
-
-    moments: Float64[np.ndarray, "n COLUMNS"]
+    moments: Float64[np.ndarray, "n COLUMNS"]  # moments as from `Tracer.moments`; NaN where the bundle is empty
+    # Error of the mean on the first plane: difference of two levels of quadrature, or standard error of rays
     error_mm: Float64[np.ndarray, "n 2"]
-    is_random: Bool[np.ndarray, "n"]
-    rays: int
+    is_random: Bool[np.ndarray, "n"]  # whether random rays were used
+    rays: int  # traced
 
 
 def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
@@ -130,17 +104,17 @@ def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
     if len(parts) == 1:
         return parts[0]
     shares, result = np.array([light.share for light in lights]), []
-    for found in zip(*(levels_of_part for levels_of_part, _ in parts), strict=True):
-        moments, status = (np.stack(values, axis=1) for values in zip(*found, strict=True))
+    for of_level in zip(*(levels_of_part for levels_of_part, _ in parts), strict=True):
+        moments, status = (np.stack(values, axis=1) for values in zip(*of_level, strict=True))
         result.append((mixed(moments, shares), _worst(status)))
     return result, sum(rays for _, rays in parts)
 
 
 def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> _Levels:
     last, positions = levels[-1] if last is None else last, tracer.positions_mm(*bundles.x_px.T)
-    found = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
-    parts = [found.moments(bundles.planes, NODES[level], level == last) for level in levels]
-    return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
+    lit = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
+    parts = [lit.moments(bundles.planes, NODES[level], level == last) for level in levels]
+    return [(moments, status) for moments, status, _ in parts], lit.rays + sum(rays for *_, rays in parts)
 
 
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
@@ -160,6 +134,14 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
             rays += more
         result.append((moments, status))
     return result, rays
+
+
+@functools.cache
+def square_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (count^2, 2) on the square of edge 1 about the origin, and their shares of it (count^2,)."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    x, y = (axis.ravel() for axis in np.meshgrid(node / 2, node / 2))
+    return np.stack([x, y], axis=1), np.outer(weight / 2, weight / 2).ravel()
 
 
 def _worst(status: np.ndarray) -> np.ndarray:
@@ -182,17 +164,14 @@ def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 
     return Integral(moments, error, np.ones(len(error), bool), int(bundles.known.sum()) * max(rays, REPLICAS))
 
 
-def pooled(found: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
+def pooled(finer: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
     """The same with standard errors from all replicas of two levels of random rays.
 
     Four replicas alone state an error that is itself wrong by 40 %, and who stops where it is small stops where it is
     too small. Scrambled Sobol points err by no more than half as much where there are four times as many.
 
-    Parameters
-    ----------
-    coarser_mm : (n, 2) float64
-        Standard errors of the level before; NaN where its rays were not random.
+    `coarser_mm`: standard errors of the level before; NaN where its rays were not random.
     """
-    both = np.sqrt((found.error_mm**2 + coarser_mm**2 / 4) / 2)
-    known = found.is_random[:, None] & ~np.isnan(coarser_mm)
-    return replace(found, error_mm=np.where(known, both, found.error_mm))
+    both = np.sqrt((finer.error_mm**2 + coarser_mm**2 / 4) / 2)
+    known = finer.is_random[:, None] & ~np.isnan(coarser_mm)
+    return replace(finer, error_mm=np.where(known, both, finer.error_mm))

@@ -11,31 +11,20 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.records import Diffraction, no_diffraction
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.camera.wave.aperture_spread import Middle, spread_of
+from pipeline.camera.wave.spread import Middle, spread_of
 from pipeline.records.shapes import Float64, Int64
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera made ready, and what J means.
-
-    Attributes
-    ----------
-    tracer : Tracer
-    images : MicroImages or None
-        None for a conventional camera.
-    square_px : float
-        Edge of the square around a position that the rays of J start on; 0: the position itself.
-    diffraction_nm : float or None
-        Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is.
-    device : str or None
-        Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor.
-    """
+    """A camera made ready, and what J means."""
 
     tracer: Tracer
-    images: MicroImages | None
-    square_px: float = 0.0
+    images: MicroImages | None  # None for a conventional camera
+    square_px: float = 0.0  # edge of the square around a position that the rays of J start on; 0: the position itself
+    # Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is
     diffraction_nm: float | None = None
+    # Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor
     device: str | None = None
 
     @staticmethod
@@ -68,8 +57,8 @@ class Rig:
         if self.images is None or self.tracer.lattice is None:
             return ()
         kind, middles = self.tracer.lattice.type, []
-        for one in range(kind.max() + 1):
-            rows = np.flatnonzero(kind == one)
+        for number in range(kind.max() + 1):
+            rows = np.flatnonzero(kind == number)
             nearest = rows[np.argmin(np.hypot(*self.tracer.vertices_mm[rows].T))]
             middles.append((*self.images.centre_mm[nearest].tolist(), int(nearest)))
         return tuple(middles)

@@ -7,21 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.mixture import mixed
-from pipeline.camera.integrating.obstructed import regions
-from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, regions
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, lattice
 from pipeline.camera.pupil.outline_grid import grid_outlines, upright
 from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.microlens_tables import Microlenses, is_plain, microlenses
-from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECOND, WEIGHT
-from pipeline.camera.tracing.records import CameraArrays, Optics, Samples, Starts
+from pipeline.camera.tracing.microlens_tables import camera_arrays
+from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECOND, WEIGHT, mixed
+from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
-from pipeline.optics.table import VERTEX, is_centred, towards_scene
+from pipeline.optics.table import is_centred, towards_scene
 from pipeline.records.shapes import Float64, Int64, Num
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
@@ -32,23 +30,12 @@ SEED_STEP = 0x9E3779B9
 
 @dataclass(frozen=True)
 class Tracer:
-    """Traces bundles of a camera.
-
-    Attributes
-    ----------
-    camera : Camera
-    seed : int
-        `plen:seed` of the dataset.
-    margin : float
-        Inflation of the sampling bounds; results must not depend on it.
-    device : str or None
-        Device on which `moments` traces: a name from `pipeline.jit.device`, or the processor.
-    """
+    """Traces bundles of a camera."""
 
     camera: Camera
-    seed: int = 0
-    margin: float = MARGIN
-    device: str | None = None
+    seed: int = 0  # `plen:seed` of the dataset
+    margin: float = MARGIN  # inflation of the sampling bounds; results must not depend on it
+    device: str | None = None  # device on which `moments` traces: a name from `pipeline.jit.device`, or the processor
 
     @cached_property
     def lights(self) -> tuple["Light", ...]:
@@ -116,7 +103,7 @@ class Tracer:
         array, sensor = self.camera.microlenses, self.camera.sensor
         if array and self.lattice:
             extents = np.abs(self.vertices_mm).max(axis=0) + np.abs(self.lattice.z_mm).max()
-            slack = np.hypot(*cell(array).T).max() * (1.0 if is_plain(array) else 1.1)
+            slack = np.hypot(*cell(array).T).max() * (1.0 if array.is_plain else 1.1)
         else:
             size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
             extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
@@ -130,17 +117,9 @@ class Tracer:
         return np.column_stack([points_mm, np.full(len(points_mm), self.film_z_mm)])
 
     @cached_property
-    def microlenses(self) -> Microlenses:
-        """Microlenses and pixels as arrays; no lenses for a conventional camera."""
-        return microlenses(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
-
-    @cached_property
     def arrays(self) -> CameraArrays:
         """The camera for the kernels."""
-        bounds, parts, rear_mm = self.bounds, self.microlenses, float(self.table[0, VERTEX])
-        sampling_mm = self.film_z_mm if self.camera.microlenses else rear_mm
-        optics = Optics(self.sensor_z_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
-        return CameraArrays(optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic)
+        return camera_arrays(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
 
     def positions_mm(self, x_px: Num[np.ndarray, "n"] | float, y_px: Num[np.ndarray, "n"] | float) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""
@@ -214,10 +193,7 @@ class Tracer:
 
         By quadrature, right to 1e-8; of what is in pieces by random rays, right to 3e-4.
 
-        Raises
-        ------
-        CameraError
-            Nothing leaves there, so that no irradiance can be relative to it.
+        Raises CameraError: nothing leaves there, so that no irradiance can be relative to it.
         """
         if len(self.lights) > 1:
             return math.fsum(light.share * light.tracer.reference_weight_sr for light in self.lights)
@@ -240,18 +216,10 @@ class Tracer:
 
 
 class Light(NamedTuple):
-    """One wavelength of a camera's light.
+    """One wavelength of a camera's light."""
 
-    Attributes
-    ----------
-    share : float
-        Share of the signal that it stands for, where all wavelengths pass alike.
-    tracer : Tracer
-        Tracer of the camera in this light alone.
-    """
-
-    share: float
-    tracer: Tracer
+    share: float  # share of the signal that it stands for, where all wavelengths pass alike
+    tracer: Tracer  # tracer of the camera in this light alone
 
 
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:

@@ -11,14 +11,9 @@ MAX_COMPRESSION_RATIO = 1032
 class DamagedFile(PipelineError):
     """A file does not have the expected content: truncated, altered, or written by another program.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    reason : str
-        Description of the problem.
-    line : int, optional
-        Line of a text file, counted from 1.
+    `path`: the file.
+    `reason`: description of the problem.
+    `line`: line of a text file, counted from 1.
     """
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None) -> None:

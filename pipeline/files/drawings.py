@@ -1,26 +1,69 @@
-"""Drawings that a user asks for by name, as SVG or PDF; other files with that name are not overwritten."""
+"""Drawings that a user asks for by name, as SVG or PDF; other files with that name are not overwritten.
+
+A page of PDF 1.4 (ISO 32000-1) has filled paths and lines of Helvetica, nothing else, and the same pages give the same
+bytes. The viewer preference `PrintScaling` asks for prints at 100 %.
+"""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.errors import UsageError
 
 SAYS = "drawn by pipeline"
 """Text in a comment of every drawing, by which it is recognised as replaceable."""
+_POINTS_PER_MM = 72 / 25.4
+"""Unit of a page: 72 points are an inch."""
 
 
 def write_drawing(path: Path, drawing: str | bytes) -> None:
     """Write a drawing, SVG (text without the comment) or PDF (bytes with it); an earlier drawing of ours is
     replaced.
 
-    Raises
-    ------
-    UsageError
-        The name belongs to a link or to a file that is not one of our drawings.
-    OSError
-        The path cannot be written: it is a folder, or its folder does not exist.
+    Raises UsageError: the name belongs to a link or to a file that is not one of our drawings.
+    Raises OSError: the path cannot be written: it is a folder, or its folder does not exist.
     """
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:
         raise UsageError(f"{path} is there and is no drawing of ours", hint="choose another name, or remove it")
     path.write_bytes(drawing if isinstance(drawing, bytes) else f"{drawing.rstrip()}\n<!-- {SAYS} -->\n".encode())
+
+
+def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
+    """A PDF file.
+
+    `pages`: sequence of (float, float, str), width and height [mm], and drawing operators in millimetres from the lower
+        left corner; `/F1` is Helvetica.
+    """
+    first = 4
+    kids = " ".join(f"{first + 2 * i} 0 R" for i in range(len(pages)))
+    objects = [
+        "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
+        f"<< /Type /Pages /Kids [{kids}] /Count {len(pages)} >>",
+        "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
+    ]
+    for i, (width_mm, height_mm, operators) in enumerate(pages):
+        box = f"0 0 {width_mm * _POINTS_PER_MM:.6f} {height_mm * _POINTS_PER_MM:.6f}"
+        resources = "/Resources << /Font << /F1 3 0 R >> >>"
+        objects.append(
+            f"<< /Type /Page /Parent 2 0 R /MediaBox [{box}] {resources} /Contents {first + 2 * i + 1} 0 R >>"
+        )
+        content = f"q {_POINTS_PER_MM:.12f} 0 0 {_POINTS_PER_MM:.12f} 0 0 cm\n{operators}\nQ\n"
+        objects.append(f"<< /Length {len(content.encode('latin-1', 'replace'))} >>\nstream\n{content}endstream")
+    return _file(objects)
+
+
+def write_pdf(path: Path, pages: Sequence[tuple[float, float, str]]) -> None:
+    """Write `pdf_bytes`."""
+    write_drawing(path, pdf_bytes(pages))
+
+
+def _file(objects: list[str]) -> bytes:
+    data, places = f"%PDF-1.4\n% {SAYS}\n".encode(), []
+    for number, text in enumerate(objects, start=1):
+        places.append(len(data))
+        data += f"{number} 0 obj\n{text}\nendobj\n".encode("latin-1", "replace")
+    table = "".join(f"{place:010d} 00000 n \n" for place in places)
+    size = len(objects) + 1
+    tail = f"trailer\n<< /Size {size} /Root 1 0 R >>\nstartxref\n{len(data)}\n%%EOF\n"
+    return data + f"xref\n0 {size}\n0000000000 65535 f \n{table}{tail}".encode("ascii")

@@ -46,21 +46,13 @@ RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One named image of a multi-part file.
+    """One named image of a multi-part file."""
 
-    Attributes
-    ----------
-    name : str
-        Unique within the file.
-    channels : dict of str to (h, w) array
-        Written as float32, NaN included; a file holds them sorted by name.
-    attributes : dict of str to str, float or int
-        Written as text, numbers by `repr`, so that `float(attributes[name])` gives back all digits. A part that was
-        read holds strings only.
-    """
-
-    name: str
+    name: str  # unique within the file
+    # (h, w) each, written as float32, NaN included; a file holds them sorted by name
     channels: dict[str, np.ndarray]
+    # Written as text, numbers by `repr`, so that `float(attributes[name])` gives back all digits. A part that was read
+    # holds strings only.
     attributes: dict[str, str | float | int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -79,14 +71,9 @@ class Part:
 def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
     """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
 
-    Parameters
-    ----------
-    path : path
-        No particular extension is needed; the folder must exist.
-    parts : list of Part
-        One part at least.
-    tiled : bool
-        Tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
+    `path`: no particular extension is needed; the folder must exist.
+    `parts`: one part at least.
+    `tiled`: tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
     """
     names = [part.name for part in parts]
     if not names or len(set(names)) != len(names):
@@ -106,15 +93,8 @@ def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
 def read_exr(path: str | Path) -> dict[str, Part]:
     """Read a file that `write_exr` wrote.
 
-    Returns
-    -------
-    dict of str to Part
-        Parts by name, in the order of the file.
-
-    Raises
-    ------
-    DamagedFile
-        If it is truncated, altered, or not from `write_exr`.
+    Returns dict of str to Part: parts by name, in the order of the file.
+    Raises DamagedFile: if it is truncated, altered, or not from `write_exr`.
     """
     path = Path(path)
     with path.open("rb"):  # a missing or unreadable file is an error of the system, not damage
@@ -124,20 +104,17 @@ def read_exr(path: str | Path) -> dict[str, Part]:
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
     except (RuntimeError, ValueError) as error:
         raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
-    found = [_decode(path, encoded) for encoded in file.parts]
+    parts = [_decode(path, encoded) for encoded in file.parts]
     counts = {encoded.header[PART_COUNT] for encoded in file.parts}
-    if counts != {str(len(found))}:
-        raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
-    return {part.name: part for part in found}
+    if counts != {str(len(parts))}:
+        raise DamagedFile(path, f"{len(parts)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
+    return {part.name: part for part in parts}
 
 
 def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
     """Channels (h, w) of the first part of a file of any program, by name; `require_few` may refuse the count of all.
 
-    Raises
-    ------
-    DamagedFile
-        It is no OpenEXR file, its size is implausible, or its channels differ in size.
+    Raises DamagedFile: it is no OpenEXR file, its size is implausible, or its channels differ in size.
     """
     path = Path(path)
     try:
@@ -148,12 +125,12 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
             raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
         require_few(sum(_values(part) for part in headers.parts))
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
-        found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+        channels = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
     except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
         raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
-    if any(pixels.shape != (height, width) for pixels in found.values()):
+    if any(pixels.shape != (height, width) for pixels in channels.values()):
         raise DamagedFile(path, "its channels differ in size")
-    return found
+    return channels
 
 
 def _system_error(error: RuntimeError, path: Path) -> Exception:

@@ -2,9 +2,14 @@
 
 OpenEXR's binding takes and gives whole files only. So its own encoder makes a file of each band, and the compressed
 tiles of these are strung together: the same bytes as `exr.write_exr` writes, whatever the height of a band. Headers
-are the binding's, too, of parts of one pixel, with other windows. Only the container is ours, see `exr_layout`.
+are the binding's, too, of parts of one pixel, with other windows. Only the container is ours: headers, tables of
+offsets and chunks, as in https://openexr.com/en/latest/OpenEXRFileLayout.html; all numbers are little-endian.
+
+OpenImageIO 3.2 writes bands, too, but the time of day into each header, so that no two files are alike; it stays a
+referee.
 """
 
+import io
 import os
 import struct
 import zlib
@@ -15,43 +20,175 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.files import exr_layout
-from pipeline.files.crc import joined
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import CRC, PART_COUNT, RESERVED, TILE_PX, Part, write_exr
-from pipeline.files.exr_layout import Header, UnknownLayout
 
+_MAGIC, _MULTIPART = b"v/1\x01", 0x1000
+_CHANNEL = 16
+"""Bytes that follow the name of a channel: pixel type, flags, sampling."""
+_LONGEST = 1 << 20
+"""Longest header [bytes]: ours have a few hundred."""
 Rows = Callable[[int, int], dict[str, np.ndarray]]
 """First and end row to channels (rows, w)."""
-
 _BAND_PX = 1 << 20
 """Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
 wider than 8,192 pixels is one row of tiles."""
-
 _PROBED_BYTES = 1 << 16
 """Size of a test write [bytes] that shows whether the disk is full."""
+_POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
+"""x^32 less its remainder; x^0; x^8."""
+
+
+class UnknownLayout(ValueError):
+    """The bytes are not a file with this layout."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Header of a part: attributes by name, each with its type and value as bytes, in the order of the file."""
+
+    attributes: dict[str, tuple[str, bytes]]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Attributes that are text."""
+        return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the channels, in the order of the pixels."""
+        names, data = [], self._value("channels", "chlist")
+        while data and data[0]:
+            name, _, rest = data.partition(b"\0")
+            names.append(name.decode())
+            data = rest[_CHANNEL:]
+        return names
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width [px]."""
+        left, top, right, bottom = struct.unpack("<4i", self._value("dataWindow", "box2i"))
+        if not 0 <= right - left < 1 << 30 or not 0 <= bottom - top < 1 << 30:
+            raise UnknownLayout("a part without pixels")
+        return bottom - top + 1, right - left + 1
+
+    @property
+    def tile_px(self) -> int:
+        """Edge of its square tiles."""
+        across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
+        if across != down or not 0 < across <= 1 << 12:
+            raise UnknownLayout(f"tiles of {across} x {down} pixels")
+        return int(across)
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        height, width = self.shape
+        return -(-height // self.tile_px), -(-width // self.tile_px)
+
+    def having(self, **values: bytes) -> "Header":
+        """The same header with other values for some of its attributes."""
+        return Header(
+            {name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()},
+        )
+
+    def _value(self, name: str, kind: str) -> bytes:
+        stored, value = self.attributes.get(name, ("", b""))
+        if stored != kind:
+            raise UnknownLayout(f"no attribute {name} of type {kind}")
+        return value
+
+
+def box(shape: tuple[int, int]) -> bytes:
+    """A window from (0, 0) with a number of rows and columns, as bytes."""
+    return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
+
+
+def bytes_of(headers: list[Header]) -> bytes:
+    """Bytes of everything before the tables of offsets."""
+    result = [_MAGIC, struct.pack("<I", 2 | (_MULTIPART if len(headers) > 1 else 0x200))]
+    for header in headers:
+        for name, (kind, value) in header.attributes.items():
+            result += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
+        result.append(b"\0")
+    return b"".join([*result, b"\0" if len(headers) > 1 else b""])
+
+
+def read_headers(stream: BinaryIO) -> list[Header]:
+    """Headers of a file; afterwards the stream is at the tables of offsets.
+
+    Raises UnknownLayout: the file is not of this layout, or ends.
+    """
+    magic, version = stream.read(4), stream.read(4)
+    if magic != _MAGIC or len(version) < 4:
+        raise UnknownLayout("not an OpenEXR file")
+    data = stream.read(_LONGEST)
+    many, taken = bool(struct.unpack("<I", version)[0] & _MULTIPART), io.BytesIO(data)
+    headers = [_header(taken)]
+    while many and (following := _header(taken)).attributes:
+        headers.append(following)
+    stream.seek(8 + taken.tell())
+    return headers
+
+
+def _header(stream: io.BytesIO) -> Header:
+    attributes = {}
+    while name := _name(stream):
+        kind, size = _name(stream), struct.unpack("<i", _exactly(stream, 4))[0]
+        attributes[name.decode()] = kind.decode(), _exactly(stream, size)
+    return Header(attributes)
+
+
+def _name(stream: io.BytesIO) -> bytes:
+    name = bytearray()
+    while (byte := _exactly(stream, 1)) != b"\0":
+        name += byte
+    return bytes(name)
+
+
+def _exactly(stream: BinaryIO, size: int) -> bytes:
+    data = stream.read(size) if size >= 0 else b""
+    if size < 0 or len(data) < size:
+        raise UnknownLayout("the file ends too early")
+    return data
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A tile as stored in a file: its column and row among tiles, and its compressed pixels."""
+
+    column: int
+    row: int
+    data: bytes
+
+    def to_bytes(self, part: int | None) -> bytes:
+        """Bytes of the chunk in a file of several parts, or of one (None)."""
+        head = struct.pack("<5i", self.column, self.row, 0, 0, len(self.data))
+        return (b"" if part is None else struct.pack("<i", part)) + head + self.data
+
+
+def read_chunk(stream: BinaryIO, offset: int, part: int | None) -> Chunk:
+    """The chunk at an offset of a file.
+
+    Raises UnknownLayout: the offset holds another chunk.
+    """
+    stream.seek(offset)
+    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
+    column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
+    if stored_part != part or level != [0, 0]:
+        raise UnknownLayout("a tile of another part")
+    return Chunk(column, row, _exactly(stream, size))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandedPart:
-    """A part of a file whose pixels are computed while they are written.
-
-    Attributes
-    ----------
-    shape : (int, int)
-        Height and width [px].
-    channels : tuple of str
-    rows : callable
-        Called for each band in turn, from the top.
-    attributes : dict
-        Attributes, see `exr.Part`.
-    """
+    """A part of a file whose pixels are computed while they are written."""
 
     name: str
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # height and width [px]
     channels: tuple[str, ...]
-    rows: Rows
-    attributes: dict[str, str | float | int] = field(default_factory=dict)
+    rows: Rows  # called for each band in turn, from the top
+    attributes: dict[str, str | float | int] = field(default_factory=dict)  # as of `exr.Part`
 
 
 def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
@@ -62,7 +199,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
         headers = _headers(band_file, parts)
         tables = [np.zeros(header.grid, "<u8") for header in headers]
         with path.open("wb") as stream:
-            stream.write(exr_layout.bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+            stream.write(bytes_of(headers) + b"".join(table.tobytes() for table in tables))
             for number, part in enumerate(parts):
                 crcs = dict.fromkeys(sorted(part.channels), 0)
                 at = number if len(parts) > 1 else None
@@ -73,7 +210,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
                     _append(stream, band_file, tables[number], first // TILE_PX, at)
                 headers[number] = headers[number].having(**{CRC: _content_crc(part, headers[number], crcs)})
             stream.seek(0)
-            stream.write(exr_layout.bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+            stream.write(bytes_of(headers) + b"".join(table.tobytes() for table in tables))
     except UnknownLayout:
         _require_room(band_file)
         raise
@@ -93,10 +230,10 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
     small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
     write_exr(scratch, small)
     with scratch.open("rb") as stream:
-        headers = exr_layout.read_headers(stream)
-    display = exr_layout.box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
+        headers = read_headers(stream)
+    display = box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
     sized = [
-        header.having(dataWindow=exr_layout.box(part.shape), displayWindow=display)
+        header.having(dataWindow=box(part.shape), displayWindow=display)
         for header, part in zip(headers, parts, strict=True)
     ]
     return [header.having(chunkCount=struct.pack("<i", header.grid[0] * header.grid[1])) for header in sized]
@@ -118,12 +255,12 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
     """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions."""
     with band_file.open("rb") as band:
-        (header,) = exr_layout.read_headers(band)
+        (header,) = read_headers(band)
         offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")
         for offset in offsets:
-            tile = exr_layout.read_chunk(band, int(offset), None)
+            tile = read_chunk(band, int(offset), None)
             table[above + tile.row, tile.column] = stream.tell()
-            stream.write(exr_layout.Chunk(tile.column, above + tile.row, tile.data).to_bytes(part))
+            stream.write(Chunk(tile.column, above + tile.row, tile.data).to_bytes(part))
 
 
 def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> bytes:
@@ -142,25 +279,22 @@ class ExrWindows:
     Of each part the rows of tiles that were read last are kept, so that overlapping windows decode a tile once. Every
     tile carries a checksum of its own; that of the whole part is not looked at.
 
-    Raises
-    ------
-    DamagedFile
-        It is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
+    Raises DamagedFile: it is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
         with self._path.open("rb") as stream:
             try:
-                found = exr_layout.read_headers(stream)
-                self.headers = {header.texts["name"]: header for header in found}
-                sizes = [8 * header.grid[0] * header.grid[1] for header in found]
+                headers = read_headers(stream)
+                self.headers = {header.texts["name"]: header for header in headers}
+                sizes = [8 * header.grid[0] * header.grid[1] for header in headers]
                 room = os.fstat(stream.fileno()).st_size
-                if {header.texts[PART_COUNT] for header in found} != {str(len(found))} or sum(sizes) > room:
+                if {header.texts[PART_COUNT] for header in headers} != {str(len(headers))} or sum(sizes) > room:
                     raise UnknownLayout("parts are missing")
                 self._tables = [
                     np.frombuffer(stream.read(size), "<u8").reshape(header.grid)
-                    for size, header in zip(sizes, found, strict=True)
+                    for size, header in zip(sizes, headers, strict=True)
                 ]
             except (ValueError, KeyError, struct.error) as error:
                 raise DamagedFile(self._path, f"not a readable OpenEXR file of this program ({error})") from error
@@ -183,7 +317,7 @@ class ExrWindows:
         with self._path.open("rb") as stream:
             try:
                 for column, offset in enumerate(self._tables[number][row]):
-                    chunk = exr_layout.read_chunk(stream, int(offset), number if len(self.headers) > 1 else None)
+                    chunk = read_chunk(stream, int(offset), number if len(self.headers) > 1 else None)
                     here = result[:, :, column * edge : (column + 1) * edge]
                     if (chunk.column, chunk.row) != (column, row):
                         raise UnknownLayout("another tile")
@@ -206,4 +340,28 @@ def _pixels(data: bytes, size: int) -> np.ndarray:
     halves = np.cumsum(differences, dtype=np.uint8)
     result = np.empty(size, np.uint8)
     result[0::2], result[1::2] = halves[: (size + 1) // 2], halves[(size + 1) // 2 :]
+    return result
+
+
+def joined(first: int, second: int, second_bytes: int) -> int:
+    """CRC-32 of two pieces together.
+
+    `first`, `second`: `zlib.crc32` of each piece alone.
+    `second_bytes`: length of the second piece.
+    """
+    shift, power = _ONE, _BYTE
+    while second_bytes:
+        if second_bytes & 1:
+            shift = _product(shift, power)
+        power, second_bytes = _product(power, power), second_bytes >> 1
+    return _product(first, shift) ^ second
+
+
+def _product(a: int, b: int) -> int:
+    """Product of two remainders."""
+    result = 0
+    for bit in range(31, -1, -1):
+        if a >> bit & 1:
+            result ^= b
+        b = (b >> 1) ^ (_POLYNOMIAL if b & 1 else 0)
     return result

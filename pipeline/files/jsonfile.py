@@ -18,13 +18,10 @@ _WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 def write_json(path: str | Path, obj: Any) -> None:
     """Write plain values, UTF-8, with a final line feed.
 
-    Parameters
-    ----------
-    path : path
-        File to write.
-    obj : dict, list, tuple, array, str, number, bool or None
-        Floats are written by `repr`; infinities as the strings "inf" and "-inf", which `float` reads, because JSON
-        has no word for them; NaN and other types are refused with the place where they stand.
+    `path`: file to write.
+    `obj`: dict, list, tuple, array, str, number, bool or None, floats are written by `repr`; infinities as the strings
+        "inf" and "-inf", which `float` reads, because JSON has no word for them; NaN and other types are refused with
+        the place where they stand.
     """
     Path(path).write_bytes(json_bytes(obj))
 
@@ -67,10 +64,7 @@ def _float(value: float, where: tuple[str, ...]) -> str:
 def read_json(path: str | Path) -> Any:
     """Read a JSON file. Infinities remain the strings that `write_json` made of them.
 
-    Raises
-    ------
-    DamagedFile
-        If it is not JSON in UTF-8; bare NaN and Infinity are not JSON.
+    Raises DamagedFile: if it is not JSON in UTF-8; bare NaN and Infinity are not JSON.
     """
     try:
         return json.loads(Path(path).read_bytes().decode(), parse_constant=_refuse_constant)

@@ -29,10 +29,8 @@ def write_npy(path: str | Path, array: np.ndarray) -> None:
 def read_npy(path: str | Path) -> np.ndarray:
     """Read an array of numbers. The size in the header is compared with that of the file before memory is allocated.
 
-    Raises
-    ------
-    DamagedFile
-        If it is not an .npy file, holds objects (which would be a pickle), or not as many bytes as its header says.
+    Raises DamagedFile: if it is not an .npy file, holds objects (which would be a pickle), or not as many bytes as its
+        header says.
     """
     with Path(path).open("rb") as stream:
         _header(stream, Path(path))
@@ -42,15 +40,8 @@ def read_npy(path: str | Path) -> np.ndarray:
 class StackedRows:
     """Arrays in several files written by `write_npy`, alike but for their number of rows, read as one.
 
-    Parameters
-    ----------
-    paths : list of path
-        Files from the top. Only headers are read now.
-
-    Raises
-    ------
-    DamagedFile
-        As `read_npy`.
+    `paths`: files from the top. Only headers are read now.
+    Raises DamagedFile: as `read_npy`.
     """
 
     def __init__(self, paths: list[Path]) -> None:

@@ -22,15 +22,8 @@ _LARGEST = 1e9
 def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     """A picture as linear numbers, (h, w, 4) float32, the first row at the top; opaque without a fourth component.
 
-    Parameters
-    ----------
-    space : str
-        `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear.
-
-    Raises
-    ------
-    PipelineError
-        The file cannot be read, has too many pixels, or one that is no finite number.
+    `space`: `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear.
+    Raises PipelineError: the file cannot be read, has too many pixels, or one that is no finite number.
     """
     if suffix == ".exr":
         return _with_four(_from_exr(content))

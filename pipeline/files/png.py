@@ -16,12 +16,8 @@ _COMPRESS_LEVEL = 6
 def write_png(path: str | Path, image: np.ndarray) -> None:
     """Write an image to a file of any name. Same pixels, same bytes; no time, no text, no colour profile.
 
-    Parameters
-    ----------
-    path : path
-        No particular extension is needed.
-    image : (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16
-        RGB, grey, or raw digital numbers; row 0 is the top.
+    `path`: no particular extension is needed.
+    `image`: (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16, RGB, grey, or raw digital numbers; row 0 is the top.
     """
     _save(path, image)
 
@@ -44,14 +40,8 @@ def _save(place: str | Path | io.BytesIO, image: np.ndarray) -> None:
 def read_png(path: str | Path) -> np.ndarray:
     """Read an image written by `write_png`.
 
-    Returns
-    -------
-    (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16
-
-    Raises
-    ------
-    DamagedFile
-        If it is not a PNG file, pixels are lost or altered, or they are of another kind.
+    Returns (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16.
+    Raises DamagedFile: if it is not a PNG file, pixels are lost or altered, or they are of another kind.
     """
     data = Path(path).read_bytes()
     _require_plausible_size(path, data)
@@ -69,10 +59,7 @@ def read_png(path: str | Path) -> np.ndarray:
 def png_size(path: str | Path) -> tuple[int, int]:
     """Width and height in px, from the header alone.
 
-    Raises
-    ------
-    DamagedFile
-        If it is not a PNG file.
+    Raises DamagedFile: if it is not a PNG file.
     """
     with Path(path).open("rb") as file:
         head = file.read(24)

@@ -18,17 +18,10 @@ from pipeline.files.damaged import DamagedFile
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table as text.
+    """A table as text."""
 
-    Attributes
-    ----------
-    comments : tuple of str
-        The lines before the header, without "# ".
-    columns : dict of str to list of str
-        Cells as written, in the order of the file; "" where a value is unknown.
-    """
-
-    comments: tuple[str, ...]
+    comments: tuple[str, ...]  # the lines before the header, without "# "
+    # Cells as written, in the order of the file; "" where a value is unknown
     columns: dict[str, list[str]]
 
     def numbers(self, name: str) -> np.ndarray:
@@ -41,15 +34,10 @@ def write_table(
 ) -> None:
     """Write columns of equal length, UTF-8, lines ending in a line feed.
 
-    Parameters
-    ----------
-    path : path
-        File to write.
-    header_lines : iterable of str
-        Comment lines, without "#".
-    columns : mapping of str to sequence
-        Columns in order. Floats are written by `repr`, so that they read back exactly; None, NaN and "" leave the
-        cell empty; booleans become 1 and 0; text is quoted only if it must be.
+    `path`: file to write.
+    `header_lines`: iterable of str, comment lines, without "#".
+    `columns`: mapping of str to sequence, columns in order. Floats are written by `repr`, so that they read back
+        exactly; None, NaN and "" leave the cell empty; booleans become 1 and 0; text is quoted only if it must be.
     """
     comments = [f"# {line}".rstrip() for line in header_lines]
     if broken := [line for line in comments if "\n" in line or "\r" in line]:
@@ -67,10 +55,7 @@ def write_table(
 def read_table(path: str | Path) -> Table:
     """Read a table that `write_table` wrote.
 
-    Raises
-    ------
-    DamagedFile
-        As `table_of`.
+    Raises DamagedFile: as `table_of`.
     """
     return table_of(path, Path(path).read_bytes())
 
@@ -78,11 +63,8 @@ def read_table(path: str | Path) -> Table:
 def table_of(path: str | Path, data: bytes) -> Table:
     """The table contained in the bytes of a file.
 
-    Raises
-    ------
-    DamagedFile
-        If it has no header, or one name twice, a row is too short or too long, or it is not UTF-8 text that ends in a
-        line feed.
+    Raises DamagedFile: if it has no header, or one name twice, a row is too short or too long, or it is not UTF-8 text
+        that ends in a line feed.
     """
     try:
         text = data.decode()

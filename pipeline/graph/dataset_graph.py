@@ -6,8 +6,7 @@ appear only in the params of tasks that write them.
 
 import dataclasses
 
-from pipeline.camera.focusing.focus_request import FocusRequest
-from pipeline.camera.focusing.stop import shown_f_number
+from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph

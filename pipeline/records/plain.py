@@ -15,18 +15,6 @@ class Shared(dict[str, Any]):
     """A plain part of many records: it is not copied, and its encoding is made once. Nobody may change it."""
 
     made: bytes | None = None
-    compared: tuple[Any, bool] | None = None
-
-    def __eq__(self, other: object) -> bool:
-        """Whether another dict has the same items; the last answer is kept, because many records hold both."""
-        if self.compared is None or self.compared[0] is not other:
-            self.compared = other, self is other or dict.__eq__(self, other)
-        return self.compared[1]
-
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
-    __hash__ = None  # type: ignore[assignment]  # as of every dict
 
     def once(self, make: Callable[[dict[str, Any]], bytes]) -> bytes:
         """Bytes made from the dict, always by the same function, cached."""

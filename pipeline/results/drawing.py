@@ -16,7 +16,7 @@ from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.camera.pupil.outlines import lit_share
 from pipeline.files import svg as svg_file
 from pipeline.frames import apply
 from pipeline.optics.displacement import displacements

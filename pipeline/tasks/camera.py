@@ -12,8 +12,7 @@ from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.figures.pinhole_fit import Projection
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import solved
-from pipeline.camera.focusing.stop import stopped_down
+from pipeline.camera.focusing.focus_request import solved, stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.jsonfile import Json, write_json

@@ -8,7 +8,7 @@ import pytest
 from tolerances import BISECTED
 
 from pipeline.camera import boundary
-from pipeline.camera.parts.gauss import unit_nodes
+from pipeline.camera.boundary import unit_nodes
 
 STEPS = 40
 """Bisections: to 1e-12 of a way."""

@@ -9,8 +9,7 @@ from laws import rigs
 
 from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import with_matched_stop
-from pipeline.camera.focusing.stop import with_stop
+from pipeline.camera.focusing.focus_request import with_matched_stop, with_stop
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.outlines import passes

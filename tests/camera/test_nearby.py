@@ -1,10 +1,9 @@
-"""Which points are nearest, against all distances, and SciPy's k-d tree."""
+"""Which points are nearest, against all distances."""
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
-from pipeline.camera.micro_images.nearby import NOBODY, nearby_of
+from pipeline.camera.micro_images.centres import NOBODY, Nearby
 
 _TURN = np.array([[0.96, -0.28], [0.28, 0.96]])
 
@@ -42,7 +41,7 @@ CLOUDS = {
 def test_the_nearest_are_those_of_all_distances(name, count):
     points = CLOUDS[name]
     positions = around(points, 200, 2.0)
-    distance, rows = nearby_of(points).nearest(positions, count)
+    distance, rows = Nearby(points).nearest(positions, count)
     apart = np.sqrt(((points - positions[:, None]) ** 2).sum(axis=2))
     order = np.argsort(apart, axis=1, kind="stable")[:, :count]  # stable: the lower row first
     some = order.shape[1]
@@ -51,21 +50,12 @@ def test_the_nearest_are_those_of_all_distances(name, count):
     assert (rows[:, some:] == NOBODY).all() and np.isinf(distance[:, some:]).all()
 
 
-def test_distances_are_those_of_scipy_to_the_bit():
-    points = CLOUDS["lattice"]
-    positions = around(points, 2000, 0.1)
-    distance, rows = nearby_of(points).nearest(positions)
-    known, which = cKDTree(points).query(positions)
-    assert np.array_equal(rows[:, 0], which)
-    assert np.array_equal(distance[:, 0], known)
-
-
 @pytest.mark.parametrize("radius", [0.0, 0.05, 0.2, 1.0])
 @pytest.mark.parametrize("name", CLOUDS)
 def test_all_within_a_radius_are_found_nearest_first(name, radius):
     points = CLOUDS[name]
     positions = np.concatenate([around(points, 100, 0.5), points[:20]])
-    distance, rows = nearby_of(points).within(positions, radius)
+    distance, rows = Nearby(points).within(positions, radius)
     apart = np.sqrt(((points - positions[:, None]) ** 2).sum(axis=2))
     assert rows.shape[1] == (apart <= radius).sum(axis=1).max()
     for near, found, away in zip(apart, rows, distance, strict=True):
@@ -75,7 +65,7 @@ def test_all_within_a_radius_are_found_nearest_first(name, radius):
 
 
 def test_no_position_and_an_unknown_one_have_nobody():
-    near = nearby_of(CLOUDS["lattice"])
+    near = Nearby(CLOUDS["lattice"])
     assert near.nearest(np.zeros((0, 2)))[1].shape == (0, 1)
     assert near.within(np.zeros((0, 2)), 1.0)[1].shape == (0, 0)
     assert near.nearest(np.array([[np.nan, 0.0]]))[1].tolist() == [[NOBODY]]

@@ -5,8 +5,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from pipeline.errors import UsageError
-from pipeline.files.drawings import write_drawing
-from pipeline.files.pdf import pdf_bytes
+from pipeline.files.drawings import pdf_bytes, write_drawing
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1">\n</svg>'
 MAKERS = {"svg": lambda size: SVG.replace("1", str(size)), "pdf": lambda size: pdf_bytes([(size, size, "")])}

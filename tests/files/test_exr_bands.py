@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.files import exr_bands
-from pipeline.files.crc import joined
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import Part, read_exr, write_exr
-from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.exr_bands import BandedPart, ExrWindows, joined, write_bands
 
 
 def parts() -> list[Part]:

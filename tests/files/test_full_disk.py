@@ -17,6 +17,7 @@ from pipeline.files.jsonfile import write_json
 from pipeline.files.npy import write_npy
 from pipeline.files.png import write_png
 from pipeline.files.tables import write_table
+from pipeline.files.tiff import write_tiff
 
 NOISE = np.random.default_rng(1).random((64, 64))
 
@@ -27,6 +28,7 @@ WRITERS = {
     "json": lambda path: write_json(path, NOISE.tolist()),
     "npy": lambda path: write_npy(path, NOISE),
     "png": lambda path: write_png(path, (NOISE * 255).astype(np.uint8)),
+    "tiff": lambda path: write_tiff(path, NOISE.shape, lambda first, end: NOISE[first:end].astype(np.uint16), {}),
     "table": lambda path: write_table(path, ["head"], {"x": NOISE.ravel()}),
 }
 

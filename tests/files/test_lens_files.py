@@ -135,7 +135,7 @@ def toy_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
         return found[0]
 
     module = SimpleNamespace(find=find, catalogue=lambda: glasses)
-    monkeypatch.setattr("pipeline.files.lenses.glass.catalogue", module)
+    monkeypatch.setattr("pipeline.files.lenses.text.catalogue", module)
 
 
 @pytest.mark.usefixtures("toy_catalogue")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import rawpy
+import tifffile
 from PIL import Image
 
 from pipeline.files import tiff
@@ -100,3 +101,27 @@ def test_a_camera_may_have_any_name(tmp_path):
     write_dng(tmp_path / "raw.dng", NUMBERS.shape, rows, ABOUT, negative)
     assert b"Kamera S\\xfcd" in (tmp_path / "raw.dng").read_bytes()
     np.testing.assert_array_equal(read_tiff(tmp_path / "raw.dng")[0], NUMBERS)
+
+
+def test_the_tags_of_a_negative_are_those_of_the_specification(tmp_path):
+    """By the numbers of DNG 1.4.0.0, chapters 4 and 5, and of TIFF/EP; no tag names a program or a date."""
+    negative = Negative(
+        model="A",
+        black_dn=64.25,
+        white_dn=60123,
+        filters=("red", "green", "green", "blue"),
+        exposure_time_s=0.0125,
+        neutral=(0.5, 1.0, 0.75),
+        from_xyz={"D65": [[1.25, -0.5, 0.0]], "the lamp": [[1.0, 0.0, 0.0]]},
+    )
+    write_dng(tmp_path / "raw.dng", NUMBERS.shape, rows, ABOUT, negative)
+    with tifffile.TiffFile(tmp_path / "raw.dng") as file:
+        tags = {tag.code: tag.value for tag in file.pages.first.tags}
+    expected = {
+        254: 0, 259: 1, 262: 32803, 271: "plenoptic-pipeline", 272: "A", 274: 1, 33421: (2, 2), 33422: b"\0\1\1\2",
+        33434: (1, 80), 50706: b"\1\4\0\0", 50707: b"\1\1\0\0", 50708: "plenoptic-pipeline A", 50710: b"\0\1\2",
+        50711: 1, 50713: (1, 1), 50714: (257, 4), 50717: 60123, 50721: (5, 4, -1, 2, 0, 1), 50722: (1, 1, 0, 1, 0, 1),
+        50728: (1, 2, 1, 1, 3, 4), 50778: 21, 50779: 255,
+    }  # fmt: skip
+    assert {code: tags[code] for code in expected} == expected
+    assert not {305, 306, 50827} & tags.keys()

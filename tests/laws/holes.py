@@ -2,18 +2,17 @@
 
 import math
 
-import numpy as np
 from laws import rigs
 
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.microlens_kernels import TURN
+from pipeline.camera.tracing.records import Acceptance
 
 
-def detail_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
-    """Numbers of an acceptance for the kernels."""
-    return np.array([power, math.radians(half_deg), math.radians(roll_deg), *[0.0] * (TURN + 6)])
+def acceptance_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> Acceptance:
+    """An acceptance for the kernels."""
+    return Acceptance(float(power), math.radians(half_deg), math.radians(roll_deg), False)
 
 
 def behind_a_hole(array: MicrolensArray, **pixels: object) -> Tracer:

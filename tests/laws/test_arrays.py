@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.holes import behind_a_hole, detail_of
+from laws.holes import acceptance_of, behind_a_hole
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
 from pipeline.camera.focusing.depth_of_field import foci
@@ -134,7 +134,7 @@ def test_a_disc_weighs_pi_sine_squared_and_from_aside_what_many_edges_weigh() ->
     for sides in (32, 64, 128):
         outer = regular(sides, 1.0, 0.0)
         inner = outer * math.cos(math.pi / sides)
-        low, high = (region_weight(p, sides, 1.7, -0.4, 2.0, detail_of()) for p in (inner, outer))
+        low, high = (region_weight(p, sides, 1.7, -0.4, 2.0, acceptance_of()) for p in (inner, outer))
         assert low < disc_weight(1.0, 1.7, -0.4, 2.0) < high
         gaps.append(high - low)
     for wide, narrow in itertools.pairwise(gaps):
@@ -146,7 +146,9 @@ def test_a_cosine_acceptance_has_lambert_integrals(power: float) -> None:
     """2 pi (1 - cos^(n + 2)) / (n + 2) over a cone: polygons of ever more sides converge to it by the fourth."""
     cosine = 4.0 / 5.0
     expected = 2 * math.pi * (1 - cosine ** (power + 2)) / (power + 2)
-    errors = [region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, detail_of(power)) - expected for n in (16, 32, 64)]
+    errors = [
+        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, acceptance_of(power)) - expected for n in (16, 32, 64)
+    ]
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
 
 
@@ -154,9 +156,9 @@ def test_a_cosine_acceptance_has_lambert_integrals(power: float) -> None:
 def test_a_cone_takes_what_lies_in_it(aside: float) -> None:
     """A wide region loses all beyond the cone: pi sin^2, and with a roll-off the integral over its angles."""
     wide = 10.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    hard = region_weight(wide, 4, aside, -aside, 1.0, detail_of(half_deg=20.0))
+    hard = region_weight(wide, 4, aside, -aside, 1.0, acceptance_of(half_deg=20.0))
     assert hard == pytest.approx(math.pi * math.sin(math.radians(20)) ** 2, rel=1e-13)
-    soft = region_weight(wide, 4, aside, -aside, 1.0, detail_of(half_deg=20.0, roll_deg=10.0))
+    soft = region_weight(wide, 4, aside, -aside, 1.0, acceptance_of(half_deg=20.0, roll_deg=10.0))
     node, weight = np.polynomial.legendre.leggauss(40)
     theta = np.radians(25 + 5 * node)
     beyond = math.radians(5) * weight @ ((np.radians(30) - theta) / math.radians(10) * np.sin(2 * theta) * math.pi)

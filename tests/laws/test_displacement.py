@@ -289,10 +289,10 @@ def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None
     """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
     tracer, rng = Tracer(rigs.displaced(rigs.plenoptic()), margin=0.0), np.random.default_rng(7)
     positions, lens = plenoptic_positions(tracer, 300)
-    lenses, seen, cut = tracer.arrays.lenses, 0, 0
+    microlenses, seen, cut = tracer.arrays.microlenses, 0, 0
     angles = np.pi * np.arange(6) / 3
     for position, row in zip(positions, lens, strict=True):
-        vertex, focal = lenses[row, :2], lenses[row, 2]
+        vertex, focal = microlenses[row, :2], microlenses[row, 2]
         offsets = rng.uniform(-0.13, 0.13, (4000, 2))
         offsets = offsets[(offsets @ np.stack([np.cos(angles), np.sin(angles)]) < 0.2173 / 2).all(axis=1)]
         points = vertex + offsets

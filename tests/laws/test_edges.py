@@ -15,7 +15,7 @@ from shorter import one_in
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals
-from pipeline.camera.integrating import edge_search, flux
+from pipeline.camera.integrating import edge_search, ways
 from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, bounded, edges
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -90,10 +90,10 @@ def test_an_edge_drawn_too_short_in_a_few_directions_is_noticed() -> None:
     found = about_corners()
     owner, angle = found.spokes(64)
     radius, share = found.find(owner, angle)[0], np.full(len(owner), 2 * np.pi / 64)
-    whole, _ = flux.holds_all(found, owner, angle, radius, share, 256)
+    whole, _ = ways.holds_all(found, owner, angle, radius, share, 256)
     assert whole.all()
     short = np.where((owner % 2 == 1) & (angle < 2 * np.pi / 5), 0.5, 1.0)
-    whole, _ = flux.holds_all(found, owner, angle, radius * short, share, 256)
+    whole, _ = ways.holds_all(found, owner, angle, radius * short, share, 256)
     assert whole.tolist() == [True, False] * (len(CORNERS_PX) // 2)
 
 
@@ -175,7 +175,7 @@ def test_chords_hold_the_points_before_the_place_where_a_ray_from_the_middle_mee
     owner = np.repeat(np.arange(3), corners)
     angle = np.tile(np.arange(corners) * 2 * np.pi / corners, 3) + rng.uniform(-0.2, 0.2, 36)
     radius, order = rng.uniform(0.5, 2.0, 36), rng.permutation(36)
-    chords = flux._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order], 3)
+    chords = ways._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order], 3)
     corner = (radius * np.exp(1j * angle)).reshape(3, corners)
     side = np.roll(corner, -1, axis=1) - corner
     for number, way in [(number, way) for number in range(3) for way in np.linspace(-3.1, 6.2, 25)]:

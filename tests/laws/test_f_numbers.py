@@ -8,7 +8,7 @@ import pytest
 from laws import rigs
 from tolerances import CLOSED_FORM, MICRO_IMAGE_PX, ORDER, SIGMAS
 
-from pipeline.camera.focusing.stop import shown_f_number, stopped_down
+from pipeline.camera.focusing.focus_request import shown_f_number, stopped_down
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import MicroLight, micro_light
 from pipeline.camera.parts.camera import Camera

@@ -10,13 +10,11 @@ from laws import rigs
 from laws.solving import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
-from pipeline.camera.integrals import Bundles, integrals
-from pipeline.camera.integrating.mixture import mixed
+from pipeline.camera.integrals import Bundles, integrals, square_nodes
 from pipeline.camera.parts.camera import Sampling
-from pipeline.camera.parts.gauss import square_nodes
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
-from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT, mixed
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
 from pipeline.truth.direct.direct_rows import polished

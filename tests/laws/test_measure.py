@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.fast_lens import PIXEL_MM, POINT_MM, fast
-from laws.holes import behind_a_hole, detail_of
+from laws.holes import acceptance_of, behind_a_hole
 from laws.solving import STEPS, by_quadrature, rig_of, solved
 from naive import polar
 from shorter import one_in
@@ -23,8 +23,9 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
-from pipeline.camera.tracing.acceptance import BY_AREA, region_weight
+from pipeline.camera.tracing.acceptance import region_weight
 from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.records import Acceptance
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.judging.certificate import Rows, certify
@@ -37,9 +38,8 @@ def weighed(camera: Camera, weight: str) -> Camera:
     return dataclasses.replace(camera, weight=weight)
 
 
-def by_area(detail: np.ndarray) -> np.ndarray:
-    detail[BY_AREA] = 1.0
-    return detail
+def by_area(acceptance: Acceptance) -> Acceptance:
+    return acceptance._replace(by_area=True)
 
 
 def test_a_hole_weighs_its_area() -> None:
@@ -71,7 +71,7 @@ def test_a_cosine_acceptance_by_area(power: float) -> None:
     t = 0.75 * (node + 1) / 2
     expected = 2 * math.pi * 16 * 0.75 / 2 * (weight @ ((1 + t**2) ** (-power / 2) * t))
     errors = [
-        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, by_area(detail_of(power))) - expected
+        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, by_area(acceptance_of(power))) - expected
         for n in (16, 32, 64)
     ]
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
@@ -80,9 +80,9 @@ def test_a_cosine_acceptance_by_area(power: float) -> None:
 def test_a_cone_takes_the_area_that_lies_in_it() -> None:
     """A hard cone in a wide square: pi h^2 tan^2; with a roll-off the integral over theta besides."""
     wide = 40 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    hard = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(detail_of(half_deg=20.0)))
+    hard = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(acceptance_of(half_deg=20.0)))
     assert hard == pytest.approx(math.pi * 4 * math.tan(math.radians(20)) ** 2, rel=1e-12)
-    soft = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(detail_of(half_deg=20.0, roll_deg=10.0)))
+    soft = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(acceptance_of(half_deg=20.0, roll_deg=10.0)))
     node, weight = np.polynomial.legendre.leggauss(40)
     theta = np.radians(25 + 5 * node)
     share = (np.radians(30) - theta) / math.radians(10)

@@ -95,7 +95,7 @@ def test_bundles_of_tilted_arrays_are_bounded_where_their_chief_rays_cross_the_m
     stop's centre."""
     camera = camera_with("tilted")
     tracer = Tracer(camera)
-    bounds = tracer.microlenses.lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
+    bounds = tracer.arrays.microlenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
     above = tracer.lattice.z_mm
     far = np.abs(above) > 0.1
     vertices = np.column_stack([tracer.vertices_mm, tracer.film_z_mm + above])[far]

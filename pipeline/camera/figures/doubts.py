@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.boundary import halved
-from pipeline.camera.focusing.focus_request import matched_stop_mm
-from pipeline.camera.focusing.stop import widest_stop_mm
+from pipeline.camera.focusing.focus_request import matched_stop_mm, widest_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import lattice
@@ -39,13 +38,10 @@ a longer way, so that no chief ray found there is missed here."""
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """One of them: a stable code, words and a way out.
-
-    The part is `camera`, `stop`, `sensor`, `image`, `microlenses` or `focal_lengths`.
-    """
+    """One of them: a stable code, words and a way out."""
 
     code: str
-    part: str
+    part: str  # camera, stop, sensor, image, microlenses or focal_lengths
     what: str
     hint: str
 
@@ -53,10 +49,7 @@ class Doubt:
 def doubts(camera: Camera) -> Iterator[Doubt]:
     """List the doubts about a focused camera.
 
-    Raises
-    ------
-    CameraError
-        No chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
+    Raises CameraError: no chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
     """
     yield from pixel_doubts(camera.sensor)
     yield from _stop(camera)

@@ -1,5 +1,5 @@
 """The pinhole that stands for a camera in programs that know nothing else, as OpenCV; viewers get
-`camera.figures.viewfinder`.
+`camera.figures.first_order_figures`.
 
 It is fitted to mean rays: those whose crossings with a plane are J, so the same that define every exact position. The
 paraxial entrance pupil would do for chief rays near the axis; coma pulls the mean away from them, by 0.18 mm along the
@@ -28,27 +28,13 @@ _LEVEL = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pinhole:
-    """One centre of projection, with and without distortion.
+    """One centre of projection, with and without distortion."""
 
-    Attributes
-    ----------
-    centre_mm : (float, float, float)
-        Centre of projection, vision frame.
-    planes_mm : (float, float)
-        Vision z of the planes between which it was fitted: those of J_near and J_far.
-    lit_share : float
-        Share of the image that light reaches; the rest is not fitted.
-    plain : Projection
-        Without distortion: the best one over the image.
-    distorted : Projection
-        With distortion, whose principal distance is that on the axis.
-    """
-
-    centre_mm: tuple[float, float, float]
-    planes_mm: tuple[float, float]
-    lit_share: float
-    plain: Projection
-    distorted: Projection
+    centre_mm: tuple[float, float, float]  # centre of projection, vision frame
+    planes_mm: tuple[float, float]  # vision z of the planes between which it was fitted: those of J_near and J_far
+    lit_share: float  # share of the image that light reaches; the rest is not fitted
+    plain: Projection  # without distortion: the best one over the image
+    distorted: Projection  # with distortion, whose principal distance is that on the axis
 
 
 def pinhole(camera: Camera) -> Pinhole | None:
@@ -73,19 +59,19 @@ def pinhole(camera: Camera) -> Pinhole | None:
     if len(rays.x_px) <= 2 * len(free):
         return None
     ideal = camera.prescription.ideal
-    found = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
-    bare = found.copy()
+    bent = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
+    bare = bent.copy()
     bare[[*RADIAL, *TANGENTIAL]] = 0.0
     plain = bare if ideal and not ideal.distortion else rays.fitted(bare, (F,) if centred else (F, *POINT))
-    if not (np.isfinite(found).all() and np.isfinite(plain).all() and found[F] > 0):
+    if not (np.isfinite(bent).all() and np.isfinite(plain).all() and bent[F] > 0):
         return None
-    x, y, z = (found[list(CENTRE)] + 0.0).tolist()
+    x, y, z = (bent[list(CENTRE)] + 0.0).tolist()
     return Pinhole(
         centre_mm=(x, y, z),
         planes_mm=(camera.near_mm, camera.far_mm),
         lit_share=lit_share,
         plain=rays.projection(plain),
-        distorted=rays.projection(found),
+        distorted=rays.projection(bent),
     )
 
 

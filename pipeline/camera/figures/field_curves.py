@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_slopes
-from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -32,36 +32,20 @@ over it."""
 
 @dataclass(frozen=True, slots=True)
 class FieldCurves:
-    """Rows from the axis to the farthest corner of the sensor, or to where light ends before it.
+    """Rows from the axis to the farthest corner of the sensor, or to where light ends before it."""
 
-    Attributes
-    ----------
-    height_mm : (n,) float64
-        Distance of the sensor position from the image of the axis.
-    angle_deg : (n,) float64
-        Angle of the real chief ray with the axis, in the scene.
-    relative_illumination : (n,) float64
-        Weight of the bundle over the weight of the bundle at height 0.
-    distortion : (n,) float64
-        Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
-        height is the principal distance times the point's slope from the entrance pupil. 0 on the axis; NaN from 90
-        degrees on, where chief rays meet no plane.
-    object_mm : float
-        Vision z of that plane; inf: the chief ray's direction decides.
-    boresight_px : (float, float) or None
-        Shift of the image of the axis: where the chief ray from the axis of that plane meets the sensor, less where it
-        does in the centred lens, x and y in the image; None for a centred lens.
-    corner_mm : float
-        Distance of that corner from the image of the axis: beyond the last row the image is dark.
-    """
-
-    height_mm: Float64[np.ndarray, "n"]
-    angle_deg: Float64[np.ndarray, "n"]
-    relative_illumination: Float64[np.ndarray, "n"]
+    height_mm: Float64[np.ndarray, "n"]  # distance of the sensor position from the image of the axis
+    angle_deg: Float64[np.ndarray, "n"]  # angle of the real chief ray with the axis, in the scene
+    relative_illumination: Float64[np.ndarray, "n"]  # weight of the bundle over the weight of the bundle at height 0
+    # Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
+    # height is the principal distance times the point's slope from the entrance pupil. 0 on the axis; NaN from 90
+    # degrees on, where chief rays meet no plane.
     distortion: Float64[np.ndarray, "n"]
-    object_mm: float
+    object_mm: float  # vision z of that plane; inf: the chief ray's direction decides
+    # Shift of the image of the axis: where the chief ray from the axis of that plane meets the sensor, less where it
+    # does in the centred lens, x and y in the image; None for a centred lens
     boresight_px: tuple[float, float] | None = None
-    corner_mm: float = 0.0
+    corner_mm: float = 0.0  # distance of that corner from the image of the axis: beyond the last row the image is dark
 
     @property
     def is_dark_in_the_corner(self) -> bool:

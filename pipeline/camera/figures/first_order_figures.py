@@ -1,9 +1,14 @@
-"""First-order figures of a camera as plain values: what camera.json says. Positions are vision z [mm]."""
+"""First-order figures of a camera: as plain values what camera.json says, and as a pinhole what viewers of USD take,
+which know no lenses. Positions are vision z [mm].
+
+No ray is traced for them; `camera.figures.equivalent_pinhole` is fitted to real rays, for numbers.
+"""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
-from pipeline.camera.focusing.depth_of_field import Focus, foci
+from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus
 from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.lattice import extent_mm, lattice
@@ -14,10 +19,10 @@ from pipeline.optics.prescription import Prescription
 
 def report(camera: Camera) -> dict[str, Any]:
     """Figures of a focused camera, as `depth_of_field.focused` makes it, in the order of camera.json."""
-    lens, sensor, found = first_order(camera.prescription), camera.sensor, foci(camera)
+    lens, sensor, focus_of_types = first_order(camera.prescription), camera.sensor, foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
-    depths = [focus.depth_of_field_mm for focus in found]
+    depths = [focus.depth_of_field_mm for focus in focus_of_types]
     front_mm = -camera.prescription.vertices_from_stop_mm[0]  # a narrow stop sees sharply what stands in the lens, too
     figures: dict[str, Any] = {
         "resolution": [sensor.width_px, sensor.height_px],
@@ -37,7 +42,7 @@ def report(camera: Camera) -> dict[str, Any]:
         "near_far_mm": [camera.near_mm, camera.far_mm],
     }
     if camera.microlenses:
-        figures["mla"] = _array(camera, camera.microlenses, lens, found)
+        figures["mla"] = _array(camera, camera.microlenses, lens, focus_of_types)
     return figures
 
 
@@ -97,14 +102,14 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
-    own = lens_report(camera.prescription)
+    figures = lens_report(camera.prescription)
     return {
-        **{name: own[name] for name in ("efl_mm", "bfd_mm", "f_number")},
+        **{name: figures[name] for name in ("efl_mm", "bfd_mm", "f_number")},
         "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
-        **{name: own[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
+        **{name: figures[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
         "magnification": _magnification(lens, in_focus),
         "focus_distance_mm": in_focus,
-        "stop_diameter_mm": own["stop_diameter_mm"],
+        "stop_diameter_mm": figures["stop_diameter_mm"],
         "matched_stop_diameter_mm": matched,
     }
 
@@ -120,7 +125,9 @@ def _pupil(pupil: Pupil) -> dict[str, float]:
     return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
 
 
-def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple[Focus, ...]) -> dict[str, Any]:
+def _array(
+    camera: Camera, array: MicrolensArray, lens: FirstOrder, focus_of_types: tuple[Focus, ...]
+) -> dict[str, Any]:
     behind_mm, ahead_mm = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead_mm
     scale = 1 + behind_mm / to_array
@@ -134,7 +141,9 @@ def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple
             "magnification": _magnification(lens, focus.focus_distance_mm),
             "micro_image_magnification": _through_microlens(behind, lens, focal, ahead - camera.sensor_distance_mm),
         }
-        for focal, focus, (behind, ahead) in zip(array.focal_lengths_mm, found, array.principal_mm, strict=True)
+        for focal, focus, (behind, ahead) in zip(
+            array.focal_lengths_mm, focus_of_types, array.principal_mm, strict=True
+        )
     ]
     width_mm, height_mm = extent_mm(array)
     return {
@@ -153,7 +162,7 @@ def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple
         "aperture": array.aperture,
         "disc_diameter_mm": array.disc_diameter_mm,
         "types": types,
-        "depth_of_field_gaps_mm": gaps_mm([focus.depth_of_field_mm for focus in found]),
+        "depth_of_field_gaps_mm": gaps_mm([focus.depth_of_field_mm for focus in focus_of_types]),
         "micro_image_pitch_px": array.pitch_mm * scale / camera.sensor.pitch_mm,
         "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (behind_mm / array.pitch_mm),
     }
@@ -167,3 +176,34 @@ def _through_microlens(behind_mm: float, lens: FirstOrder, focal: float, array_z
     """
     vergence = 1 - behind_mm / focal
     return -((lens.rear_focus_mm - array_z) * vergence + behind_mm) / lens.efl_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Viewfinder:
+    """A pinhole before a film, both in the entrance pupil's place."""
+
+    principal_mm: float  # distance from the pinhole to the film
+    # Size of the film along x and y of the image; its middle, from the foot of the pinhole, x right and y up as the
+    # viewer looks at the scene
+    size_mm: tuple[float, float]
+    offset_mm: tuple[float, float]
+    focus_mm: float  # vision z of what is in focus, of the middle microlens type; may be inf
+    # Principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is as wide
+    f_number: float
+    nearest_mm: float  # vision z of the first vertex: nothing nearer is ever seen
+
+
+def viewfinder(camera: Camera) -> Viewfinder:
+    """Find the viewfinder of a camera whose focus is solved."""
+    lens, sensor = first_order(camera.prescription), camera.sensor
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
+    focus_mm = middle_focus(camera)
+    return Viewfinder(
+        principal_mm=principal_mm,
+        size_mm=sensor.size_mm,
+        # Offsets say where the axis meets the image, x right and y down: the image's middle lies on the other side.
+        offset_mm=(0.0 - sensor.offset_x_mm, 0.0 + sensor.offset_y_mm),
+        focus_mm=focus_mm if focus_mm > 0 else math.inf,
+        f_number=principal_mm / lens.entrance_pupil.diameter_mm,
+        nearest_mm=-camera.prescription.vertices_from_stop_mm[0],
+    )

@@ -45,17 +45,10 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Fates of points.
+    """Fates of points."""
 
-    Attributes
-    ----------
-    fate : (poses, n) int
-        Fate of each point, a value of `Fate`.
-    blur_px : (poses, n) float64
-        Width of their light on the sensor, behind microlenses that of the sharpest type.
-    """
-
-    fate: Int64[np.ndarray, "poses n"]
+    fate: Int64[np.ndarray, "poses n"]  # fate of each point, a value of `Fate`
+    # Width of their light on the sensor, behind microlenses that of the sharpest type
     blur_px: Float64[np.ndarray, "poses n"]
 
 

@@ -32,21 +32,12 @@ derivatives have neither truncation errors nor cancelled digits."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projection:
-    """A pinhole's image of directions, and how far the rays of the real camera differ from it.
-
-    Attributes
-    ----------
-    principal_distance_px : float
-    principal_point_px : (float, float)
-    distortion : tuple of float
-        k1, k2, p1, p2, k3 as OpenCV orders and defines them.
-    rms_px, max_px : float
-        Lengths of the differences to what it was fitted to.
-    """
+    """A pinhole's image of directions, and how far the rays of the real camera differ from it."""
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
-    distortion: tuple[float, float, float, float, float]
+    distortion: tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 as OpenCV orders and defines them
+    # Lengths of the differences to what it was fitted to
     rms_px: float
     max_px: float
 
@@ -73,8 +64,8 @@ class Sightings:
         """Derivatives of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
         tilted = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
         with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
-            found = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
-        return found.reshape(len(free), self.x_px.size).T
+            derivatives = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
+        return derivatives.reshape(len(free), self.x_px.size).T
 
     def fitted(self, start: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
         """The parameters with those in `free` at least squares: Gauss and Newton."""
@@ -91,15 +82,15 @@ class Sightings:
                 break
         return p
 
-    def with_radial(self, found: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
+    def with_radial(self, p: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
         """Parameters fitted again with those radial coefficients that are worth it."""
         for count in range(1, len(RADIAL) + 1):
-            if self.rms_px(found) < NOTHING_LEFT_PX:
+            if self.rms_px(p) < NOTHING_LEFT_PX:
                 break
-            finer = self.fitted(found, (*free, *RADIAL[:count]))
-            if self.rms_px(finer) < WORTH_IT * self.rms_px(found):
-                found = finer
-        return found
+            finer = self.fitted(p, (*free, *RADIAL[:count]))
+            if self.rms_px(finer) < WORTH_IT * self.rms_px(p):
+                p = finer
+        return p
 
     def rms_px(self, p: Float64[np.ndarray, "11"]) -> float:
         """Root mean square of the lengths of the residuals."""

@@ -9,12 +9,18 @@ import numpy as np
 from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.camera.wave.corner import saddle_of_light, saddle_of_rays
-from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, transfer_of_rays
+from pipeline.camera.wave.spread import (
+    intensity,
+    saddle_of_light,
+    saddle_of_rays,
+    strehl_ratio,
+    transfer,
+    transfer_of_rays,
+)
 from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
 from pipeline.records.shapes import Float64
 
@@ -33,58 +39,35 @@ _SPOT = 1.2
 
 @dataclass(frozen=True, slots=True)
 class PointImage:
-    """The image of one point.
+    """The image of one point."""
 
-    Attributes
-    ----------
-    place : str
-        The place in words.
-    x_px : (2,) float64
-        Image position that the point has by geometry: the mean of its rays.
-    object_mm, wavelength_nm : float
-        Vision z of the point; inf: infinitely far.
-    numerical_aperture : float
-        Sine at the sensor of the circle that has the pupil's area in direction cosines.
-    airy_radius_um : float
-        First dark ring of that circle: 0.61 wavelength / numerical aperture.
-    rms_waves, extent_waves : float
-        Wavefront error without piston and tilt: root mean square, highest less lowest.
-    strehl_ratio : float
-    saddle_shift_px : (2,) float64
-        Saddle of an infinite corner, with edges along x and y, by diffraction less that by geometry.
-    per_mm : (n,) float64
-        Spatial frequencies of the curves.
-    tangential, sagittal, perfect, geometric : (n,) float64
-        Modulation transfer along the radius of the field (lines across it) and across the radius; along the radius
-        also that of the same pupil without errors, and that of the rays. Behind microlenses along x and along y.
-    picture : (m, m) float64
-        Light per area, 1 at the largest; rows and columns as in the image.
-    picture_um : float
-        Its edge.
-    """
-
-    place: str
-    x_px: Float64[np.ndarray, "2"]
+    place: str  # in words
+    x_px: Float64[np.ndarray, "2"]  # image position that the point has by geometry: the mean of its rays
+    # Vision z of the point; inf: infinitely far
     object_mm: float
     wavelength_nm: float
-    numerical_aperture: float
-    airy_radius_um: float
+    numerical_aperture: float  # sine at the sensor of the circle that has the pupil's area in direction cosines
+    airy_radius_um: float  # first dark ring of that circle: 0.61 wavelength / numerical aperture
+    # Wavefront error without piston and tilt: root mean square, highest less lowest
     rms_waves: float
     extent_waves: float
     strehl_ratio: float
+    # Saddle of an infinite corner, with edges along x and y, by diffraction less that by geometry
     saddle_shift_px: Float64[np.ndarray, "2"]
-    per_mm: Float64[np.ndarray, "n"]
+    per_mm: Float64[np.ndarray, "n"]  # spatial frequencies of the curves
+    # Modulation transfer along the radius of the field (lines across it) and across the radius; along the radius also
+    # that of the same pupil without errors, and that of the rays. Behind microlenses along x and along y.
     tangential: Float64[np.ndarray, "n"]
     sagittal: Float64[np.ndarray, "n"]
     perfect: Float64[np.ndarray, "n"]
     geometric: Float64[np.ndarray, "n"]
-    picture: Float64[np.ndarray, "m m"]
-    picture_um: float
+    picture: Float64[np.ndarray, "m m"]  # light per area, 1 at the largest; rows and columns as in the image
+    picture_um: float  # edge of the picture
 
     def at(self, per_mm: float) -> tuple[float, float]:
         """Tangential and sagittal transfer at a frequency, between those of the curves."""
         tangential, sagittal = (
-            np.interp(per_mm, self.per_mm, one, right=0.0) for one in (self.tangential, self.sagittal)
+            np.interp(per_mm, self.per_mm, curve, right=0.0) for curve in (self.tangential, self.sagittal)
         )
         return float(tangential), float(sagittal)
 
@@ -104,20 +87,11 @@ def point_images(
 ) -> list[PointImage]:
     """Images of points in light of one wavelength, whose indices the camera has.
 
-    Parameters
-    ----------
-    at_px : (float, float), optional
-        Image position; by default the middle, 0.7 of the way to the farthest corner and the corner, or the middle
-        microlens of each type.
-    object_mm : float, optional
-        Vision z of the points; by default what is in focus, of the type of the microlens.
-    focused : Camera, optional
-        The camera whose focus that is, where its light is another.
-
-    Raises
-    ------
-    CameraError
-        No light arrives at the position, or blur is far wider than diffraction.
+    `at_px`: image position; by default the middle, 0.7 of the way to the farthest corner and
+        the corner, or the middle microlens of each type.
+    `object_mm`: vision z of the points; by default what is in focus, of the type of the microlens.
+    `focused`: the camera whose focus that is, where its light is another.
+    Raises CameraError: no light arrives at the position, or blur is far wider than diffraction.
     """
     rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
     places = _places(rig) if at_px is None else [_named(rig, at_px)]

@@ -23,20 +23,12 @@ plane can be."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Focus:
-    """Object side of one way through the camera: the sensor alone, or one microlens type.
+    """Object side of one way through the camera: the sensor alone, or one microlens type."""
 
-    Attributes
-    ----------
-    focus_distance_mm : float
-        In-focus object distance from the stop.
-    depth_of_field_mm : (float, float)
-        Objects in between blur to at most the circle of confusion; the far end may be inf.
-    virtual_depth : float or None
-        Distance of the in-focus virtual object from the array over the array's distance from the sensor.
-    """
-
-    focus_distance_mm: float
+    focus_distance_mm: float  # in-focus object distance from the stop
+    # Objects in between blur to at most the circle of confusion; the far end may be inf
     depth_of_field_mm: tuple[float, float]
+    # Distance of the in-focus virtual object from the array over the array's distance from the sensor
     virtual_depth: float | None = None
 
 
@@ -91,8 +83,8 @@ def _object(lens: FirstOrder, image_z: float) -> float:
 
 def middle_focus(camera: Camera) -> float:
     """In-focus object distance of a conventional camera, or of the middle microlens type; may be inf. [mm]"""
-    found = sorted(focus.focus_distance_mm for focus in foci(camera))
-    return found[len(found) // 2]
+    distances = sorted(focus.focus_distance_mm for focus in foci(camera))
+    return distances[len(distances) // 2]
 
 
 def focused(camera: Camera | FocusRequest) -> Camera:
@@ -104,7 +96,7 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
     """
     camera = solved(camera)
-    found, middle = foci(camera), middle_focus(camera)
+    each, middle = foci(camera), middle_focus(camera)
     if not math.isfinite(first_order(camera.prescription).efl_mm):
         raise CameraError("a lens without power focuses nothing")
     if not math.isfinite(middle):
@@ -117,8 +109,8 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     front = -camera.prescription.vertices_from_stop_mm[0]
     if middle <= front:
         raise CameraError(f"the camera is focused at {middle:.3f} mm from the stop, inside the lens")
-    near = min(min(f.depth_of_field_mm[0] for f in found), (1 - _LEAST_SPAN) * middle)
-    far = max(max(f.depth_of_field_mm[1] for f in found), (1 + _LEAST_SPAN) * middle)
+    near = min(min(f.depth_of_field_mm[0] for f in each), (1 - _LEAST_SPAN) * middle)
+    far = max(max(f.depth_of_field_mm[1] for f in each), (1 + _LEAST_SPAN) * middle)
     near, far = max(near, (front + middle) / 2), min(far, _FARTHEST * middle)
     return dataclasses.replace(
         camera,

@@ -2,39 +2,26 @@
 
 Paraxial; positions are vision z [mm]. The sensor moves, with the microlens array a fixed distance before it, and the
 lens stays; or else the sensor stays and groups of the lens move, see `camera.focusing.group_travel`. Where the sensor
-moves, far objects have their images nearest to the lens, so the last vertex bounds what can be reached.
+moves, far objects have their images nearest to the lens, so the last vertex bounds what can be reached. The stop is set
+to an F-number, or to match the microlenses.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 from pipeline.camera.focusing.group_travel import moved, shift_mm
-from pipeline.camera.focusing.stop import widest_stop_mm, with_stop
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.errors import PipelineError
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusRequest:
-    """A camera before it is focused; fields that it shares with `Camera` mean the same.
-
-    Attributes
-    ----------
-    sensor_distance_mm : float or None
-        Distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
-    focus_distance_mm : float or None
-        Object distance from the stop that shall be in focus; may be inf.
-    focus_type : int or None
-        Microlens type that this holds for; None: the one of middle focal length.
-    focus_groups : tuple of str
-        Groups of the lens that move together to meet the focus distance; empty: sensor and array do.
-    match_stop : bool
-        Whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as wide as
-        the MLA pitch.
-    """
+    """A camera before it is focused; fields that it shares with `Camera` mean the same."""
 
     prescription: Prescription
     sensor: Sensor
@@ -43,10 +30,14 @@ class FocusRequest:
     near_mm: float | None = None
     far_mm: float | None = None
     weight: str = "irradiance"
+    # Distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
     sensor_distance_mm: float | None = None
-    focus_distance_mm: float | None = None
-    focus_type: int | None = None
+    focus_distance_mm: float | None = None  # object distance from the stop that shall be in focus; may be inf
+    focus_type: int | None = None  # microlens type that this holds for; None: the one of middle focal length
+    # Groups of the lens that move together to meet the focus distance; empty: sensor and array do
     focus_groups: tuple[str, ...] = ()
+    # Whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as wide as the
+    # MLA pitch
     match_stop: bool = False
 
     @property
@@ -62,10 +53,7 @@ class FocusRequest:
 def solved(camera: Camera | FocusRequest) -> Camera:
     """The camera that does what is asked; a `Camera` asks for nothing.
 
-    Raises
-    ------
-    CameraError
-        It cannot be done; the hint says what can.
+    Raises CameraError: it cannot be done; the hint says what can.
     """
     if isinstance(camera, Camera):
         return camera
@@ -171,10 +159,7 @@ def matched_stop_mm(lens: FirstOrder, array: MicrolensArray, sensor_distance_mm:
 def with_matched_stop(camera: Camera) -> Camera:
     """The camera with its stop matched to its microlenses.
 
-    Raises
-    ------
-    CameraError
-        There are no microlenses, or the edge of another surface would limit the light on the axis.
+    Raises CameraError: there are no microlenses, or the edge of another surface would limit the light on the axis.
     """
     array, prescription = camera.microlenses, camera.prescription
     if array is None:
@@ -190,3 +175,51 @@ def with_matched_stop(camera: Camera) -> Camera:
         )
         raise CameraError(f"{what} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
     return with_stop(camera, diameter)
+
+
+def stopped_down(camera: Camera, f_number: float) -> Camera:
+    """The camera with its stop set to an F-number of its lens, focus unchanged.
+
+    The F-number is that of camera.json, for objects at infinity: focal length over the diameter of the entrance pupil.
+    What the microlenses see is the working F-number at their plane.
+
+    Raises CameraError: the lens does not open so far: the edge of another surface would limit the light on the axis.
+    """
+    lens = first_order(camera.prescription)
+    diameter = lens.f_number / f_number * 2 * camera.prescription.stop.semi_diameter_mm
+    ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
+    widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
+    if diameter > widest:
+        what = f"F/{f_number:g} needs a stop of {diameter:.4g} mm, wider than the lens lets through"
+        raise CameraError(what, hint=f"the lens opens to F/{math.ceil(f_number * diameter / widest * 1e3) / 1e3:g}")
+    try:
+        return with_stop(camera, diameter)
+    except PipelineError as error:
+        raise CameraError(f"F/{f_number:g} needs a stop of {diameter:.4g} mm: {error.what}") from None
+
+
+def with_stop(camera: Camera, diameter_mm: float) -> Camera:
+    """The camera with another diameter of the circle around its stop."""
+    prescription = camera.prescription
+    surfaces = list(prescription.surfaces)
+    surfaces[prescription.stop_index] = dataclasses.replace(prescription.stop, semi_diameter_mm=diameter_mm / 2)
+    return dataclasses.replace(camera, prescription=dataclasses.replace(prescription, surfaces=tuple(surfaces)))
+
+
+def widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
+    """Diameter at the stop of the paraxial cone from the axis of the film that all other surfaces let through."""
+    surfaces, heights = prescription.surfaces, [0.0] * len(prescription.surfaces)
+    height, slope = film_mm - prescription.vertices_from_stop_mm[-1], 1.0  # slope: times the index
+    for i in reversed(range(len(surfaces))):
+        heights[i] = height
+        in_front = surfaces[i - 1].index if i else 1.0
+        slope -= height * surfaces[i].power_per_mm(in_front)
+        height += slope * surfaces[i - 1].thickness_mm / in_front if i else 0.0
+    at_stop = abs(heights[prescription.stop_index])
+    others = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]
+    return 2 * min((s.semi_diameter_mm * at_stop / y for s, y in others), default=math.inf)
+
+
+def shown_f_number(f_number: float) -> str:
+    """An F-number in the name of a file: f8, f2.8."""
+    return f"f{f_number!r}".removesuffix(".0")

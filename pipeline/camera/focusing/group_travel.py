@@ -27,10 +27,7 @@ _BISECTIONS = 100
 def moved(prescription: Prescription, names: tuple[str, ...], shift_mm: float) -> Prescription:
     """The lens with groups shifted along the axis.
 
-    Raises
-    ------
-    CameraError
-        There is no such group, it holds the stop, or it ends within an element.
+    Raises CameraError: there is no such group, it holds the stop, or it ends within an element.
     """
     surfaces = list(prescription.surfaces)
     for last, sign in _gaps(prescription, names):
@@ -55,10 +52,7 @@ def shift_mm(
 ) -> float:
     """The shift, the smallest one there is, with which the object at vision z has its image `image_mm` behind the stop.
 
-    Raises
-    ------
-    CameraError
-        There is none; the hint says what distances are within reach.
+    Raises CameraError: there is none; the hint says what distances are within reach.
     """
     low, high = travel_mm(prescription, names, film_mm)
 
@@ -70,9 +64,9 @@ def shift_mm(
     brackets = [
         (a, b) for (a, fa), (b, fb) in pairwise(zip(shifts, misses, strict=True)) if fa == 0 or (fa < 0) != (fb < 0)
     ]
-    found = [_bisected(miss, a, b) for a, b in brackets]
-    if found:
-        return min(found, key=abs)
+    solutions = [_bisected(miss, a, b) for a, b in brackets]
+    if solutions:
+        return min(solutions, key=abs)
     place = f"{object_mm:g} mm from the stop" if math.isfinite(object_mm) else "infinity"
     moving = f'"{", ".join(names)}"'
     what = f"no position of {moving} between {low:.4g} and {high:.4g} mm from where it stands brings {place} into focus"

@@ -33,20 +33,12 @@ def with_ideal_lens(
     A thin lens has the real entrance pupil's diameter, and so its F-number. The sensor moves with its array to where
     the object plane that the real lens images onto sensor or array is in focus again.
 
-    Parameters
-    ----------
-    camera : Camera or FocusRequest
-    model : {"prescription", "pinhole", "thinLens"}
-    distortion : tuple of float
-        k1, k2, p1, p2, k3 of OpenCV in the plane of the sensor, or of the microlenses; empty: none. A camera with
-        distortion is focused at once, because its image must stand somewhere.
-
-    Raises
-    ------
-    CameraError
-        The lens has no positive focal length, nothing before it is in focus, or its distortion folds the image.
-    PrescriptionError
-        The lens is afocal.
+    `camera`: Camera or FocusRequest.
+    `distortion`: k1, k2, p1, p2, k3 of OpenCV in the plane of the sensor, or of the microlenses; empty: none. A camera
+        with distortion is focused at once, because its image must stand somewhere.
+    Raises CameraError: the lens has no positive focal length, nothing before it is in focus, or its distortion folds
+        the image.
+    Raises PrescriptionError: the lens is afocal.
     """
     if model == PRESCRIPTION:
         return camera

@@ -24,27 +24,14 @@ _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018)."""
 
 
-class Rays(NamedTuple):
-    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth.
+class Spans(NamedTuple):
+    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth."""
 
-    Attributes
-    ----------
-    centres : (n, 2) float64
-        Inner points [mm].
-    owner : (m,) int64
-        Sensor position of each, ascending.
-    along : (m, 2) float64
-        Unit vector of its direction.
-    share : (m,) float64
-        Angle that it stands for [rad].
-    start, length : (m, pieces) float64
-        Of its pieces [mm].
-    """
-
-    centres: np.ndarray
-    owner: np.ndarray
-    along: np.ndarray
-    share: np.ndarray
+    centres: np.ndarray  # (n, 2) float64, inner points [mm]
+    owner: np.ndarray  # (m,) int64, sensor position of each, ascending
+    along: np.ndarray  # (m, 2) float64, unit vector of its direction
+    share: np.ndarray  # (m,) float64, angle that it stands for [rad]
+    # (m, pieces) float64, of its pieces [mm]
     start: np.ndarray
     length: np.ndarray
 
@@ -57,39 +44,19 @@ class Rule(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of quadratures over bundles.
+    """Nodes of quadratures over bundles."""
 
-    Attributes
-    ----------
-    owner : (m,) int64
-        Sensor position of each, ascending.
-    points : (m, 2) float64
-        Points of the sampling plane [mm].
-    measure : (m,) float64
-        Area that each node stands for [mm^2].
-    """
-
-    owner: np.ndarray
-    points: np.ndarray
-    measure: np.ndarray
+    owner: np.ndarray  # (m,) int64, sensor position of each, ascending
+    points: np.ndarray  # (m, 2) float64, points of the sampling plane [mm]
+    measure: np.ndarray  # (m,) float64, area that each node stands for [mm^2]
 
 
 class SingleHits(NamedTuple):
-    """Hits of single rays on planes.
+    """Hits of single rays on planes."""
 
-    Attributes
-    ----------
-    on_plane : (m, 2) float64
-        Coordinates on the plane [mm].
-    density : (m,) float64
-        Weight per area of the sampling plane.
-    passes : (m,) bool
-        Whether the ray leaves the camera.
-    """
-
-    on_plane: np.ndarray
-    density: np.ndarray
-    passes: np.ndarray
+    on_plane: np.ndarray  # (m, 2) float64, coordinates on the plane [mm]
+    density: np.ndarray  # (m,) float64, weight per area of the sampling plane
+    passes: np.ndarray  # (m,) bool, whether the ray leaves the camera
 
 
 def empty_hits(count: int) -> SingleHits:
@@ -101,12 +68,9 @@ def empty_hits(count: int) -> SingleHits:
 def bounds(camera, positions, microlens, polygons, counts, free):
     """Polygons that enclose what passes, and the weight of all rays through each position's own microlens.
 
-    Parameters
-    ----------
-    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
-        Written, counter-clockwise; 0 vertices where nothing passes.
-    free : (n,) float64
-        Written; 0 without a microlens [sr].
+    `polygons`, `counts`: (n, MAX_VERTICES, 2) float64, (n,) int64, written, counter-clockwise; 0 vertices where nothing
+        passes.
+    `free`: (n,) float64, written; 0 without a microlens [sr].
     """
     region = new_region()
     polygon = region.polygon
@@ -117,10 +81,10 @@ def bounds(camera, positions, microlens, polygons, counts, free):
         x, y = positions[n]
         if microlens[n] >= 0:
             free[n] = free_weight(camera, microlens[n], x, y, polygon)
-        found = bound(camera, microlens[n], x, y, 0.0, region)
-        if found.area > 0.0:
-            counts[n] = found.vertices
-            for i in range(found.vertices):
+        region_fan = bound(camera, microlens[n], x, y, 0.0, region)
+        if region_fan.area > 0.0:
+            counts[n] = region_fan.vertices
+            for i in range(region_fan.vertices):
                 polygons[n, i, 0], polygons[n, i, 1] = polygon[i, 0], polygon[i, 1]
 
 
@@ -139,26 +103,20 @@ def spread(polygons, counts, points):
 def probe(camera, positions, microlens, owner, points, is_named, label):
     """Trace one ray through each point and say whether it passes, or what blocks it.
 
-    Parameters
-    ----------
-    owner : (m,) int64
-        Sensor position that a ray starts from, ascending.
-    points : (m, 2) float64
-        Points of the sampling plane.
-    is_named : bool
-        Whether labels name what blocks a ray, see `label_packet`, which costs more; else all of these are 0.
-    label : (m,) int64
-        Written.
+    `owner`: (m,) int64, sensor position that a ray starts from, ascending.
+    `points`: (m, 2) float64, points of the sampling plane.
+    `is_named`: whether labels name what blocks a ray, see `label_packet`, which costs more; else all of these are 0.
+    `label`: (m,) int64, written.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     here = np.empty(PACKET, np.int64)
-    found = Labels(here, np.empty(PACKET))
+    labels = Labels(here, np.empty(PACKET))
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start, packet)
         if is_named:
-            label_packet(camera, microlens, owner[part], points[part], start, size, packet, found)
+            label_packet(camera, microlens, owner[part], points[part], start, size, packet, labels)
         else:
             send_mixed(camera, microlens, owner[part], start, size, packet)
         for i in range(size):
@@ -172,16 +130,10 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
 
     Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
 
-    Parameters
-    ----------
-    planes : (n, 2, 4, 3) float64
-    rays : Rays
-    rule : Rule
-        Along each piece of a way.
-    moments : (n, COLUMNS) float64
-        Written where a position has nodes, but for the free weight.
-    whole : (n,) bool
-        Written: every node passes.
+    `planes`: (n, 2, 4, 3) float64.
+    `rule`: along each piece of a way.
+    `moments`: (n, COLUMNS) float64, written where a position has nodes, but for the free weight.
+    `whole`: (n,) bool, written: every node passes.
     """
     most = rays.start.size * rule.node.shape[0]
     owner, points, measure = np.empty(most, np.int64), np.empty((most, 2)), np.empty(most)
@@ -243,13 +195,9 @@ def _lay(rays, rule, nodes):
 def hits(camera, planes, positions, microlens, owner, points, hit):
     """Trace the ray through each point to the plane of its position.
 
-    Parameters
-    ----------
-    planes : (n, 4, 3) float64
-    owner, points : (m,) int64, (m, 2) float64
-        As in `probe`.
-    hit : SingleHits
-        Written.
+    `planes`: (n, 4, 3) float64.
+    `owner`, `points`: (m,) int64, (m, 2) float64, as in `probe`.
+    `hit`: written.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     x, y, z, dx, dy, dz, alive, _, weight = packet

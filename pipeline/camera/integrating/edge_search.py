@@ -27,24 +27,12 @@ _KNOWN = 64
 
 
 class Spokes(NamedTuple):
-    """Ways from inner points of bundles.
+    """Ways from inner points of bundles."""
 
-    Attributes
-    ----------
-    owner : (m,) int64
-        The bundle of each, ascending.
-    angle : (m,) float64
-        Direction [rad].
-    limit : (m,) float64
-        Distance of the bound of what passes, from `reach` [mm].
-    along : (2, m) float64
-        Cosine and sine of the angle, from `reach`.
-    """
-
-    owner: np.ndarray
-    angle: np.ndarray
-    limit: np.ndarray
-    along: np.ndarray
+    owner: np.ndarray  # (m,) int64, the bundle of each, ascending
+    angle: np.ndarray  # (m,) float64, direction [rad]
+    limit: np.ndarray  # (m,) float64, distance of the bound of what passes, from `reach` [mm]
+    along: np.ndarray  # (2, m) float64, cosine and sine of the angle, from `reach`
 
 
 @kernel
@@ -88,17 +76,11 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
 
     Packets are filled with as many directions as fit; a new one takes the place of one that is found.
 
-    Parameters
-    ----------
-    camera, positions, microlens
-        As in `probes.probe`.
-    centres : (n, 2) float64
-        Inner points.
-    spokes : Spokes
-    steps : int
-        The radius errs by less than 2^-(steps + 1) of the way to the bound.
-    radius, label : (m,) float64, (m,) int64
-        Written: where light ends, and what ends it; the bound itself, and no label, where a ray passes there.
+    `camera`, `positions`, `microlens`: as in `probes.probe`.
+    `centres`: (n, 2) float64, inner points.
+    `steps`: the radius errs by less than 2^-(steps + 1) of the way to the bound.
+    `radius`, `label`: (m,) float64, (m,) int64, written: where light ends, and what ends it; the bound itself, and no
+        label, where a ray passes there.
     """
     owner, _, limit, towards = spokes
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
@@ -106,7 +88,7 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     way, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
     blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
     labels = Labels(blocker, clearance)
-    along, found = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
+    along, blockers = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
     size, following, rays, narrow = 0, 0, 0, 0.5 ** (steps + 1)
     while True:
         while size < PACKET and following < owner.shape[0]:
@@ -131,13 +113,13 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
             if is_done:
                 radius[way[i]] = limit[way[i]]
             else:
-                found[i] = found[i] if passes else blocker[i]
+                blockers[i] = blockers[i] if passes else blocker[i]
                 is_done = _narrowed(search[:, i], passes, clearance[i], narrow)
                 if is_done:
-                    radius[way[i]], label[way[i]] = limit[way[i]] * search[HERE, i], found[i]
+                    radius[way[i]], label[way[i]] = limit[way[i]] * search[HERE, i], blockers[i]
             if is_done:
                 size -= 1
-                way[i], found[i] = way[size], found[size]
+                way[i], blockers[i] = way[size], blockers[size]
                 along[0, i], along[1, i] = along[0, size], along[1, size]
                 for k in range(search.shape[0]):
                     search[k, i] = search[k, size]

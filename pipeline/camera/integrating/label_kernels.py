@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.tracing.microlens_kernels import DISC, KIND, MODEL, PLAIN, X, Y, towards_microlens
+from pipeline.camera.tracing.microlens_kernels import KIND, PLAIN, X, Y, towards_microlens
 from pipeline.camera.tracing.packets import aim_mixed
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.jit.decorators import inline, unit
@@ -38,7 +38,7 @@ def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     The clearance is positive inside of all apertures and negative beyond that which blocks, in shares of them; its sign
     is wrong where something else blocks.
     """
-    lenses, table, detail, label = camera.lenses, camera.table, camera.mosaic.detail, labels.label
+    microlenses, table, label = camera.microlenses, camera.table, labels.label
     alive, rows = packet.alive, table.shape[0]
     aim_mixed(camera, microlens, owner, start, size, packet)
     for i in range(size):
@@ -47,13 +47,13 @@ def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     label_surfaces(table, 0, PASSES, packet, size, labels)
     if microlens[owner[0]] < 0:
         return
-    if detail[MODEL] != PLAIN:
+    if camera.elements.model != PLAIN:
         _label_faces(camera, microlens, owner, points, start, size, packet, label)
-    elif not detail[DISC] > 0.0:
+    elif not camera.elements.disc_mm > 0.0:
         for i in range(size):
             if label[i] == rows:
                 n = microlens[owner[i]]
-                side = _side_of(camera.aperture, points[i, 0] - lenses[n, X], points[i, 1] - lenses[n, Y])
+                side = _side_of(camera.aperture, points[i, 0] - microlenses[n, X], points[i, 1] - microlenses[n, Y])
                 label[i] += _STRAIGHT * (1 + side)
 
 
@@ -64,14 +64,14 @@ def _label_faces(camera, microlens, owner, points, start, size, packet, label):
     first = 0
     while first < size:
         end, n = first + 1, microlens[owner[first]]
-        while end < size and owner[end] == owner[first]:
+        while end < size and microlens[owner[end]] == n:
             end += 1
         here = slice(first, end)
         for i in range(first, end):
             x[i], y[i] = points[i, 0], points[i, 1]
         part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
         towards_microlens(camera, n, SensorPoints(start.x[here], start.y[here]), end - first, part)
-        faces, rows = camera.mosaic.faces[int(camera.lenses[n, KIND])], camera.table.shape[0]
+        faces, rows = camera.elements.faces[int(camera.microlenses[n, KIND])], camera.table.shape[0]
         labels = Labels(label[here], weight[here])  # a clearance nobody wants
         label_surfaces(faces, rows + 1, rows, part, end - first, labels)
         first = end
@@ -104,14 +104,14 @@ def label_surfaces(table, base, unknown, packet, size, labels):
 @inline
 def _side_of(polygon, x, y):
     """Number of the side of a polygon about the origin that a point lies farthest towards."""
-    worst, found = -np.inf, 0
+    worst, side = -np.inf, 0
     for i in range(polygon.shape[0]):
         j = i + 1 if i + 1 < polygon.shape[0] else 0
         ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
         reach = (ey * x - ex * y) / (ey * polygon[i, 0] - ex * polygon[i, 1])
         if reach > worst:
-            worst, found = reach, i
-    return found
+            worst, side = reach, i
+    return side
 
 
 @inline
@@ -119,11 +119,11 @@ def _straight_edge(row, x, y):
     """Number, from 1, of the straight edge of an aperture that a point lies farthest beyond, 0: of none; and how far
     inside of the nearest edge the point lies, in semi-diameters.
     """
-    worst, found, nearest = 0.0, 0, -math.inf
+    worst, edge, nearest = 0.0, 0, -math.inf
     for j in range(int(row[EDGES])):
         first = int(row[FIRST_EDGE]) + 3 * j
         beyond = row[first] * x + row[first + 1] * y - row[first + 2]
         nearest = max(nearest, beyond)
         if beyond > worst:
-            worst, found = beyond, j + 1
-    return found, -nearest / math.sqrt(row[SEMI_DIAMETER_SQUARED])
+            worst, edge = beyond, j + 1
+    return edge, -nearest / math.sqrt(row[SEMI_DIAMETER_SQUARED])

@@ -5,26 +5,28 @@ Gauss and Legendre along the radius times nodes over the angle: evenly spaced on
 (then their error falls faster than any power of their number), else those of Gauss and Legendre on each arc between two
 corners. A corner is where the aperture that blocks changes. All of it needs a region that is star-shaped about the
 point; one that is not is reported, not integrated.
+
+A ring has no point from which all of it is seen. But it is what would pass without the obstruction, less what would
+meet it, and both are star-shaped: so each is integrated by itself, about a point of its own.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.edge_kernels import Rays, Rule
-from pipeline.camera.integrating.flux import PROBES, holds_all
+from pipeline.camera.integrating.edge_kernels import Rule, Spans
 from pipeline.camera.integrating.label_kernels import PASSES
-from pipeline.camera.integrating.ways import Ways
-from pipeline.camera.parts.gauss import unit_nodes
+from pipeline.camera.integrating.ways import PROBES, Ways, holds_all
 from pipeline.camera.parts.polygon import MAX_VERTICES
-from pipeline.camera.tracing.acceptance import HALF_ANGLE
-from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
-from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
+from pipeline.camera.tracing.microlens_kernels import AIM
+from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT, mixed
 from pipeline.camera.tracing.records import CameraArrays
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
+from pipeline.optics.table import without_obstructions
 from pipeline.records.shapes import Float64, Int64
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
@@ -41,23 +43,18 @@ _ROWS_AT_ONCE = 256
 _LEAST_PER_ARC = 4
 """Nodes on the shortest arc of a result: exact up to the seventh degree. Finer levels have more, and the coarser one
 that a result is compared with fewer: what all levels integrate alike, their differences do not show."""
+_LEAST = 1e-6
+"""Share of the light that obstructions leave below which a bundle is empty [1]: edges are known to 3e-8."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Work that an integral may cost.
+    """Work that an integral may cost."""
 
-    Attributes
-    ----------
-    corner_steps, corner_edge_steps : int
-        Bisections of the direction of a corner, and of the edge for each of them.
-    edge_steps : int
-        Bisections of the edge in the direction of a node.
-    """
-
+    # Bisections of the direction of a corner, and of the edge for each of them
     corner_steps: int
     corner_edge_steps: int
-    edge_steps: int
+    edge_steps: int  # bisections of the edge in the direction of a node
 
 
 FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
@@ -69,19 +66,10 @@ over the whole bound, too: a step that sees one piece of two goes far astray."""
 
 @dataclass(frozen=True, slots=True)
 class Edges(Ways):
-    """Regions that rays pass, and the means to integrate over them.
-
-    Attributes
-    ----------
-    corners : boundary.Corners
-        Corners of the edges.
-    rays : int
-        Traced so far.
-    effort : Effort
-    """
+    """Regions that rays pass, and the means to integrate over them."""
 
     corners: boundary.Corners
-    rays: int
+    rays: int  # traced so far
     effort: Effort
 
     def moments(
@@ -89,22 +77,11 @@ class Edges(Ways):
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Moments of all bundles on two planes of each.
 
-        Parameters
-        ----------
-        planes : (n, 2, 4, 3) float64
-        nodes : (int, int)
-            Along the radius, and over the full circle.
-        is_last : bool
-            Whether it is a result, and no finer level follows: rays over the whole bound are held against that.
-
-        Returns
-        -------
-        (n, COLUMNS) float64
-            As `Tracer.moments`; the standard errors are 0.
-        (n,) int64
-            EMPTY, INTEGRATED or NOT_STAR_SHAPED.
-        int
-            Rays traced.
+        `nodes`: (int, int), along the radius, and over the full circle.
+        `is_last`: whether it is a result, and no finer level follows: rays over the whole bound are held against that.
+        Returns (n, COLUMNS) float64: as `Tracer.moments`; the standard errors are 0.
+        Returns (n,) int64: EMPTY, INTEGRATED or NOT_STAR_SHAPED.
+        Returns int: rays traced.
         """
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
@@ -113,8 +90,8 @@ class Edges(Ways):
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            ways = Rays(self.centres, owner, along, share, *self._pieces(owner, along, radius))
-            whole, rule = np.zeros(n, bool), Rule(*unit_nodes(nodes[0]))
+            ways = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
+            whole, rule = np.zeros(n, bool), Rule(*boundary.unit_nodes(nodes[0]))
             given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
             count = edge_kernels.integrate(*given, ways, rule, result, whole)
             edge_kernels.integrate.count(count, len(self.arrays.table))
@@ -134,12 +111,12 @@ class Edges(Ways):
 
         The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
         """
-        optics, lenses, half_angle = self.arrays.optics, self.arrays.lenses, self.arrays.mosaic.detail[HALF_ANGLE]
+        optics, microlenses, half_angle = self.arrays.optics, self.arrays.microlenses, self.arrays.acceptance.half_angle
         if not half_angle > 0.0:
             return np.zeros((len(owner), 1)), radius[:, None]
         height: float | np.ndarray = optics.sampling_z_mm - optics.sensor_z_mm
-        if lenses.shape[1] != PLAIN_COLUMNS:
-            height = lenses[self.microlens[owner], AIM]
+        if len(microlenses):
+            height = microlenses[self.microlens[owner], AIM]
         away = self.centres[owner] - self.positions[owner]
         towards = -np.sum(away * along, axis=1)
         squared = (height * np.tan(half_angle)) ** 2 - np.sum(away**2, axis=1) + towards**2
@@ -158,14 +135,14 @@ def edges(
 ) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,), of
     regions that lie within others, if given, all over those."""
-    found = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
-    owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    bundles = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
+    owner, angle = bundles.spokes(_FIRST_DIRECTIONS)
     # Behind a lens alone a rim begins to cut towards the axis or away from it: an arc is seen there however short.
-    turn = np.where(found.microlens == NO_MICROLENS, np.arctan2(*found.positions.T[::-1]), 0.0)
+    turn = np.where(bundles.microlens == NO_MICROLENS, np.arctan2(*bundles.positions.T[::-1]), 0.0)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = found.find(owner, angle + turn[owner], effort.corner_edge_steps)
-    corners, again = _corners(found, label, turn)
-    return replace(found, corners=corners, rays=found.rays + fine + again)
+    _, label, _, fine = bundles.find(owner, angle + turn[owner], effort.corner_edge_steps)
+    corners, again = _corners(bundles, label, turn)
+    return replace(bundles, corners=corners, rays=bundles.rays + fine + again)
 
 
 def inner_points(
@@ -175,11 +152,11 @@ def inner_points(
     within: Ways | None = None,
 ) -> Edges:
     """The same without corners."""
-    found = bounded(arrays, positions_mm, microlens)
-    rays = _settle_centres(found, within)
-    owner, angle = found.spokes(_FIRST_DIRECTIONS)
-    radius, _, _, more = found.find(owner, angle, _FIRST_STEPS)
-    return replace(found, rays=rays + more + _move_to_middle(found, owner, radius))
+    bundles = bounded(arrays, positions_mm, microlens)
+    rays = _settle_centres(bundles, within)
+    owner, angle = bundles.spokes(_FIRST_DIRECTIONS)
+    radius, _, _, more = bundles.find(owner, angle, _FIRST_STEPS)
+    return replace(bundles, rays=rays + more + _move_to_middle(bundles, owner, radius))
 
 
 def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]) -> Edges:
@@ -192,27 +169,27 @@ def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], micr
     return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), none, 0, FINE)
 
 
-def _settle_centres(found: Edges, within: Ways | None) -> int:
+def _settle_centres(bundles: Edges, within: Ways | None) -> int:
     """Write an inner point of every region: the middle of its polygon where that is lit, else one of a search."""
-    candidates = np.flatnonzero(found.counts >= 3)
-    inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
-    middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
-    passed = found.probe(candidates, middle) == PASSES
-    found.centres[candidates[passed]] = middle[passed]
-    rays = len(candidates) + _try(found, candidates[~passed], lambda rows: found.spread(rows, _INNER_PROBES))
+    candidates = np.flatnonzero(bundles.counts >= 3)
+    inside = np.arange(MAX_VERTICES) < bundles.counts[candidates, None]
+    middle = (bundles.polygons[candidates] * inside[..., None]).sum(axis=1) / bundles.counts[candidates, None]
+    passed = bundles.probe(candidates, middle) == PASSES
+    bundles.centres[candidates[passed]] = middle[passed]
+    rays = len(candidates) + _try(bundles, candidates[~passed], lambda rows: bundles.spread(rows, _INNER_PROBES))
     if within is not None:
-        rays += _try(found, candidates[np.isnan(found.centres[candidates, 0])], within.all_over)
+        rays += _try(bundles, candidates[np.isnan(bundles.centres[candidates, 0])], within.all_over)
     return rays
 
 
-def _try(found: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
+def _try(bundles: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
     """Write an inner point of some regions: the middle one of those points (rows, m, 2) that are lit."""
     rays = 0
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         some = rows[first : first + _ROWS_AT_ONCE]
         points = points_of(some)
-        label = found.probe(np.repeat(some, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
-        found.centres[some], rays = boundary.inner_points(points, label == PASSES), rays + label.size
+        label = bundles.probe(np.repeat(some, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
+        bundles.centres[some], rays = boundary.inner_points(points, label == PASSES), rays + label.size
     return rays
 
 
@@ -222,28 +199,68 @@ def _along(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
 
 
-def _move_to_middle(found: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
+def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
     """Move inner points to the centroids of their regions, which the first directions enclose, where those pass."""
-    n = len(found.positions)
+    n = len(bundles.positions)
     area = np.bincount(owner, 1.5 * radius**2, n)
     lever = radius**3
     moved = np.stack([np.bincount(owner, lever * along, n) for along in _along(len(owner))], axis=1)
     some = np.flatnonzero(area > 0)
-    middle = found.centres[some] + moved[some] / area[some, None]
-    passed = found.probe(some, middle) == PASSES
-    found.centres[some[passed]] = middle[passed]
+    middle = bundles.centres[some] + moved[some] / area[some, None]
+    passed = bundles.probe(some, middle) == PASSES
+    bundles.centres[some[passed]] = middle[passed]
     return len(some)
 
 
-def _corners(found: Edges, label: np.ndarray, turn: np.ndarray) -> tuple[boundary.Corners, int]:
+def _corners(bundles: Edges, label: np.ndarray, turn: np.ndarray) -> tuple[boundary.Corners, int]:
     """Corners of all edges from their labels in the first directions, turned by (n,), and the number of rays."""
     rays = 0
 
     def label_at(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
         nonlocal rays
-        _, label, _, more = found.find(owner, angle, found.effort.corner_edge_steps)
+        _, label, _, more = bundles.find(owner, angle, bundles.effort.corner_edge_steps)
         rays += more
         return label
 
     each = label.reshape(-1, _FIRST_DIRECTIONS)
-    return boundary.corners(label_at, found.lit, each, found.effort.corner_steps, turn[found.lit]), rays
+    return boundary.corners(label_at, bundles.lit, each, bundles.effort.corner_steps, turn[bundles.lit]), rays
+
+
+class Regions(NamedTuple):
+    """Regions with signs: what passes without obstructions, first, and what would meet them."""
+
+    parts: list[tuple[float, Edges]]
+
+    @property
+    def rays(self) -> int:
+        """Traced so far."""
+        return sum(part.rays for _, part in self.parts)
+
+    def moments(
+        self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Moments of all bundles, as of `Edges.moments`."""
+        each = [part.moments(planes, nodes, is_last) for _, part in self.parts]
+        if len(each) == 1:
+            return each[0]
+        moments, outcomes = (np.stack(values, axis=1) for values in list(zip(*each, strict=True))[:2])
+        result, outcome = mixed(moments, np.array([sign for sign, _ in self.parts])), outcomes[:, 0].copy()
+        result[:, FREE_WEIGHT] = moments[:, 0, FREE_WEIGHT]
+        outcome[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
+        outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
+        result[outcome == EMPTY, :WEIGHT], result[outcome == EMPTY, WEIGHT] = np.nan, 0.0
+        return result, outcome, sum(rays for *_, rays in each)
+
+
+def regions(
+    arrays: CameraArrays,
+    positions_mm: Float64[np.ndarray, "n 2"],
+    microlens: Int64[np.ndarray, "n"],
+    effort: Effort = FINE,
+) -> Regions:
+    """Find the regions of sensor positions (n, 2) behind their microlenses (n,)."""
+    (sign, table), *others = without_obstructions(arrays.table)
+    whole = edges(arrays._replace(table=table), positions_mm, microlens, effort)
+    lit = np.where(np.isnan(whole.centres[:, 0]), SKIP, microlens)
+    taken = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, whole)) for s, part in others]
+    return Regions([(sign, whole), *taken])

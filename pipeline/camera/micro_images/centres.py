@@ -1,19 +1,25 @@
 """Micro-images: where the image behind each microlens lies on the sensor, and which pixels belong to it."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from pipeline.camera.micro_images.nearby import Nearby, nearby_of
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing import microlens_kernels
-from pipeline.camera.tracing.microlens_tables import is_plain
+from pipeline.camera.tracing import microlens_kernels as column
+from pipeline.camera.tracing.microlens_kernels import aims_for, rays_before
+from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.first_order import exit_pupil
 from pipeline.records.shapes import Float64, Int64
 
+NOBODY = -1
+"""Row of no point."""
+_TIES = 8
+"""Further points that are looked at for one at the same distance with a lower row: a lattice has six neighbours."""
 _STEPS = 12
 """Steps to a chief ray at most: each leaves a small part of the miss, and a microlens that needs more is an error."""
 _TOLERANCE = 1e-12
@@ -22,26 +28,51 @@ _ROUNDING_MM = 1e-9
 """Room beyond the reach of a micro-image [mm], so that roundings leave no light out."""
 
 
+@dataclass(frozen=True)
+class Nearby:
+    """Points (n, 2), n > 0."""
+
+    points: Float64[np.ndarray, "n 2"]
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import KDTree
+
+        return KDTree(self.points)
+
+    def nearest(self, positions: Float64[np.ndarray, "n 2"], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """Distances and rows of the `count` points nearest to each position, nearest first, (m, count) each.
+
+        Of points at one distance the one of the lower row comes first. Infinite and NOBODY where there are no more.
+        """
+        known = np.isfinite(positions).all(axis=1)
+        rows = self._tree.query(np.where(known[:, None], positions, 0.0), np.arange(1, count + _TIES + 1))[1]
+        rows[~known] = len(self.points)
+        # The tree's own distances might be rounded otherwise on another processor.
+        offset = np.append(self.points, [[np.inf, np.inf]], axis=0)[rows] - positions[:, None]
+        distance = np.where(rows < len(self.points), np.sqrt((offset**2).sum(axis=2)), np.inf)
+        order = np.lexsort((rows, distance))[:, :count]
+        distance, rows = (np.take_along_axis(values, order, axis=1) for values in (distance, rows))
+        return distance, np.where(rows < len(self.points), rows, NOBODY)
+
+    def within(self, positions: Float64[np.ndarray, "n 2"], radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Distances and rows of all points within a radius of each position, nearest first, (m, most), as `nearest`."""
+        about = self._tree.query_ball_point(positions, radius * (1 + 1e-9), return_length=True)
+        distance, rows = self.nearest(positions, int(np.max(about, initial=0)))
+        inside = distance <= radius
+        most = int(inside.sum(axis=1).max(initial=0))
+        return np.where(inside, distance, np.inf)[:, :most], np.where(inside, rows, NOBODY)[:, :most]
+
+
 @dataclass(frozen=True, slots=True)
 class MicroImages:
-    """Centres of all micro-images, in the order of `camera.parts.lattice`.
+    """Centres of all micro-images, in the order of `camera.parts.lattice`."""
 
-    Attributes
-    ----------
-    centre_mm : (n, 2) float64
-        Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame.
-    radius_mm : float
-        Exit-pupil radius * B / P, the contour of half illumination.
-    reach_mm : (n,) float64
-        Beyond this distance from the centre no light of the microlens arrives.
-    nearby : Nearby
-        The centres.
-    """
-
+    # Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame
     centre_mm: Float64[np.ndarray, "n 2"]
-    radius_mm: float
-    reach_mm: Float64[np.ndarray, "n"]
-    nearby: Nearby
+    radius_mm: float  # exit-pupil radius * B / P, the contour of half illumination
+    reach_mm: Float64[np.ndarray, "n"]  # beyond this distance from the centre no light of the microlens arrives
+    nearby: Nearby  # finds the nearest centres
 
     def owner(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
@@ -59,7 +90,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
     vertex = tracer.vertices_mm
-    if is_plain(array):
+    if array.is_plain:
         slope = chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(vertex))
         centre = vertex - slope * array.distance_mm
     else:
@@ -67,21 +98,21 @@ def micro_images(tracer: Tracer) -> MicroImages:
     pupil = exit_pupil(tracer.camera.prescription)
     behind, ahead = array.principal_mm[0]
     radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
-    return MicroImages(centre, float(radius), _reach(tracer, centre), nearby_of(centre))
+    return MicroImages(centre, float(radius), _reach(tracer, centre), Nearby(centre))
 
 
 def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
-    lenses = tracer.arrays.lenses
-    microlens, count = np.arange(len(lenses)), len(lenses)
-    centre = lenses[:, :2].copy()
+    rows = tracer.arrays.microlenses
+    microlens, count = np.arange(len(rows)), len(rows)
+    centre = rows[:, :2].copy()
     position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for _ in range(_STEPS):
         aims = vertex_aims(tracer, microlens, centre)
-        microlens_kernels.rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
+        rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
         miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
-        centre += lenses[:, [microlens_kernels.AIM]] * miss
+        centre += rows[:, [column.AIM]] * miss
         if np.abs(miss).max() < _TOLERANCE:
             return centre
     raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
@@ -93,27 +124,27 @@ def vertex_aims(
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
-    if is_plain(array):
-        return tracer.arrays.lenses[microlens, :2]
     point, aims = np.zeros((len(microlens), 3)), np.empty((len(microlens), 2))
     heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
     point[:, 2] = np.array(heights)[tracer.lattice.type[microlens]] if heights else 0.0
-    microlens_kernels.aims_for(tracer.arrays, microlens, positions_mm, point, aims)
+    aims_for(tracer.arrays, microlens, positions_mm, point, aims)
     return aims
 
 
 def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
     """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
-    _, _, outlines, lenses, aperture, _ = tracer.arrays
-    base = around = lenses[:, :2]
-    margin: np.ndarray | float = 0.0
-    if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
-        base = lenses[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
-        around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
-        margin = lenses[:, microlens_kernels.MARGIN]
-    polygons = np.empty((len(lenses), outlines.shape[2], 2))
-    outlines_at(tracer.bounds.step_mm, outlines, np.ascontiguousarray(around), polygons)
-    by_start, by_aim = tracer.microlenses.reach.T
-    edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]
-    corner = np.hypot(*aperture.T).max() * (1 + (lenses[0, microlens_kernels.INFLATION] if np.ndim(margin) else 0.0))
-    return np.hypot(*edge.T).max(axis=0) + (corner * np.abs(by_aim) + margin) / np.abs(by_start) + _ROUNDING_MM
+    rows, aperture = tracer.arrays.microlenses, tracer.arrays.aperture
+    polygons, by_start = outlines_of(tracer.arrays, rows), rows[:, column.BY_START]
+    base = rows[:, None, [column.BASE_X, column.BASE_Y]]
+    edge = (polygons - base) / by_start[:, None, None] - (centre - rows[:, :2])[:, None]
+    corner = np.hypot(*aperture.T).max() * (1 + rows[0, column.INFLATION])
+    slack = corner * np.abs(rows[:, column.BY_AIM]) + rows[:, column.MARGIN]
+    return np.hypot(*edge.T).max(axis=0) + slack / np.abs(by_start) + _ROUNDING_MM
+
+
+def outlines_of(camera: CameraArrays, rows: Float64[np.ndarray, "n columns"]) -> np.ndarray:
+    """Outlines that bound the light of rows of `CameraArrays.microlenses`, (n, directions, 2)."""
+    polygons = np.empty((len(rows), camera.outlines.shape[2], 2))
+    around = np.ascontiguousarray(rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+    outlines_at(camera.optics.step_mm, camera.outlines, around, polygons)
+    return polygons

@@ -11,20 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.boundary import unit_nodes
 from pipeline.camera.micro_images import pinhole_kernels
-from pipeline.camera.micro_images.centres import MicroImages
-from pipeline.camera.micro_images.contours import RIM, Contours
+from pipeline.camera.micro_images.centres import MicroImages, outlines_of
 from pipeline.camera.micro_images.pinhole_kernels import Pencils
-from pipeline.camera.micro_images.pupil_images import Apertures
+from pipeline.camera.micro_images.pupil_images import RIM, Apertures, Contours
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.parts.polygon import regular
+from pipeline.camera.parts.polygon import regular, rim_of
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing import microlens_kernels
+from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_tables import on_apertures
-from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.table import without_obstructions
 from pipeline.records.shapes import Float64, Int64
 
@@ -50,24 +48,14 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True, slots=True)
 class MicroLight:
-    """Light of the microlenses that reaches the image, each alone: through its own aperture, whatever cell it falls in.
+    """Light of microlenses that reaches the image, through the aperture of each alone, in whatever cell it falls."""
 
-    Attributes
-    ----------
-    rows : (n,) int64
-        Rows of the microlenses in the lattice, ascending.
-    centroid_mm : (n, 2) float64
-        Centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN for a dark one.
-    pupil_area_mm2 : (n,) float64
-        Area of the pupil that light through the vertex fills.
-    pupil_mm, light_mm : (n, directions) float64
-        Reach of light through the vertex, and of any light, from the centroid along `OUTLINE_DEG`; NaN where the
-        vertex throws no light onto the centroid, or nothing is lit.
-    """
-
-    rows: Int64[np.ndarray, "n"]
+    rows: Int64[np.ndarray, "n"]  # rows of the microlenses in the lattice, ascending
+    # Centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN for a dark one
     centroid_mm: Float64[np.ndarray, "n 2"]
-    pupil_area_mm2: Float64[np.ndarray, "n"]
+    pupil_area_mm2: Float64[np.ndarray, "n"]  # area of the pupil that light through the vertex fills
+    # Reach of light through the vertex, and of any light, from the centroid along `OUTLINE_DEG`; NaN where the vertex
+    # throws no light onto the centroid, or nothing is lit
     pupil_mm: Float64[np.ndarray, "n directions"]
     light_mm: Float64[np.ndarray, "n directions"]
 
@@ -75,10 +63,7 @@ class MicroLight:
 def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:
     """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them.
 
-    Raises
-    ------
-    CameraError
-        The camera has no microlenses.
+    Raises CameraError: the camera has no microlenses.
     """
     array, grid = tracer.camera.microlenses, tracer.lattice
     if array is None or grid is None:
@@ -156,18 +141,12 @@ def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.n
 
     From the sampling bounds, turned round as for `MicroImages.reach_mm`.
     """
-    optics, outlines, lenses = tracer.arrays.optics, tracer.arrays.outlines, tracer.arrays.lenses[rows]
-    base = around = lenses[:, :2]
-    margin = np.zeros(len(rows))
-    if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
-        base = lenses[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
-        around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
-        margin = lenses[:, microlens_kernels.MARGIN]
-    polygons = np.empty((len(rows), outlines.shape[2], 2))
-    outlines_at(optics.step_mm, outlines, np.ascontiguousarray(around), polygons)
-    by_start, by_aim = tracer.microlenses.reach[rows].T
-    edge = lenses[:, None, :2] + (polygons - base[:, None]) / by_start[:, None, None] - images.centre_mm[rows, None]
-    limit = _ROOM * np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0) + margin / np.abs(by_start)
+    some = tracer.arrays.microlenses[rows]
+    polygons, by_start, by_aim = outlines_of(tracer.arrays, some), some[:, column.BY_START], some[:, column.BY_AIM]
+    across = (polygons - some[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
+    edge = some[:, None, :2] + across - images.centre_mm[rows, None]
+    farthest = np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0)
+    limit = _ROOM * farthest + some[:, column.MARGIN] / np.abs(by_start)
     limit[np.ptp(polygons, axis=1).max(axis=1) == 0] = 0.0
     return -by_aim / by_start, limit
 
@@ -211,10 +190,7 @@ def _rim(array: MicrolensArray) -> np.ndarray:
     """RIM points around an aperture, corners of a cell among them, (RIM, 2)."""
     if array.disc_diameter_mm is not None:
         return array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)
-    corners = cell(array)
-    share = np.arange(RIM // len(corners)) / (RIM // len(corners))
-    edge = np.roll(corners, -1, axis=0) - corners
-    return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)
+    return rim_of(cell(array), RIM)
 
 
 def _shares_of_rim(array: MicrolensArray) -> np.ndarray:

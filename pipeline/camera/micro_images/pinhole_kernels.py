@@ -9,18 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.label_kernels import PASSES, Labels, label_packet
-from pipeline.camera.tracing.acceptance import HALF_ANGLE, accepted_share, is_limited
-from pipeline.camera.tracing.microlens_kernels import AIM, MODEL, PLAIN, X, Y, aim_for
-from pipeline.camera.tracing.packets import send_mixed
-from pipeline.camera.tracing.records import SensorPoints
+from pipeline.camera.integrating.edge_kernels import probe
+from pipeline.camera.tracing.acceptance import accepted_share, is_limited
+from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN, aim_for, aims_for
+from pipeline.camera.tracing.records import CameraArrays
 from pipeline.jit.decorators import inline, kernel
-from pipeline.optics.kernels import PACKET, new_packet
 
 LIGHT, BY_X, BY_Y, FILLED, SUMS = range(5)
 """Columns of the sums of `add_light`; the last is their number."""
-_BLOCKED = 0
-"""Label of a blocked ray where nobody asks what blocks it: any but `PASSES`."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Nodes along the radius on [-1, 1], and their weights: exact to the ninth degree."""
 _CONE_NODES, _CONE_WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -28,101 +24,47 @@ _CONE_NODES, _CONE_WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 class Pencils(NamedTuple):
-    """Microlenses and points of their apertures.
+    """Microlenses and points of their apertures."""
 
-    Attributes
-    ----------
-    microlens, kind : (n,) int64
-        Rows and types.
-    points : (types, k, 3) or (types, k, 5, 3) float64
-        Points in the frame of the microlens; for `add_light` each with its neighbours, see `_density`.
-    """
-
+    # (n,) int64, rows and types
     microlens: np.ndarray
     kind: np.ndarray
+    # (types, k, 3) or (types, k, 5, 3) float64, points in the frame of the microlens; for `add_light` each with its
+    # neighbours, see `_density`
     points: np.ndarray
 
 
 class Rays(NamedTuple):
-    """Rays from the sensor through points of microlens apertures.
+    """Rays from the sensor through points of microlens apertures."""
 
-    Attributes
-    ----------
-    owner : (m,) int64
-        The row of pencils that each belongs to, ascending.
-    which : (m,) int64
-        The point of its type that it passes.
-    starts : (m, 2) float64
-        Sensor positions.
-    """
-
-    owner: np.ndarray
-    which: np.ndarray
-    starts: np.ndarray
+    owner: np.ndarray  # (m,) int64, the row of pencils that each belongs to, ascending
+    which: np.ndarray  # (m,) int64, the point of its type that it passes
+    starts: np.ndarray  # (m, 2) float64, sensor positions
 
 
 class Sectors(NamedTuple):
-    """Thin sectors of the regions of pencils.
+    """Thin sectors of the regions of pencils."""
 
-    Attributes
-    ----------
-    owner, which : (f,) int64
-        The microlens, one of n, and the point of its aperture.
-    bases, directions : (f, 2) float64
-        The tip, and a unit vector.
-    radius, angle : (f,) float64
-        Distance to which light reaches, and the angle that the direction stands for.
-    """
-
+    # (f,) int64, the microlens, one of n, and the point of its aperture
     owner: np.ndarray
     which: np.ndarray
+    # (f, 2) float64, the tip, and a unit vector
     bases: np.ndarray
     directions: np.ndarray
+    # (f,) float64, distance to which light reaches, and the angle that the direction stands for
     radius: np.ndarray
     angle: np.ndarray
 
 
-@kernel
-def look(camera, pencils, rays, is_named, label):
-    """Trace rays and say which pass, or what blocks them.
-
-    Parameters
-    ----------
-    pencils : Pencils
-    rays : Rays
-    is_named : bool
-        Whether labels of blocked rays name what blocks them, as `label_kernels.label_packet` does, which costs more.
-        Else they are all the same.
-    label : (m,) int64
-        Written: PASSES or another.
-    """
-    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
-    points, named = np.empty((PACKET, 2)), Labels(np.empty(PACKET, np.int64), np.empty(PACKET))
-    for first in range(0, rays.owner.shape[0], PACKET):
-        size = min(PACKET, rays.owner.shape[0] - first)
-        owner = rays.owner[first : first + size]
-        for i in range(size):
-            x, y = rays.starts[first + i]
-            start.x[i], start.y[i] = x, y
-            packet.x[i], packet.y[i] = _aim(camera, pencils, owner[i], rays.which[first + i], x, y)
-            points[i, 0], points[i, 1] = packet.x[i], packet.y[i]
-        if is_named:
-            label_packet(camera, pencils.microlens, owner, points, start, size, packet, named)
-        else:
-            send_mixed(camera, pencils.microlens, owner, start, size, packet)
-        for i in range(size):
-            seen = PASSES if packet.alive[i] > 0.0 else _BLOCKED
-            label[first + i] = named.label[i] if is_named else seen
-
-
-@inline
-def _aim(camera, pencils, owner, which, start_x, start_y):
-    """The point of the sampling plane that a ray from the sensor through a point of an aperture passes."""
-    microlens = pencils.microlens[owner]
-    px, py, pz = pencils.points[pencils.kind[owner], which]
-    if camera.mosaic.detail[MODEL] == PLAIN:
-        return camera.lenses[microlens, X] + px, camera.lenses[microlens, Y] + py
-    return aim_for(camera, microlens, start_x, start_y, px, py, pz)
+def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = False) -> np.ndarray:
+    """Labels of rays, (m,): `PASSES` or another, which names what blocks the ray if names are asked for."""
+    starts, microlens, count = np.ascontiguousarray(rays.starts), pencils.microlens[rays.owner], len(rays.owner)
+    points, aims = pencils.points[pencils.kind[rays.owner], rays.which], np.empty((count, 2))
+    aims_for(camera, microlens, starts, points, aims)
+    label = np.empty(count, np.int64)
+    probe(camera, starts, microlens, np.arange(count), aims, is_named, label)
+    probe.count(count, len(camera.table))
+    return label
 
 
 @inline
@@ -131,13 +73,9 @@ def _density(camera, microlens, near, sx, sy):
 
     `near` holds the point of the aperture and its neighbours along +x, -x, +y and -y.
     """
-    detail, optics, row, stretch = camera.mosaic.detail, camera.optics, camera.lenses[microlens], 1.0
-    if detail[MODEL] == PLAIN:
-        h = optics.sampling_z_mm - optics.sensor_z_mm
-        qx, qy = row[X] + near[0, 0], row[Y] + near[0, 1]
-    else:
-        h = row[AIM]
-        qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
+    acceptance, h, stretch = camera.acceptance, camera.microlenses[microlens, AIM], 1.0
+    qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
+    if camera.elements.model != PLAIN:
         ax, ay = aim_for(camera, microlens, sx, sy, near[1, 0], near[1, 1], near[1, 2])
         bx, by = aim_for(camera, microlens, sx, sy, near[2, 0], near[2, 1], near[2, 2])
         cx, cy = aim_for(camera, microlens, sx, sy, near[3, 0], near[3, 1], near[3, 2])
@@ -146,7 +84,7 @@ def _density(camera, microlens, near, sx, sy):
         stretch /= (near[1, 0] - near[2, 0]) * (near[3, 1] - near[4, 1])
     u, v = (qx - sx) / h, (qy - sy) / h
     squared = 1.0 + u * u + v * v
-    share = accepted_share(detail, 1.0 / math.sqrt(squared)) if is_limited(detail) else 1.0
+    share = accepted_share(acceptance, 1.0 / math.sqrt(squared)) if is_limited(acceptance) else 1.0
     return share * stretch / (h * h * squared * squared)
 
 
@@ -154,21 +92,15 @@ def _density(camera, microlens, near, sx, sy):
 def add_light(camera, pencils, shares, middle, sectors, sums):
     """Integrate light over the regions of pencils whose edges are known.
 
-    Parameters
-    ----------
-    pencils : Pencils
-        Their points are nodes of a quadrature over the aperture.
-    shares : (k,) float64
-        Weights of the nodes.
-    middle : (n, 2) float64
-        Origin of the moments.
-    sectors : Sectors
-    sums : (n, 4) float64
-        Added to: light [sr], its moments along x and y [sr mm], and the area that light through node 0 fills [mm^2].
+    `pencils`: their points are nodes of a quadrature over the aperture.
+    `shares`: (k,) float64, weights of the nodes.
+    `middle`: (n, 2) float64, origin of the moments.
+    `sums`: (n, 4) float64, added to: light [sr], its moments along x and y [sr mm], and the area that light through
+        node 0 fills [mm^2].
     """
     owner, which, bases, directions, radius, angle = sectors
     microlens, kind, points = pencils
-    is_cone = camera.mosaic.detail[HALF_ANGLE] > 0.0
+    is_cone = camera.acceptance.half_angle > 0.0
     for f in range(owner.shape[0]):
         n, m = owner[f], which[f]
         near = points[kind[n], m]

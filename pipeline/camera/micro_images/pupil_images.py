@@ -1,7 +1,11 @@
-"""Images of the exit pupil through points of microlens apertures, by their edges and corners, and the light in them.
+"""Light through points of microlens apertures: images of the exit pupil, and contours of all light of a microlens.
 
 The edge of such an image is bisected with real rays along directions from an inner point, evenly spaced ones where one
 thing blocks all around. Else nodes of Gauss and Legendre lie on the arcs between corners, where what blocks changes.
+
+Along a direction the light of a microlens ends where the last point of its aperture goes dark, and that is a point of
+the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim say where that is:
+a few points all around, then finer ones about those that go dark last.
 """
 
 from dataclasses import dataclass
@@ -12,8 +16,7 @@ import numpy as np
 from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, widened
 from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
-from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors
-from pipeline.camera.micro_images.pinhole_rays import look
+from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors, look
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.records.shapes import Float64
 
@@ -34,38 +37,39 @@ _SPREAD = 256
 """Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
 _GOLDEN_RAD = 2.399963229728653
 """Turn from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
+RIM = 384
+"""Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
+_COARSE, _FINE = 24, 9
+"""Points that are tried: first all around, then from the neighbour before the one that goes dark last to the neighbour
+behind it."""
+_STRIDE = RIM // _COARSE
+"""Points of the rim from one coarse point to the next."""
+_FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
+"""Points of the rim from one fine point to the next: the fine ones span two coarse strides."""
+_COARSE_STEPS, _FINE_STEPS = 7, 8
+"""Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
+_CONTOUR_WIDENINGS = 20
+"""Steps inwards or outwards at most to where light and dark meet: a step is nearly a third of the pupil's image or of
+the penumbra, the smaller of both, and the search begins near the edge."""
 
 
 @dataclass(frozen=True, slots=True)
 class Apertures:
-    """Microlenses, and points of their apertures.
-
-    Attributes
-    ----------
-    camera : CameraArrays
-    pencils : Pencils
-        n of them, their points with neighbours, (types, m, 5, 3), as `pencils.add_light` takes them; the vertex first.
-    shares : (m,) float64
-        Weights of a quadrature over the aperture.
-    """
+    """Microlenses, and points of their apertures."""
 
     camera: CameraArrays
+    # N of them, their points with neighbours, (types, m, 5, 3), as `pencils.add_light` takes them; the vertex first
     pencils: Pencils
-    shares: Float64[np.ndarray, "m"]
+    shares: Float64[np.ndarray, "m"]  # weights of a quadrature over the aperture
 
     def light(
         self, middle: Float64[np.ndarray, "n 2"], shift: Float64[np.ndarray, "n"], limit: Float64[np.ndarray, "n"]
     ) -> np.ndarray:
         """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
 
-        Parameters
-        ----------
-        middle : (n, 2) float64
-            About the middle of the light through the vertex.
-        shift : (n,) float64
-            Movement of that per distance of the point in the aperture.
-        limit : (n,) float64
-            About the farthest reach of light through one point.
+        `middle`: about the middle of the light through the vertex.
+        `shift`: movement of that per distance of the point in the aperture.
+        `limit`: about the farthest reach of light through one point.
         """
         n, m = len(self.pencils.microlens), len(self.shares)
         owner, which = np.divmod(np.arange(n * m), m)
@@ -78,12 +82,12 @@ class Apertures:
         off, is_round = _middles(radius, blocker)
         sums, rounds = np.zeros((n, pinhole_kernels.SUMS)), np.repeat(lit & is_round, DIRECTIONS)
         share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
-        found = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
-        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
+        sectors = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
+        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         others = np.flatnonzero(lit & ~is_round)
         if len(others):
-            found = self._between_corners(tips.only(others), off[others])
-            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
+            sectors = self._between_corners(tips.only(others), off[others])
+            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         return sums
 
     def reach(
@@ -147,8 +151,8 @@ class Apertures:
         tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
         even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
         label = self._edges(tips, *even)[1].reshape(-1, DIRECTIONS)
-        found = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
-        row, angle, share = directions(rows, found, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
+        edge_corners = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
+        row, angle, share = directions(rows, edge_corners, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
         order = np.lexsort((angle, row))
         row, angle, share = row[order], angle[order], share[order]
         return _sectors(tips, row, angle, self._edges(tips, row, angle)[0], share)
@@ -184,3 +188,92 @@ def _middles(radius: np.ndarray, blocker: np.ndarray) -> tuple[np.ndarray, np.nd
     off = (radius**3) @ _circle(even_angles(DIRECTIONS)) / area[:, None]
     same = (blocker == blocker[:, :1]).all(axis=1)
     return off, same & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
+
+
+class _Points(NamedTuple):
+    """Points of a rim that are tried: the first one of each way (n, d), their number, and how far apart they are."""
+
+    first: np.ndarray
+    number: int
+    stride: int
+
+
+class Contours:
+    """Outer edges of light along directions from origins.
+
+    `rims`: microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be
+        dark, because another face cuts the light there.
+    `origins`, `directions`: (n, 2), (d, 2) float64.
+    """
+
+    def __init__(
+        self,
+        camera: CameraArrays,
+        rims: Pencils,
+        origins: Float64[np.ndarray, "n 2"],
+        directions: Float64[np.ndarray, "m 2"],
+    ) -> None:
+        self._camera, self._rims = camera, rims
+        self._origins, self._directions = origins, directions
+
+    def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
+        """Distances (n, d) from the origins; NaN where no light was found.
+
+        `outside`: about where it is dark. From there inwards, because near the middle a small pupil may be seen through
+            the inside of the aperture only.
+        `step`: shorter than the way on which the rim stays lit once light has reached it.
+        """
+        tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
+        step = np.broadcast_to(step[:, None], outside.shape)
+        _, high = self._darkened(outside, outside, step, tried)
+        low, where = high - step, np.full(high.shape, -1)
+        for _ in range(_CONTOUR_WIDENINGS):
+            here = self._lit(low, tried)
+            where = np.where(where < 0, here, where)
+            inward = (where < 0) & (low > 0)
+            if not inward.any():
+                break
+            low, high = np.where(inward, low - step, low), np.where(inward, low, high)
+        low, high, where = self._bisected(low, high, where, tried, _COARSE_STEPS)
+        tried = _Points(where - _STRIDE, _FINE, _FINE_STRIDE)
+        low, high = self._darkened(low, high, high - low, tried)
+        low, high, _ = self._bisected(low, high, where, tried, _FINE_STEPS)
+        return np.where(where >= 0, (low + high) / 2, np.nan)
+
+    def _darkened(
+        self, low: np.ndarray, high: np.ndarray, step: np.ndarray, tried: _Points
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outer bounds moved outwards by steps until they are dark, inner ones along."""
+        return widened(lambda far: self._lit(far, tried) >= 0, low, high, lambda far: far + step, _CONTOUR_WIDENINGS)
+
+    def _bisected(
+        self, low: np.ndarray, high: np.ndarray, where: np.ndarray, tried: _Points, steps: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Narrowed bounds between light and dark, and the rim point that was lit last."""
+
+        def passes(distance: np.ndarray) -> np.ndarray:
+            nonlocal where
+            here = self._lit(distance, tried)
+            where = np.where(here >= 0, here, where)
+            return here >= 0
+
+        low, high = halved(passes, low, high, steps)
+        return low, high, where
+
+    def _lit(self, distance: np.ndarray, tried: _Points) -> np.ndarray:
+        """The middle one of the rim points that light passes, (n, d); -1: all are dark."""
+        first, count, stride = tried
+        n, d = distance.shape
+        which = (first[..., None] + stride * np.arange(count)) % RIM
+        starts = self._origins[:, None] + distance[..., None] * self._directions
+        rings = self._rims.points.shape[1] // RIM
+        points = which[..., None] + RIM * np.arange(rings)
+        each = count * rings
+        rays = Rays(np.repeat(np.arange(n), d * each), points.ravel(), np.repeat(starts.reshape(-1, 2), each, axis=0))
+        passes = (look(self._camera, self._rims, rays) == PASSES).reshape(n, d, count, rings).any(axis=3)
+        # The middle of the first run: far from each other two parts of the rim may be lit.
+        begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]
+        run = np.take_along_axis(passes, (begins + np.arange(count)) % count, axis=2)
+        length = np.where(run.all(axis=2), count, np.argmin(run, axis=2))
+        middle = first + stride * begins[..., 0] + stride * (length - 1) // 2
+        return np.where(length > 0, middle % RIM, -1)

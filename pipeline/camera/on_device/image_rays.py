@@ -36,21 +36,11 @@ a residual of some roundings of 100 mm is none; directions of Brown's model are 
 
 
 class Shots(NamedTuple):
-    """Rays that start, by the squares and microlenses that they belong to.
+    """Rays that start, by the squares and microlenses that they belong to."""
 
-    Attributes
-    ----------
-    owner : (m,) int64
-        What has any rays: numbers as in `Leaving.owner`.
-    first : (m,) int64
-        Number of the first ray of each.
-    of_ray : (rays,) int32
-        Which of them each ray belongs to.
-    """
-
-    owner: np.ndarray
-    first: np.ndarray
-    of_ray: np.ndarray
+    owner: np.ndarray  # (m,) int64, what has any rays: numbers as in `Leaving.owner`
+    first: np.ndarray  # (m,) int64, number of the first ray of each
+    of_ray: np.ndarray  # (rays,) int32, which of them each ray belongs to
 
     @staticmethod
     def of(counts: Int64[np.ndarray, "n s"]) -> "Shots":
@@ -64,14 +54,9 @@ class Shots(NamedTuple):
 def bound_squares(camera, squares, owner, reach, regions):
     """Bound what passes of the rays of every square and microlens, one by each thread.
 
-    Parameters
-    ----------
-    owner : (m,) int64
-        As in `Shots`.
-    reach : float
-        Farthest that a ray starts from the middle of its square [mm].
-    regions : Regions
-        Written.
+    `owner`: (m,) int64, as in `Shots`.
+    `reach`: farthest that a ray starts from the middle of its square [mm].
+    `regions`: written.
     """
     outline = cuda.local.array((MAX_VERTICES, 2), np.float64)
     scratch = cuda.local.array((MAX_VERTICES, 2), np.float64)
@@ -87,16 +72,10 @@ def bound_squares(camera, squares, owner, reach, regions):
 def trace_shots(cameras, samples, squares, diffraction, shots, regions, rays):
     """Trace every ray, one by each thread.
 
-    Parameters
-    ----------
-    cameras : (CameraArrays, CameraArrays)
-        The camera, and the same in float32.
-    samples, squares, diffraction
-        As in `camera.tracing.bundle_kernels.image_rays`.
-    regions : Regions
-        From `bound_squares`.
-    rays : (_COLUMNS, rays) float32
-        Written.
+    `cameras`: (CameraArrays, CameraArrays), the camera, and the same in float32.
+    `samples`, `squares`, `diffraction`: as in `camera.tracing.bundle_kernels.image_rays`.
+    `regions`: from `bound_squares`.
+    `rays`: (_COLUMNS, rays) float32, written.
     """
     i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
     if i >= rays.shape[1]:
@@ -140,17 +119,9 @@ def shot(cameras, samples, squares, diffraction, shots, regions, i):
 class ImageRays:
     """Rays of a camera's images; what does not depend on pixels is on the device.
 
-    Parameters
-    ----------
-    device : str
-        Name of the device, see `pipeline.jit.device`.
-    samples, diffraction
-        As in `camera.tracing.bundle_kernels.image_rays`.
-
-    Raises
-    ------
-    EnvironmentFault
-        The device cannot be used, or a number of the lens is too small for float32.
+    `device`: name of the device, see `pipeline.jit.device`.
+    `samples`, `diffraction`: as in `camera.tracing.bundle_kernels.image_rays`.
+    Raises EnvironmentFault: the device cannot be used, or a number of the lens is too small for float32.
     """
 
     def __init__(self, device: str, camera: CameraArrays, samples: Samples, diffraction: Diffraction) -> None:
@@ -187,21 +158,11 @@ def _require_normal(table: Float64[np.ndarray, "surfaces columns"]) -> None:
 def leaving_rays(rays, first, counts, leaving):
     """Copy those of started rays that leave the camera, as `camera.tracing.bundle_kernels.image_rays` writes them.
 
-    Parameters
-    ----------
-    rays : (_COLUMNS, n) float32
-        From `ImageRays.started`.
-    first : int
-        Number of the first ray of these squares.
-    counts : (m, s) int64
-        Rays of each square through each microlens.
-    leaving : Leaving
-        Written; room for all rays.
-
-    Returns
-    -------
-    int
-        Number of rays written.
+    `rays`: (_COLUMNS, n) float32, from `ImageRays.started`.
+    `first`: number of the first ray of these squares.
+    `counts`: (m, s) int64, rays of each square through each microlens.
+    `leaving`: written; room for all rays.
+    Returns int: number of rays written.
     """
     origin, direction, share, owner = leaving
     of_owner, i, written = counts.reshape(-1), first, 0

@@ -61,12 +61,8 @@ def block_size(samples: int) -> int:
 def bound_bundles(camera, samples, starts, regions, moments):
     """Bound what passes of every bundle, one by each thread, and clear its moments but for the free weight.
 
-    Parameters
-    ----------
-    camera, samples, starts, moments
-        As in `sum_bundles`.
-    regions : Regions
-        Written.
+    `camera`, `samples`, `starts`, `moments`: as in `sum_bundles`.
+    `regions`: written.
     """
     outline = cuda.local.array((MAX_VERTICES, 2), np.float64)
     scratch = cuda.local.array((MAX_VERTICES, 2), np.float64)
@@ -92,14 +88,9 @@ def bound_bundles(camera, samples, starts, regions, moments):
 def sum_bundles(camera, planes, samples, starts, regions, moments):
     """Moments of the bundle of one sensor position, by one block of `block_size` threads.
 
-    Parameters
-    ----------
-    camera, planes, samples, starts
-        As in `camera.tracing.bundle_kernels.bundle_moments`.
-    regions : Regions
-        From `bound_bundles`.
-    moments : (n, COLUMNS) float64
-        Written, where anything passes.
+    `camera`, `planes`, `samples`, `starts`: as in `camera.tracing.bundle_kernels.bundle_moments`.
+    `regions`: from `bound_bundles`.
+    `moments`: (n, COLUMNS) float64, written, where anything passes.
     """
     parts = cuda.shared.array((_SUMS, PACKET), np.float64)
     ends = cuda.shared.array((_SUMS, REPLICAS), np.float64)
@@ -113,15 +104,15 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     if thread == 0:
         pivot[_ALIVE] = 0.0
     cuda.syncthreads()
-    own = n if planes.shape[0] > 1 else 0
+    row_of_planes = n if planes.shape[0] > 1 else 0
     sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for first in range(0, count, share):
         index, alive, weight, a, b, c, d = first + thread % share, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         if index < count:
             ray, weight = _sent(camera, samples, starts, regions, n, index, thread // share)
             alive = ray.alive
-            a, b = cross(planes[own, 0], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
-            c, d = cross(planes[own, 1], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
+            a, b = cross(planes[row_of_planes, 0], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
+            c, d = cross(planes[row_of_planes, 1], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
         if not pivot[_ALIVE] > 0.0:  # the first ray of all that passes, in the order of threads
             parts[0, thread], parts[1, thread], parts[2, thread], parts[3, thread] = a, b, c, d
             parts[_ALIVE, thread] = alive
@@ -224,19 +215,25 @@ def moments_on_device(
 ) -> None:
     """Moments of many bundles, written; `device` is its name, other parameters are as of `sum_bundles`.
 
-    Raises
-    ------
-    EnvironmentFault
-        No device can be used.
+    Raises EnvironmentFault: no device can be used.
     """
     require_device(device)
-    threads, own = block_size(samples.bits.shape[1]), len(planes) > 1
-    camera, samples, planes = resident(camera), resident(samples), planes if own else resident(planes)
+    threads, each_its_planes = block_size(samples.bits.shape[1]), len(planes) > 1
+    camera, samples, planes = resident(camera), resident(samples), planes if each_its_planes else resident(planes)
     regions = room_for_regions(min(len(moments), AT_ONCE))
     for first in range(0, len(moments), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         count = len(moments[some])
-        here, found = resident(starts.part(some)), room((count, COLUMNS))
-        bound_bundles(blocks_for(count), THREADS, camera, samples, here, regions, found)
-        sum_bundles(count, threads, camera, resident(planes[some]) if own else planes, samples, here, regions, found)
-        moments[some] = fetched(found)
+        here, on_device = resident(starts.part(some)), room((count, COLUMNS))
+        bound_bundles(blocks_for(count), THREADS, camera, samples, here, regions, on_device)
+        sum_bundles(
+            count,
+            threads,
+            camera,
+            resident(planes[some]) if each_its_planes else planes,
+            samples,
+            here,
+            regions,
+            on_device,
+        )
+        moments[some] = fetched(on_device)

@@ -1,14 +1,12 @@
 """One ray from the sensor into the scene, for threads of a device; packets: `packets`. Vision frame, mm."""
 
-from pipeline.camera.tracing.acceptance import BY_AREA, is_limited
+from pipeline.camera.tracing.acceptance import is_limited
 from pipeline.camera.tracing.microlens_kernels import (
     AIM,
     CURVATURE_OF_NORMALS,
-    DISC,
     FOCAL,
     INDEX,
     KIND,
-    MODEL,
     PLAIN,
     THIN,
     TWO_PLANE,
@@ -30,23 +28,23 @@ def send_ray(camera, microlens, start_x, start_y, x, y):
 
     `camera` is a `camera.tracing.records.CameraArrays`.
     """
-    detail, optics = camera.mosaic.detail, camera.optics
-    if microlens >= 0 and detail[MODEL] != PLAIN:
+    acceptance, optics = camera.acceptance, camera.optics
+    if microlens >= 0 and camera.elements.model != PLAIN:
         ray, weight = _through(camera, microlens, start_x, start_y, x, y)
-        h = camera.lenses[microlens, AIM]
+        h = camera.microlenses[microlens, AIM]
     else:
         ray, weight = _past(camera, microlens, start_x, start_y, x, y)
         h = optics.sampling_z_mm - optics.sensor_z_mm
     alive = ray.alive
-    if is_limited(detail) or detail[BY_AREA] > 0.0:
-        weight, alive = weighed(detail, h, weight, alive)
+    if is_limited(acceptance) or acceptance.by_area:
+        weight, alive = weighed(acceptance, h, weight, alive)
     return trace_ray(camera.table, Ray(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, alive)), weight
 
 
 @inline
 def _past(camera, microlens, start_x, start_y, x, y):
     """The ray behind a plain microlens, or none."""
-    optics, disc, plain = camera.optics, camera.mosaic.detail[DISC], plain_microlens(camera.lenses, microlens)
+    optics, disc, plain = camera.optics, camera.elements.disc_mm, plain_microlens(camera.microlenses, microlens)
     per_h = 1.0 / (optics.sampling_z_mm - optics.sensor_z_mm)
     ray, weight = aimed(plain, per_h, optics.sampling_z_mm, start_x, start_y, x, y)
     alive = ray.alive
@@ -58,12 +56,12 @@ def _past(camera, microlens, start_x, start_y, x, y):
 @inline
 def _through(camera, microlens, start_x, start_y, x, y):
     """The ray behind a microlens that is not plain: vision frame."""
-    detail, faces, bends, _ = camera.mosaic
-    kind, place = int(camera.lenses[microlens, KIND]), place_of_microlens(camera, microlens)
-    ray, weight = into_microlens(place, detail, start_x, start_y, x, y)
-    ray = trace_ray(faces[kind], ray)
-    if detail[MODEL] == THIN:
-        ray = bent_thinly(camera.lenses[microlens, FOCAL], ray)
-    elif detail[MODEL] == TWO_PLANE:
+    elements, bends = camera.elements, camera.elements.bends
+    kind, place = int(camera.microlenses[microlens, KIND]), place_of_microlens(camera, microlens)
+    ray, weight = into_microlens(place, elements.turn, start_x, start_y, x, y)
+    ray = trace_ray(elements.faces[kind], ray)
+    if elements.model == THIN:
+        ray = bent_thinly(camera.microlenses[microlens, FOCAL], ray)
+    elif elements.model == TWO_PLANE:
         ray = bent_by_normals(bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX], ray)
-    return out_of_microlens(place, detail, ray), weight
+    return out_of_microlens(place, elements.turn, ray), weight

@@ -15,18 +15,12 @@ AT_ONCE, THREADS = 1 << 16, 64
 
 
 class Regions(NamedTuple):
-    """Regions that many bundles may pass.
+    """Regions that many bundles may pass."""
 
-    Attributes
-    ----------
-    polygons, cumulative : (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64
-        Polygons, and cumulative areas of their fans.
-    vertices, centre, area : (n,) int64, (n, 2), (n,) float64
-        The fans, of area 0 where nothing passes: see `tracing.sampling_bounds.Fan`.
-    """
-
+    # (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64, polygons, and cumulative areas of their fans
     polygons: np.ndarray
     cumulative: np.ndarray
+    # (n,) int64, (n, 2), (n,) float64, the fans, of area 0 where nothing passes: see `tracing.sampling_bounds.Fan`
     vertices: np.ndarray
     centre: np.ndarray
     area: np.ndarray

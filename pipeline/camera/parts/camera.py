@@ -11,6 +11,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import LEAST_MM, MicrolensArray
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.printed import Lost, PrintedLens
 from pipeline.records.declared import settle
 
 WEIGHTS = ("irradiance", "area")
@@ -139,23 +140,28 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampling:
-    """Sampling of the bundles of a camera.
+    """Sampling of the bundles of a camera."""
 
-    Attributes
-    ----------
-    supersampling : int
-        K of the paper: position images are K times finer than the image along each axis.
-    samples : int
-        Rays per position of a position image, over all replicas; four times a power of two.
-    seed : int
-        `plen:seed` of the dataset.
-    """
-
-    supersampling: int = 1
-    samples: int = 1024
-    seed: int = 0
+    supersampling: int = 1  # K of the paper: position images are K times finer than the image along each axis
+    samples: int = 1024  # rays per position of a position image, over all replicas; four times a power of two
+    seed: int = 0  # `plen:seed` of the dataset
 
 
 REPLICAS = 4
 """Independently scrambled replicas of every bundle: their spread gives the sampling error, and
 of more of them each would have fewer rays."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintedCamera:
+    """A camera with what is known about where it comes from; fields that it shares with `Camera` mean the same."""
+
+    name: str  # for people
+    provenance: tuple[str, ...] = ()  # paragraphs: where the numbers were read, notes
+    lens: PrintedLens
+    sensor: Sensor
+    sensor_distance_mm: float
+    microlenses: MicrolensArray | None = None
+    near_mm: float | None = None
+    far_mm: float | None = None
+    lost: tuple[Lost, ...] = ()  # statements of the source that this record cannot hold; the lens lists its own

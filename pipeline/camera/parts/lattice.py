@@ -16,24 +16,16 @@ where an extent is a multiple of the pitch."""
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
-    """Every microlens of an array, sorted by (l, k).
+    """Every microlens of an array, sorted by (l, k)."""
 
-    Attributes
-    ----------
-    k, l, type : (n,) int64
-        Axial indices and type.
-    x_mm, y_mm : (n,) float64
-        Vertices in the sensor frame, from the sensor's centre.
-    z_mm : (n,) float64
-        Height above microlens (0, 0), positive towards the scene; 0 without tilt.
-    """
-
+    # Axial indices and type
     k: Int64[np.ndarray, "n"]
     l: Int64[np.ndarray, "n"]
     type: Int64[np.ndarray, "n"]
+    # Vertices in the sensor frame, from the sensor's centre
     x_mm: Float64[np.ndarray, "n"]
     y_mm: Float64[np.ndarray, "n"]
-    z_mm: Float64[np.ndarray, "n"]
+    z_mm: Float64[np.ndarray, "n"]  # height above microlens (0, 0), positive towards the scene; 0 without tilt
 
 
 def lattice(array: MicrolensArray) -> Lattice:
@@ -97,8 +89,8 @@ def cell(array: MicrolensArray) -> np.ndarray:
     following = neighbours[1:] + neighbours[:1]
     # A corner is as far from the vertex as from two neighbours that follow one another.
     corners = [
-        np.linalg.solve(np.array([one, other]), [one @ one / 2, other @ other / 2])
-        for one, other in zip(neighbours, following, strict=True)
+        np.linalg.solve(np.array([first, second]), [first @ first / 2, second @ second / 2])
+        for first, second in zip(neighbours, following, strict=True)
     ]
     return np.array(corners)
 

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from pipeline.jit.decorators import inline
+from pipeline.records.shapes import Float64
 
 MAX_VERTICES = 64
 """Vertices that a buffer holds: an aperture of up to 24 corners that the 24 edges of an outline cut has 48 at most,
@@ -18,9 +19,7 @@ because a cut of a convex polygon adds one."""
 def fan(polygon, count, cumulative):
     """Cumulative areas of the triangles around the mean of the vertices.
 
-    Returns
-    -------
-    centre_x, centre_y, area : float
+    Returns centre_x, centre_y, area : float.
     """
     cx, cy = 0.0, 0.0
     for i in range(count):
@@ -126,3 +125,10 @@ def regular(sides: int, inradius: float, first_deg: float) -> np.ndarray:
     angle = np.deg2rad(first_deg) + (np.arange(sides) - 0.5) * 2 * np.pi / sides
     radius = inradius / np.cos(np.pi / sides)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def rim_of(corners: Float64[np.ndarray, "n 2"], count: int) -> np.ndarray:
+    """Points evenly along the edges of a polygon, its corners among them, (count, 2)."""
+    share = np.arange(count // len(corners)) / (count // len(corners))
+    edge = np.roll(corners, -1, axis=0) - corners
+    return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)

@@ -12,24 +12,13 @@ from pipeline.records.declared import settle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralNode:
-    """One wavelength of a channel, and what the glasses of a camera are at it.
+    """One wavelength of a channel, and what the glasses of a camera are at it."""
 
-    Attributes
-    ----------
-    wavelength_nm : float
-        Wavelength in standard air.
-    weight : float
-        Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike.
-    indices : tuple of float
-        Refractive index behind each surface of the lens, relative to air.
-    microlens_index : float or None
-        Index of the microlenses; None where there are none, or thin ones.
-    """
-
-    wavelength_nm: float
+    wavelength_nm: float  # wavelength in standard air
+    # Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike
     weight: float
-    indices: tuple[float, ...]
-    microlens_index: float | None = None
+    indices: tuple[float, ...]  # refractive index behind each surface of the lens, relative to air
+    microlens_index: float | None = None  # index of the microlenses; None where there are none, or thin ones
 
     def __post_init__(self) -> None:
         settle(self, CameraError)
@@ -56,20 +45,11 @@ def alone(wavelength_nm: float) -> Slices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """A colour channel of a camera.
-
-    Attributes
-    ----------
-    name : str
-    middle : SpectralNode
-        Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses.
-    nodes : tuple of SpectralNode
-        The wavelengths that stand for it; their weights sum up to 1.
-    slices : tuple of Slices
-        How each of them sees colours; ground truth, which is that of a white target, does without.
-    """
+    """A colour channel of a camera."""
 
     name: str
+    # Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses
     middle: SpectralNode
-    nodes: tuple[SpectralNode, ...]
+    nodes: tuple[SpectralNode, ...]  # the wavelengths that stand for it; their weights sum up to 1
+    # How each of them sees colours; ground truth, which is that of a white target, does without
     slices: tuple[Slices, ...] = ()

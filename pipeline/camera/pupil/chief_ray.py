@@ -2,6 +2,8 @@
 
 The centre of the stop is its vertex, wherever the stop stands. In a centred lens the ray stays in the plane of its
 point and the axis, and one height is sought; in any other lens two coordinates are.
+
+`table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
 
 import numpy as np
@@ -40,25 +42,10 @@ _TOO_WIDE = (
 def chief_slopes(
     table: Float64[np.ndarray, "n columns"], stop_row: int, points_mm: Float64[np.ndarray, "m 3"]
 ) -> np.ndarray:
-    """Slopes dx/dz and dy/dz with which the chief rays of points start.
+    """Slopes dx/dz and dy/dz with which the chief rays of points start, (m, 2).
 
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table.towards_scene`.
-    stop_row : int
-        Row of the aperture stop in the table.
-    points_mm : (m, 3) float64
-        Points behind the lens, vision frame.
-
-    Returns
-    -------
-    (m, 2) float64
-
-    Raises
-    ------
-    CameraError
-        When the rear group lets no such ray through.
+    `points_mm`: points behind the lens, vision frame.
+    Raises CameraError: when the rear group lets no such ray through.
     """
     across, ahead = points_mm[:, :2], (table[0, VERTEX] - points_mm[:, 2])[:, None]
     if not is_centred(table[: stop_row + 1]):
@@ -70,10 +57,10 @@ def chief_slopes(
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
     unique, which = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
-    found = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
-    if np.isnan(found).any():
-        raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(found), 0].max():.4g}"), hint=_TOO_WIDE)
-    crossing = found[which.reshape(-1)]
+    crossing_at = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
+    if np.isnan(crossing_at).any():
+        raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(crossing_at), 0].max():.4g}"), hint=_TOO_WIDE)
+    crossing = crossing_at[which.reshape(-1)]
     outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
     return (crossing - height)[:, None] * outward / ahead
 
@@ -149,23 +136,11 @@ def chief_heights(
 ) -> np.ndarray:
     """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
 
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table.towards_scene`.
-    stop_row : int
-        Row of the aperture stop in the table.
-    plane_mm : float or (m,) float64
-        Vision z of the points.
-    heights : (m,) float64
-        Heights of the points above the axis [mm].
-
-    Returns
-    -------
-    (m,) float64
-        Height of the crossing, on the side given by its sign; the secant method ends when the ray meets the stop
-        within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is bracketed; NaN where
-        the rear group lets no such ray through. [mm]
+    `plane_mm`: float or (m,) float64, vision z of the points.
+    `heights`: heights of the points above the axis [mm].
+    Returns (m,) float64: height of the crossing, on the side given by its sign; the secant method ends when the ray
+        meets the stop within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is
+        bracketed; NaN where the rear group lets no such ray through. [mm]
     """
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
     if np.isclose(rear[-1, 0], rear[0, 0]):
@@ -210,9 +185,9 @@ def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
     def is_short(crossing: np.ndarray) -> np.ndarray:
         return ~(sign * _stop_height(rear, plane_mm, points[:1], crossing) > 0)
 
-    _, found = halved(is_short, crossings[[first]], crossings[[first + 1]], _BISECTIONS)
-    left = _stop_height(rear, plane_mm, points[:1], found)
-    return float(found[0]) if abs(left[0]) < _ACCEPTED_MM else float("nan")
+    _, crossing = halved(is_short, crossings[[first]], crossings[[first + 1]], _BISECTIONS)
+    left = _stop_height(rear, plane_mm, points[:1], crossing)
+    return float(crossing[0]) if abs(left[0]) < _ACCEPTED_MM else float("nan")
 
 
 def _stop_height(
@@ -220,9 +195,5 @@ def _stop_height(
 ) -> np.ndarray:
     """Height at which rays through (height, plane) and (crossing, rear vertex plane) meet the stop; NaN for a miss."""
     zero = np.zeros_like(heights)
-    position = np.stack([heights, zero, np.full_like(heights, plane_mm)], axis=1)
-    direction = np.stack([crossings - heights, zero, np.full_like(heights, rear[0, 0] - plane_mm)], axis=1)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(heights.size)
-    trace_rays(rear, position, direction, alive)
-    return np.where(alive > 0, position[:, 0], np.nan)
+    points = np.stack([heights, zero, np.full_like(heights, plane_mm)], axis=1)
+    return _stop_miss(rear, points, np.stack([crossings, zero], axis=1))[:, 0]

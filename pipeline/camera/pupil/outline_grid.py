@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.pupil.chief_ray import chief_crossings
-from pipeline.camera.pupil.once import once
 from pipeline.camera.pupil.outlines import (
     DIRECTIONS,
     MARGIN,
@@ -18,6 +17,7 @@ from pipeline.camera.pupil.outlines import (
     corners,
     directions_of,
     edges,
+    once,
     passing_points,
     supports,
 )
@@ -37,16 +37,10 @@ _DARK_RINGS = 2
 
 @dataclass(frozen=True, slots=True)
 class FilmPlane:
-    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second.
-
-    Attributes
-    ----------
-    origin_mm : (3,) float64
-    axes : (2, 3) float64
-        Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin.
-    """
+    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second."""
 
     origin_mm: Float64[np.ndarray, "3"]
+    # Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin
     axes: Float64[np.ndarray, "2 3"]
 
     def points(self, uv: Float64[np.ndarray, "... 2"]) -> np.ndarray:
@@ -70,16 +64,9 @@ def grid_outlines(
 ) -> Outlines:
     """Trace the outlines of any lens for a grid of points of a plane behind it.
 
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table.towards_scene`.
-    stop_row : int
-        Row of the aperture stop in the table.
-    half_extents_mm : (float, float)
-        Largest distances from the plane's origin, along u and v, of points that will be asked for.
-    slack_mm : float
-        Distance from its point at which an outline, moved by the drift, still has to hold.
+    `half_extents_mm`: largest distances from the plane's origin, along u and v, of points that will be
+        asked for.
+    `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.
     """
     table = enclosing(table)
     step = max(*half_extents_mm, 1e-6) / _NODES

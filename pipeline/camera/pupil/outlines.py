@@ -10,19 +10,27 @@ Outlines turn with the azimuth of their point, as a centred lens of rotationally
 a surface off its place have a grid of outlines, see `camera.pupil.outline_grid`.
 Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
 whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
+
+`table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
 
+import dataclasses
+import functools
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pipeline.camera.boundary import even_angles, halved, inner_points
-from pipeline.camera.pupil.chief_ray import chief_heights
-from pipeline.camera.pupil.once import once
+from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
 from pipeline.records.shapes import Float64
 
+F = TypeVar("F", bound=Callable[..., Any])
+_KEPT = 8
+"""Results that are kept per function: more than a camera has planes to be asked for, and few enough to hold."""
 HEIGHTS = 48
 """Heights from the axis to the farthest point; `MARGIN` covers what lies between."""
 DIRECTIONS = 24
@@ -37,27 +45,51 @@ _BISECTIONS = 26
 _GRID = 65
 """Rays along each side of a grid over the rear surface where the chief ray does not pass: a sliver narrower than a 64th
 of it counts as dark."""
+_LIT_STEPS = 24
+"""Parts of the way that are looked at first: light that comes and goes within one of them is not seen."""
+_LIT_BISECTIONS = 12
+"""Halvings of the part in which light ends: 1 / (24 * 4096), the 1e-5 that `lit_share` states."""
+
+
+def once(function: F) -> F:
+    """Keep the last results of a function of numbers, arrays and frozen records; nobody may change what it gives.
+
+    Arguments are equal only if all bytes of their arrays are.
+    """
+    kept: dict[Hashable, Any] = {}
+
+    @functools.wraps(function)
+    def called(*args: Any) -> Any:
+        key = _frozen(args)
+        result = kept.pop(key) if key in kept else function(*args)
+        kept[key] = result  # as the youngest
+        for oldest in list(kept)[:-_KEPT]:
+            kept.pop(oldest, None)
+        return result
+
+    return called  # type: ignore[return-value]
+
+
+def _frozen(value: Any) -> Hashable:
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    if dataclasses.is_dataclass(value):
+        return tuple(_frozen(getattr(value, field.name)) for field in dataclasses.fields(value))
+    return float(value).hex() if isinstance(value, float) else value
 
 
 @dataclass(frozen=True, slots=True)
 class Outlines:
-    """Outlines of the passing rays on the rear vertex plane, vision frame.
+    """Outlines of the passing rays on the rear vertex plane, vision frame."""
 
-    Attributes
-    ----------
-    step_mm : float
-        Distance of neighbouring points.
-    vertices_mm : (rows, columns, DIRECTIONS, 2) float64
-        Counter-clockwise polygons, some of their edges short or of no length; all zero where nothing passes. One row:
-        outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with
-        its middle in (0, 0).
-    drift : float
-        Motion of an outline per motion of its point: near the axis, or in the middle of a grid.
-    """
-
-    step_mm: float
+    step_mm: float  # distance of neighbouring points
+    # Counter-clockwise polygons, some of their edges short or of no length; all zero where nothing passes. One row:
+    # outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with its
+    # middle in (0, 0).
     vertices_mm: Float64[np.ndarray, "rows columns DIRECTIONS 2"]
-    drift: float
+    drift: float  # motion of an outline per motion of its point: near the axis, or in the middle of a grid
 
 
 @once
@@ -70,28 +102,20 @@ def outlines(
 ) -> Outlines:
     """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
 
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table.towards_scene`.
-    stop_row : int
-        Row of the aperture stop in the table.
-    plane_mm : float
-        Vision z of the plane (negative).
-    max_height_mm : float
-        Largest height that will be asked for.
+    `plane_mm`: vision z of the plane (negative).
+    `max_height_mm`: largest height that will be asked for.
     """
     table = enclosing(table)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
     inside = _inner_points(table, stop_row, plane_mm, heights)
-    found = ~np.isnan(inside[:, 0])
+    lit = ~np.isnan(inside[:, 0])
     support = np.full((HEIGHTS, DIRECTIONS), np.nan)
-    if found.any():
-        starts = _on_axis(plane_mm, heights[found])
-        support[found] = supports(edges(table, starts, inside[found], _TRACED, _BISECTIONS, 0.0))
+    if lit.any():
+        starts = _on_axis(plane_mm, heights[lit])
+        support[lit] = supports(edges(table, starts, inside[lit], _TRACED, _BISECTIONS, 0.0))
     vertices = _vertices(support, margin)
-    drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
+    drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if lit[:2].all() else 0.0
     return Outlines(step, vertices[None], drift)
 
 
@@ -172,14 +196,9 @@ def edges(
 ) -> np.ndarray:
     """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
 
-    Parameters
-    ----------
-    starts : (n, 3) float64
-        Points at which the rays start.
-    inside : (n, 2) float64
-        A passing point each.
-    slack_mm : float
-        Distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
+    `starts`: points at which the rays start.
+    `inside`: a passing point each.
+    `slack_mm`: distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
     """
     ray = directions_of(directions)
     shape = (len(inside), directions)
@@ -214,3 +233,31 @@ def corners(support: Float64[np.ndarray, "..."]) -> np.ndarray:
     along = (following - support * np.cos(turn)) / np.sin(turn)
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
     return support[..., None] * normal + along[..., None] * tangent
+
+
+def lit_share(
+    table: Float64[np.ndarray, "n columns"],
+    stop_row: int,
+    start_mm: Float64[np.ndarray, "3"],
+    end_mm: Float64[np.ndarray, "3"],
+) -> float:
+    """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
+
+    `start_mm`, `end_mm`: vision frame; light arrives at the first one.
+    Returns float: the share to 1e-5, if light ends once along the way; a sliver of the pupil that is narrower than 1/64
+        of the rear surface and has no chief ray counts as dark.
+    """
+    table = enclosing(table)
+
+    def is_lit(shares: np.ndarray) -> np.ndarray:
+        points = start_mm + shares[:, None] * (end_mm - start_mm)
+        # First through the centre of the stop, which may be narrow, and else over the whole rear surface.
+        crossings = passing_points(table, points, chief_crossings(table, stop_row, points), np.zeros(2))
+        return ~np.isnan(crossings[:, 0])
+
+    shares = np.linspace(0, 1, _LIT_STEPS + 1)
+    lit = is_lit(shares)
+    if lit[-1]:
+        return 1.0
+    last = shares[lit].max(initial=0.0, keepdims=True)
+    return float(halved(is_lit, last, last + 1 / _LIT_STEPS, _LIT_BISECTIONS)[0][0])

@@ -1,6 +1,6 @@
 """Share of a ray that a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
 
-`detail` holds the numbers, see `camera.tracing.microlens_tables`. With theta the angle to the axis and A its
+`acceptance` is a `camera.tracing.records.Acceptance`. With theta the angle to the axis and A its
 acceptance, the weight of a region is the integral of A cos(theta) d omega, or of A over its area. It is a sum over the
 region's edges of the integral of G d phi, where phi is the azimuth seen from the sensor position and G(theta) the
 integral of A cos sin from 0 to theta, or of A tan / cos^2 times the squared distance of the region's plane.
@@ -13,36 +13,32 @@ import numpy as np
 from pipeline.camera.parts.polygon import area, projected_solid_angle
 from pipeline.jit.decorators import inline
 
-POWER, HALF_ANGLE, ROLL_OFF, BY_AREA = 0, 1, 2, 3
-"""Places in `detail`: exponent of a cosine, or 0; half angle and roll-off of a cone [rad], the first 0 for none; 1 if
-rays weigh area of the sampling plane, 0 if irradiance."""
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Nodes along a piece of an edge on [-1, 1], and their weights: exact to the 31st degree, of a smooth integrand."""
 
 
 @inline
-def is_limited(detail):
+def is_limited(acceptance):
     """Whether pixels take less than all of the light."""
-    return detail[POWER] > 0.0 or detail[HALF_ANGLE] > 0.0
+    return acceptance.power > 0.0 or acceptance.half_angle > 0.0
 
 
 @inline
-def accepted_share(detail, cosine):
+def accepted_share(acceptance, cosine):
     """The share of a ray whose angle with the axis has this cosine."""
-    if detail[POWER] > 0.0:
-        return cosine ** detail[POWER]
-    beyond = math.acos(min(cosine, 1.0)) - detail[HALF_ANGLE]
+    if acceptance.power > 0.0:
+        return cosine**acceptance.power
+    beyond = math.acos(min(cosine, 1.0)) - acceptance.half_angle
     if beyond <= 0.0:
         return 1.0
-    return 1.0 - beyond / detail[ROLL_OFF] if beyond < detail[ROLL_OFF] else 0.0
+    return 1.0 - beyond / acceptance.roll_off if beyond < acceptance.roll_off else 0.0
 
 
 @inline
-def region_weight(polygon, count, x, y, distance, detail):
+def region_weight(polygon, count, x, y, distance, acceptance):
     """Weight of a polygon in the plane z = distance, seen from (x, y, 0) [sr, by area mm^2]."""
-    if not is_limited(detail):
-        if detail[BY_AREA] > 0.0:
+    if not is_limited(acceptance):
+        if acceptance.by_area:
             return area(polygon, count)
         return projected_solid_angle(polygon, count, x, y, distance)
     total = 0.0
@@ -50,12 +46,12 @@ def region_weight(polygon, count, x, y, distance, detail):
         j = i + 1 if i + 1 < count else 0
         ax, ay = (polygon[i, 0] - x) / distance, (polygon[i, 1] - y) / distance
         bx, by = (polygon[j, 0] - x) / distance, (polygon[j, 1] - y) / distance
-        total += _edge_weight(ax, ay, bx, by, detail)
-    return distance * distance * total if detail[BY_AREA] > 0.0 else total
+        total += _edge_weight(ax, ay, bx, by, acceptance)
+    return distance * distance * total if acceptance.by_area else total
 
 
 @inline
-def _edge_weight(ax, ay, bx, by, detail):
+def _edge_weight(ax, ay, bx, by, acceptance):
     """Contribution of an edge in the plane at distance 1, cut where it crosses the circles of the cone."""
     ex, ey = bx - ax, by - ay
     length = math.sqrt(ex * ex + ey * ey)
@@ -63,55 +59,55 @@ def _edge_weight(ax, ay, bx, by, detail):
         return 0.0
     off = (ax * ey - ay * ex) / length
     start, end = (ax * ex + ay * ey) / length, (bx * ex + by * ey) / length
-    inner, outer = _circle(detail, 0.0, off), _circle(detail, detail[ROLL_OFF], off)
+    inner, outer = _circle(acceptance, 0.0, off), _circle(acceptance, acceptance.roll_off, off)
     total, here = 0.0, start
     for mark in (-outer, -inner, inner, outer, math.inf):
         there = min(max(mark, here), end)
         if there > here:
-            total += _piece_weight(off, here, there, detail)
+            total += _piece_weight(off, here, there, acceptance)
         here = there
     return total
 
 
 @inline
-def _circle(detail, roll_off, off):
+def _circle(acceptance, roll_off, off):
     """Half the length that a circle of the cone cuts out of a line; inf without a cone."""
-    angle = detail[HALF_ANGLE] + roll_off
-    if not detail[HALF_ANGLE] > 0.0 or angle >= 0.5 * math.pi:
+    angle = acceptance.half_angle + roll_off
+    if not acceptance.half_angle > 0.0 or angle >= 0.5 * math.pi:
         return math.inf
     return math.sqrt(max(math.tan(angle) ** 2 - off * off, 0.0))
 
 
 @inline
-def _piece_weight(off, start, end, detail):
+def _piece_weight(off, start, end, acceptance):
     middle = 0.5 * (start + end)
     if (
-        detail[HALF_ANGLE] > 0.0
-        and math.atan(math.sqrt(off * off + middle * middle)) > detail[HALF_ANGLE] + detail[ROLL_OFF]
+        acceptance.half_angle > 0.0
+        and math.atan(math.sqrt(off * off + middle * middle)) > acceptance.half_angle + acceptance.roll_off
     ):
         # G is constant beyond the cone; the azimuth turns by the angle of the piece.
         turn = math.atan2(off * (end - start), off * off + start * end)
-        return turn * _inner_weight(math.inf, detail)
+        return turn * _inner_weight(math.inf, acceptance)
     total = 0.0
     for k in range(_NODES.shape[0]):
         s = middle + 0.5 * (end - start) * _NODES[k]
         squared = off * off + s * s
         # G / squared is smooth, also where the edge passes right above the position.
-        ratio = 0.5 if squared == 0.0 else _inner_weight(squared, detail) / squared
+        ratio = 0.5 if squared == 0.0 else _inner_weight(squared, acceptance) / squared
         total += _WEIGHTS[k] * ratio
     return 0.5 * (end - start) * off * total
 
 
 @inline
-def _inner_weight(squared, detail):
+def _inner_weight(squared, acceptance):
     """G for the squared tangent of theta; by area that in a plane at distance 1."""
-    if detail[BY_AREA] > 0.0:
-        return _inner_area(squared, detail)
-    power = detail[POWER] + 2.0
-    if detail[POWER] > 0.0:
+    if acceptance.by_area:
+        return _inner_area(squared, acceptance)
+    power = acceptance.power + 2.0
+    if acceptance.power > 0.0:
         return -math.expm1(-0.5 * power * math.log1p(squared)) / power
     theta = math.atan(math.sqrt(squared))
-    first, width = detail[HALF_ANGLE], detail[ROLL_OFF]
+    first, width = acceptance.half_angle, acceptance.roll_off
     if theta <= first:
         return 0.5 * squared / (1.0 + squared)
     inside = 0.5 * math.sin(first) ** 2
@@ -125,13 +121,13 @@ def _inner_weight(squared, detail):
 
 
 @inline
-def _inner_area(squared, detail):
-    power = detail[POWER]
+def _inner_area(squared, acceptance):
+    power = acceptance.power
     if power == 2.0:
         return 0.5 * math.log1p(squared)
     if power > 0.0:
         return math.expm1((1.0 - 0.5 * power) * math.log1p(squared)) / (2.0 - power)
-    first, width = detail[HALF_ANGLE], detail[ROLL_OFF]
+    first, width = acceptance.half_angle, acceptance.roll_off
     theta = math.atan(math.sqrt(squared))
     if theta <= first:
         return 0.5 * squared

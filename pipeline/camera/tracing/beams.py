@@ -30,37 +30,20 @@ _AT_ONCE = 2
 
 
 class Blocks(NamedTuple):
-    """Blocks of the sensor.
+    """Blocks of the sensor."""
 
-    Attributes
-    ----------
-    microlens : (b,) int64
-        Microlens of each block, or `NO_MICROLENS`.
-    centre_mm : (b, 2) float64
-        Vision frame.
-    step_mm : (b,) float64
-        Distance of the nodes, which lie around the centre.
-    """
-
-    microlens: np.ndarray
-    centre_mm: np.ndarray
-    step_mm: np.ndarray
+    microlens: np.ndarray  # (b,) int64, microlens of each block, or `NO_MICROLENS`
+    centre_mm: np.ndarray  # (b, 2) float64, vision frame
+    step_mm: np.ndarray  # (b,) float64, distance of the nodes, which lie around the centre
 
 
 class Beams(NamedTuple):
-    """Rays of blocks in front of the lens.
+    """Rays of blocks in front of the lens."""
 
-    Attributes
-    ----------
-    origin, direction : (b, NODES^2, RAYS, 3) float64
-        Vision frame [mm].
-    known : (b,) bool
-        Whether all rays of the block found their way.
-    """
-
+    # (b, NODES^2, RAYS, 3) float64, vision frame [mm]
     origin: np.ndarray
     direction: np.ndarray
-    known: np.ndarray
+    known: np.ndarray  # (b,) bool, whether all rays of the block found their way
 
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
@@ -83,7 +66,7 @@ def _wide_open(table: np.ndarray) -> np.ndarray:
 def _trace(camera, blocks, beams):
     region, packet = new_region(), new_packet()
     start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    start, lenses, aperture, outlines = SensorPoints(start_x, start_y), camera.lenses, camera.aperture, camera.outlines
+    start, aperture, outlines = SensorPoints(start_x, start_y), camera.aperture, camera.outlines
     x, y, z, dx, dy, dz, alive, _, _ = packet
     polygon, size = region.polygon, _AT_ONCE * NODES * RAYS
     for b in range(blocks.microlens.shape[0]):
@@ -100,8 +83,8 @@ def _trace(camera, blocks, beams):
                 else:
                     count = aperture.shape[0]
                     for k in range(count):
-                        polygon[k, 0] = lenses[microlens, X] + aperture[k, 0]
-                        polygon[k, 1] = lenses[microlens, Y] + aperture[k, 1]
+                        polygon[k, 0] = camera.microlenses[microlens, X] + aperture[k, 0]
+                        polygon[k, 1] = camera.microlenses[microlens, Y] + aperture[k, 1]
                 here = slice(i * RAYS, (i + 1) * RAYS)
                 _spread(polygon, count, x[here], y[here])
                 start_x[here], start_y[here], owner[here] = sx, sy, b

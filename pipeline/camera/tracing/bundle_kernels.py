@@ -49,12 +49,9 @@ def mean_free_weight(camera, microlens, x, y, square, polygon):
 def bundle_moments(camera, planes, samples, starts, moments):
     """Moments of the bundles of many sensor positions on two planes.
 
-    Parameters
-    ----------
-    planes : (n or 1, 2, 4, 3) float64
-        Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
-    moments : (n, COLUMNS) float64
-        Written, see `camera.tracing.moments`; NaN where the bundle is empty.
+    `planes`: (n or 1, 2, 4, 3) float64, two planes of each position, or of all, as rows origin, first axis, second
+        axis, normal.
+    `moments`: (n, COLUMNS) float64, written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
     bits, seed, square = samples
     pixels, anchors, positions, microlens = starts
@@ -71,7 +68,7 @@ def bundle_moments(camera, planes, samples, starts, moments):
         if microlens[n] == SKIP:
             continue
         sx, sy = positions[n]
-        own = n if planes.shape[0] > 1 else 0
+        of_planes = n if planes.shape[0] > 1 else 0
         if microlens[n] >= 0:
             moments[n, FREE_WEIGHT] = mean_free_weight(camera, microlens[n], sx, sy, square, region.polygon)
         ax, ay = anchors[n]
@@ -102,7 +99,7 @@ def bundle_moments(camera, planes, samples, starts, moments):
             here, anchor = slice(0, full), Anchor(ax, ay, region_drift(camera, microlens[n]))
             aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here], packet.scratch)
             send_packet(camera, microlens[n], start, full, packet)
-            cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
+            cross_packet(planes[of_planes, 0], planes[of_planes, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
                 for r in range(REPLICAS):
@@ -126,10 +123,7 @@ def image_rays(camera, samples, squares, diffraction, rays):
 
     With diffraction a ray that arrives in a square starts where it would arrive by geometry.
 
-    Returns
-    -------
-    int
-        Number of rays written.
+    Returns int: number of rays written.
     """
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)

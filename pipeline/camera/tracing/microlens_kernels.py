@@ -1,7 +1,7 @@
 """Rays through a microlens that is more than an untilted thin one, in its own frame. Kernels only; mm.
 
 The local frame of a microlens has its origin at the vertex of the rear face and z along its axis, to the scene;
-`detail` holds the turn from the vision frame. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` the row
+`turn` leads there from the vision frame. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` the row
 of one.
 """
 
@@ -10,20 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.tracing.acceptance import BY_AREA, disc_weight, is_limited, region_weight
+from pipeline.camera.tracing.acceptance import disc_weight, is_limited, region_weight
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.optics.crossing import Ray, put, ray_of
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
 X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
-"""Columns of `lenses`. Plain microlenses have the first three."""
-PLAIN_COLUMNS, COLUMNS = 3, 14
-"""Numbers of columns of `lenses`, where all microlenses are plain and where they are not."""
+"""Columns of `CameraArrays.microlenses`: vertex, focal length, type, aim plane, and the linear map that bounds rays."""
+COLUMNS = 14
+"""Number of these columns."""
 
-DISC, MODEL, TURN = 4, 5, 6
-"""Places in `detail` behind those of `camera.tracing.acceptance`: radius of the disc or 0, the model, the turn (9)."""
-PLAIN, THIN, TWO_PLANE, REFRACTIVE = 0.0, 1.0, 2.0, 3.0
+PLAIN, THIN, TWO_PLANE, REFRACTIVE = range(4)
 """Models; a plain microlens is thin and parallel to the sensor."""
 
 CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
@@ -44,47 +42,47 @@ class MicrolensPlace(NamedTuple):
 @inline
 def place_of_microlens(camera, microlens):
     """The place of a microlens that is not plain."""
-    row = camera.lenses[microlens]
+    row = camera.microlenses[microlens]
     return MicrolensPlace(row[X], row[Y], row[Z], row[AIM], camera.optics.sensor_z_mm - row[Z])
 
 
 @unit
 def through_microlens(camera, microlens, start, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
-    detail, faces, bends, _ = camera.mosaic
-    kind, place = int(camera.lenses[microlens, KIND]), place_of_microlens(camera, microlens)
+    elements, bends = camera.elements, camera.elements.bends
+    kind, place = int(camera.microlenses[microlens, KIND]), place_of_microlens(camera, microlens)
     towards_microlens(camera, microlens, start, size, packet)
-    trace_packet(faces[kind], packet, size)
-    if detail[MODEL] == THIN:
-        focal = camera.lenses[microlens, FOCAL]
+    trace_packet(elements.faces[kind], packet, size)
+    if elements.model == THIN:
+        focal = camera.microlenses[microlens, FOCAL]
         for i in range(size):
             put(packet, i, bent_thinly(focal, ray_of(packet, i)))
-    elif detail[MODEL] == TWO_PLANE:
+    elif elements.model == TWO_PLANE:
         curvature, mu = bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX]
         for i in range(size):
             put(packet, i, bent_by_normals(curvature, mu, ray_of(packet, i)))
     for i in range(size):
-        put(packet, i, out_of_microlens(place, detail, ray_of(packet, i)))
+        put(packet, i, out_of_microlens(place, elements.turn, ray_of(packet, i)))
 
 
 @inline
 def towards_microlens(camera, microlens, start, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
-    place, detail, x, y = place_of_microlens(camera, microlens), camera.mosaic.detail, packet.x, packet.y
+    place, turn, x, y = place_of_microlens(camera, microlens), camera.elements.turn, packet.x, packet.y
     for i in range(size):
-        ray, packet.weight[i] = into_microlens(place, detail, start.x[i], start.y[i], x[i], y[i])
+        ray, packet.weight[i] = into_microlens(place, turn, start.x[i], start.y[i], x[i], y[i])
         put(packet, i, ray)
 
 
 @inline
-def into_microlens(place, detail, start_x, start_y, x, y):
+def into_microlens(place, turn, start_x, start_y, x, y):
     """The ray from a sensor position towards an aim point (x, y), and its weight: frame of the microlens."""
     h = place.aim
     sx, sy = (x - start_x) / h, (y - start_y) / h
     squared = 1.0 + sx * sx + sy * sy
     w = 1.0 / math.sqrt(squared)
-    dx, dy, dz = turned(detail, sx * w, sy * w, w)
-    px, py, pz = turned(detail, start_x - place.x, start_y - place.y, place.below)
+    dx, dy, dz = turned(turn, sx * w, sy * w, w)
+    px, py, pz = turned(turn, start_x - place.x, start_y - place.y, place.below)
     return Ray(px, py, pz, dx, dy, dz, 1.0), 1.0 / (h * h * squared * squared)
 
 
@@ -117,25 +115,25 @@ def bent_by_normals(curvature, mu, ray):
 
 
 @inline
-def out_of_microlens(place, detail, ray):
+def out_of_microlens(place, turn, ray):
     """The ray in the vision frame."""
-    dx, dy, dz = turned_back(detail, ray.dx, ray.dy, ray.dz)
-    x, y, z = turned_back(detail, ray.x, ray.y, ray.z)
+    dx, dy, dz = turned_back(turn, ray.dx, ray.dy, ray.dz)
+    x, y, z = turned_back(turn, ray.x, ray.y, ray.z)
     return Ray(x + place.x, y + place.y, z + place.z, dx, dy, dz, ray.alive)
 
 
 @inline
-def turned(detail, x, y, z):
+def turned(turn, x, y, z):
     """A vector of the vision frame in the array's frame."""
-    r = detail[TURN : TURN + 9]
-    return r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z, r[6] * x + r[7] * y + r[8] * z
+    a, b, c = turn[0], turn[1], turn[2]
+    return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
 @inline
-def turned_back(detail, x, y, z):
+def turned_back(turn, x, y, z):
     """A vector of the array's frame in the vision frame."""
-    r = detail[TURN : TURN + 9]
-    return r[0] * x + r[3] * y + r[6] * z, r[1] * x + r[4] * y + r[7] * z, r[2] * x + r[5] * y + r[8] * z
+    a, b, c = turn[0], turn[1], turn[2]
+    return a[0] * x + b[0] * y + c[0] * z, a[1] * x + b[1] * y + c[1] * z, a[2] * x + b[2] * y + c[2] * z
 
 
 @inline
@@ -145,10 +143,12 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
     Where a plane face comes first, the slope u in front of it follows from Snell's law by Newton's method:
     gap u + slab u / sqrt(n^2 + (n^2 - 1) u^2) is the distance across.
     """
-    detail, _, bends, _ = camera.mosaic
-    row, sensor_z = camera.lenses[microlens], camera.optics.sensor_z_mm
+    turn, bends = camera.elements.turn, camera.elements.bends
+    row, sensor_z = camera.microlenses[microlens], camera.optics.sensor_z_mm
+    if camera.elements.model == PLAIN:
+        return row[X] + px, row[Y] + py
     kind, h = int(row[KIND]), row[AIM]
-    x, y, z = turned(detail, sx - row[X], sy - row[Y], sensor_z - row[Z])
+    x, y, z = turned(turn, sx - row[X], sy - row[Y], sensor_z - row[Z])
     across_x, across_y = px - x, py - y
     if bends[kind, IN_FRONT] > 0.0:
         gap, slab, n2 = -z, pz, bends[kind, INDEX] ** 2
@@ -158,29 +158,28 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
             root = math.sqrt(n2 + (n2 - 1.0) * u * u)
             u -= (gap * u + slab * u / root - across) / (gap + slab * n2 / (root * root * root))
         scale = u / across if across > 0.0 else 0.0
-        dx, dy, dz = turned_back(detail, across_x * scale, across_y * scale, 1.0)
+        dx, dy, dz = turned_back(turn, across_x * scale, across_y * scale, 1.0)
     else:
-        dx, dy, dz = turned_back(detail, across_x, across_y, pz - z)
+        dx, dy, dz = turned_back(turn, across_x, across_y, pz - z)
     return sx + h * dx / dz, sy + h * dy / dz
 
 
 @unit
 def free_weight(camera, microlens, sx, sy, polygon):
     """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
-    optics, aperture, detail, rims = camera.optics, camera.aperture, camera.mosaic.detail, camera.mosaic.rims
-    row = camera.lenses[microlens]
-    x, y = sx - row[X], sy - row[Y]
-    if detail[MODEL] == PLAIN:
-        distance = optics.sampling_z_mm - optics.sensor_z_mm
-        if not detail[DISC] > 0.0:
-            return region_weight(aperture, aperture.shape[0], x, y, distance, detail)
-        if not (is_limited(detail) or detail[BY_AREA] > 0.0):
-            return disc_weight(detail[DISC], x, y, distance)
-        return region_weight(rims[0], rims.shape[1], x, y, distance, detail)
+    aperture, acceptance, elements, rims = camera.aperture, camera.acceptance, camera.elements, camera.elements.rims
+    row = camera.microlenses[microlens]
+    x, y, distance = sx - row[X], sy - row[Y], row[AIM]
+    if elements.model == PLAIN:
+        if not elements.disc_mm > 0.0:
+            return region_weight(aperture, aperture.shape[0], x, y, distance, acceptance)
+        if not (is_limited(acceptance) or acceptance.by_area):
+            return disc_weight(elements.disc_mm, x, y, distance)
+        return region_weight(rims[0], rims.shape[1], x, y, distance, acceptance)
     rim = rims[int(row[KIND])]
     for i in range(rim.shape[0]):
         polygon[i, 0], polygon[i, 1] = aim_for(camera, microlens, sx, sy, rim[i, 0], rim[i, 1], rim[i, 2])
-    return region_weight(polygon, rim.shape[0], sx, sy, row[AIM], detail)
+    return region_weight(polygon, rim.shape[0], sx, sy, distance, acceptance)
 
 
 @kernel

@@ -6,21 +6,18 @@ is exact. Of others a linear map from sensor and aim point to the rear vertex pl
 sampling, with a margin measured on real rays; every ray is clipped exactly where it meets the aperture.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, tilt
-from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.parts.microlens_faces import append_edges, face_table
-from pipeline.camera.parts.polygon import regular
+from pipeline.camera.parts.microlens_array import MicrolensArray, append_edges, face_table
+from pipeline.camera.parts.polygon import regular, rim_of
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.pupil.outlines import Outlines
-from pipeline.camera.tracing import microlens_kernels
-from pipeline.camera.tracing.acceptance import BY_AREA, HALF_ANGLE, POWER, ROLL_OFF
-from pipeline.camera.tracing.records import CameraArrays, Mosaic, Optics
+from pipeline.camera.tracing import microlens_kernels as column
+from pipeline.camera.tracing.microlens_kernels import PLAIN, REFRACTIVE, THIN, TWO_PLANE, aims_for, rays_before
+from pipeline.camera.tracing.records import Acceptance, CameraArrays, Elements, Optics
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.errors import PipelineError
 from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
@@ -36,41 +33,15 @@ _TRIALS = 4096
 """Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers what they miss."""
 _SAFETY = 1.2
 """Margin over the largest error of the linear map among the trials [1]: others may be a little larger."""
-_MODELS = {"two-plane": microlens_kernels.TWO_PLANE, "refractive": microlens_kernels.REFRACTIVE}
-
-
-@dataclass(frozen=True, slots=True)
-class Microlenses:
-    """Microlenses for the kernels.
-
-    Attributes
-    ----------
-    lenses : (m, columns) float64
-    aperture : (c, 2) float64
-        Polygon around the aperture.
-    mosaic : Mosaic
-    reach : (m, 2) float64
-        Reach of the linear map from the sensor to the rear vertex plane: per sensor point, per aim point.
-    """
-
-    lenses: Float64[np.ndarray, "m columns"]
-    aperture: Float64[np.ndarray, "c 2"]
-    mosaic: Mosaic
-    reach: Float64[np.ndarray, "m 2"]
-
-
-def is_plain(array: MicrolensArray | None) -> bool:
-    """Whether microlenses are thin and parallel to the sensor."""
-    return array is None or (array.model == "thin" and not array.is_tilted)
+_MODELS = {"thin": THIN, "two-plane": TWO_PLANE, "refractive": REFRACTIVE}
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+"""Vision frame from the sensor frame."""
 
 
 def element_tables(array: MicrolensArray) -> np.ndarray:
     """Both faces, or the plane, of each type for the packet tracer, (types, surfaces, columns).
 
-    Raises
-    ------
-    CameraError
-        A face ends before the aperture does.
+    Raises CameraError: a face ends before the aperture does.
     """
     outline, radius = cell(array), None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
     if array.model == "thin":
@@ -86,61 +57,67 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
         raise CameraError(f"a microlens: {error.what}", hint="choose a longer radius or smaller discs") from None
 
 
-def microlenses(
+def camera_arrays(
     camera: Camera,
     table: Float64[np.ndarray, "surfaces columns"],
     stop_row: int,
     lattice: Lattice | None,
     vertices: Float64[np.ndarray, "n 2"],
     bounds: Outlines,
-) -> Microlenses:
-    """Arrays of a camera whose surfaces, lattice and outlines are known."""
-    array, detail = camera.microlenses, _detail(camera)
-    if array is None or lattice is None:
-        nothing = Mosaic(detail, np.zeros((1, 1, 1)), np.zeros((1, microlens_kernels.BENDS)), np.zeros((1, 1, 3)))
-        return Microlenses(np.zeros((0, microlens_kernels.PLAIN_COLUMNS)), np.zeros((0, 2)), nothing, np.zeros((0, 2)))
-    focal = np.array(array.focal_lengths_mm)[lattice.type]
-    lenses = np.column_stack([vertices, focal])
-    bends = np.zeros((len(array.focal_lengths_mm), microlens_kernels.BENDS))
+) -> CameraArrays:
+    """A camera for the kernels, whose surfaces, lattice and outlines are known."""
+    array, rear_mm, sensor_mm = camera.microlenses, float(table[0, VERTEX]), -camera.sensor_distance_mm
+    sampling_mm = sensor_mm + array.distance_mm if array else rear_mm
+    optics = Optics(sensor_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
+    rows, aperture = np.zeros((len(vertices), column.COLUMNS)), np.zeros((0, 2))
+    elements = Elements(PLAIN, 0.0, np.eye(3), np.zeros((1, 1, 1)), np.zeros((1, column.BENDS)), np.zeros((1, 1, 3)))
+    if array is not None:
+        radius = array.disc_diameter_mm
+        aperture = cell(array) if radius is None else regular(_DISC_SIDES, _OUTSIDE * radius / 2, 0.0)
+        elements = _elements(array)
+    arrays = CameraArrays(optics, _acceptance(camera), table, bounds.vertices_mm, rows, aperture, elements)
+    if array is not None and lattice is not None:
+        rows[:, :2], rows[:, column.KIND] = vertices, lattice.type
+        rows[:, column.FOCAL] = np.array(array.focal_lengths_mm)[lattice.type]
+        rows[:, column.Z] = sampling_mm + lattice.z_mm
+        if array.is_plain:
+            _set_plain(arrays, camera, array)
+        else:
+            _LinearMaps(arrays, array, lattice, stop_row).set()
+    return arrays
+
+
+def _acceptance(camera: Camera) -> Acceptance:
+    sensor, by_area = camera.sensor, camera.weight == "area"
+    if sensor.acceptance == "cone":
+        half_angle, roll_off = np.deg2rad([sensor.acceptance_half_angle_deg, sensor.acceptance_roll_off_deg]).tolist()
+        return Acceptance(0.0, half_angle, roll_off, by_area)
+    return Acceptance(float(sensor.acceptance_power) if sensor.acceptance == "cosine" else 0.0, 0.0, 0.0, by_area)
+
+
+def _elements(array: MicrolensArray) -> Elements:
+    bends = np.zeros((len(array.focal_lengths_mm), column.BENDS))
     for row, faces in zip(bends, array.faces, strict=False):
         row[:] = -1 / faces.front_radius_mm, faces.index, faces.aperture_is_in_front
-    mosaic = Mosaic(detail, element_tables(array), bends, _rims(array))
-    radius = array.disc_diameter_mm
-    aperture = cell(array) if radius is None else regular(_DISC_SIDES, _OUTSIDE * radius / 2, 0.0)
-    if is_plain(array):
-        behind, ahead = array.distance_mm, table[0, VERTEX] + camera.sensor_distance_mm - array.distance_mm
-        by_aim = 1.0 + ahead / behind - ahead / focal - bounds.drift
-        return Microlenses(lenses, aperture, mosaic, np.column_stack([np.full(len(focal), -ahead / behind), by_aim]))
-    placed = _Placed(camera, array, lattice, table, stop_row, bounds)
-    lenses = placed.lenses(lenses, aperture, mosaic)
-    return Microlenses(lenses, aperture, mosaic, lenses[:, [microlens_kernels.BY_START, microlens_kernels.BY_AIM]])
+    model, disc_mm = PLAIN if array.is_plain else _MODELS[array.model], (array.disc_diameter_mm or 0.0) / 2
+    turn = np.ascontiguousarray((_HALF_TURN @ tilt(array) @ _HALF_TURN).T)
+    return Elements(model, disc_mm, turn, element_tables(array), bends, _rims(array))
 
 
-def _detail(camera: Camera) -> np.ndarray:
-    sensor, array, detail = camera.sensor, camera.microlenses, np.zeros(microlens_kernels.TURN + 9)
-    detail[BY_AREA] = camera.weight == "area"
-    if sensor.acceptance == "cosine":
-        detail[POWER] = sensor.acceptance_power
-    elif sensor.acceptance == "cone":
-        detail[HALF_ANGLE] = np.deg2rad(sensor.acceptance_half_angle_deg)
-        detail[ROLL_OFF] = np.deg2rad(sensor.acceptance_roll_off_deg)
-    if array is not None:
-        detail[microlens_kernels.DISC] = (array.disc_diameter_mm or 0.0) / 2
-        detail[microlens_kernels.MODEL] = (
-            microlens_kernels.PLAIN if is_plain(array) else _MODELS.get(array.model, microlens_kernels.THIN)
-        )
-        half_turn = np.diag([-1.0, -1.0, 1.0])
-        detail[microlens_kernels.TURN :] = (half_turn @ tilt(array) @ half_turn).T.ravel()
-    return detail
+def _set_plain(arrays: CameraArrays, camera: Camera, array: MicrolensArray) -> None:
+    """Write the linear maps of plain microlenses, which are exact."""
+    rows, optics = arrays.microlenses, arrays.optics
+    rows[:, column.AIM] = optics.sampling_z_mm - optics.sensor_z_mm
+    rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = rows[:, [column.BASE_X, column.BASE_Y]] = rows[:, :2]
+    behind, ahead = array.distance_mm, optics.rear_z_mm + camera.sensor_distance_mm - array.distance_mm
+    rows[:, column.BY_START] = -ahead / behind
+    rows[:, column.BY_AIM] = 1.0 + ahead / behind - ahead / rows[:, column.FOCAL] - optics.drift
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:
     """Points along the edge of each type's aperture, on the face that has it, (types, _RIM, 3)."""
     if array.disc_diameter_mm is None:
-        corners = cell(array)
-        share = np.arange(_RIM // len(corners)) / (_RIM // len(corners))
-        edge = np.roll(corners, -1, axis=0) - corners
-        rim = (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)
+        rim = rim_of(cell(array), _RIM)
     else:
         # A polygon of the disc's area: their weights differ by the curvature of cos^4 across a sixtieth of a radius.
         turn = 2 * np.pi / _RIM
@@ -158,112 +135,86 @@ def on_apertures(array: MicrolensArray, points_mm: Float64[np.ndarray, "n 2"]) -
     return np.stack([np.column_stack([points_mm, along]) for along in z])
 
 
-class _Placed:
+class _LinearMaps:
     """The linear maps of microlenses that are not plain."""
 
-    def __init__(
-        self,
-        camera: Camera,
-        array: MicrolensArray,
-        lattice: Lattice,
-        table: np.ndarray,
-        stop_row: int,
-        bounds: Outlines,
-    ) -> None:
-        self.array, self.lattice, self.bounds = array, lattice, bounds
-        self.table, self.stop_row = table, stop_row
-        self.sensor_mm = -camera.sensor_distance_mm
-        self.film_mm = self.sensor_mm + array.distance_mm
+    def __init__(self, arrays: CameraArrays, array: MicrolensArray, lattice: Lattice, stop_row: int) -> None:
+        self.arrays, self.array, self.lattice, self.stop_row = arrays, array, lattice, stop_row
+        self.rows, self.optics, self.vertices = arrays.microlenses, arrays.optics, arrays.microlenses[:, :2]
 
-    def lenses(self, plain: np.ndarray, aperture: np.ndarray, mosaic: Mosaic) -> np.ndarray:
-        """Rows for the kernels, from those of plain microlenses."""
-        array, kind = self.array, self.lattice.type
-        rows = np.zeros((len(plain), microlens_kernels.COLUMNS))
-        rows[:, : plain.shape[1]] = plain
-        rows[:, microlens_kernels.KIND], rows[:, microlens_kernels.Z] = kind, self.film_mm + self.lattice.z_mm
-        gap = array.distance_mm + self.lattice.z_mm
+    def set(self) -> None:
+        """Write them, and the aim planes that they belong to."""
+        rows, array, drift = self.rows, self.array, self.optics.drift
         slab = [faces.thickness_mm / faces.index * faces.aperture_is_in_front for faces in array.faces]
-        rows[:, microlens_kernels.AIM] = gap + (np.array(slab)[kind] if slab else 0.0)
-        base = self._on_film(plain[:, :2])
-        rows[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]] = base
-        drift = self.bounds.drift
-        rows[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]] = plain[:, :2] - drift * (plain[:, :2] - base)
-        (at_rear_s, at_film_s), (at_rear_a, at_film_a) = self._maps(rows)
-        rows[:, microlens_kernels.BY_START] = at_rear_s - drift * at_film_s
-        rows[:, microlens_kernels.BY_AIM] = at_rear_a - drift * at_film_a
-        self._measure(rows, aperture, mosaic)
-        return rows
+        rows[:, column.AIM] = array.distance_mm + self.lattice.z_mm
+        rows[:, column.AIM] += np.array(slab)[self.lattice.type] if slab else 0.0
+        base = self._on_film()
+        rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = base
+        rows[:, [column.BASE_X, column.BASE_Y]] = self.vertices - drift * (self.vertices - base)
+        for place, at_sensor in ((column.BY_START, 1.0), (column.BY_AIM, 0.0)):
+            at_rear, at_film = self._crossings(at_sensor)
+            rows[:, place] = at_rear - drift * at_film
+        self._measure()
 
-    def _on_film(self, vertices: np.ndarray) -> np.ndarray:
+    def _on_film(self) -> np.ndarray:
         """Crossings of the chief rays through vertices of tilted arrays with the plane of the untilted one."""
         if not self.array.is_tilted:
-            return vertices
-        points = np.column_stack([vertices, self.film_mm + self.lattice.z_mm])
-        return vertices - self.lattice.z_mm[:, None] * chief_slopes(self.table, self.stop_row, points)
+            return self.vertices
+        slopes = chief_slopes(self.arrays.table, self.stop_row, self.rows[:, [column.X, column.Y, column.Z]])
+        return self.vertices - self.lattice.z_mm[:, None] * slopes
 
-    def _maps(self, rows: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Paraxial crossings with the rear vertex and the film plane per unit of the sensor's and of the aim point."""
-        array, kind = self.array, self.lattice.type
-        planes = np.array(array.principal_mm)[kind] - array.distance_mm
-        above, ahead = self.lattice.z_mm, self.table[0, VERTEX] - rows[:, microlens_kernels.Z]
-        found = []
-        for start, slope in ((1.0, -1.0 / rows[:, microlens_kernels.AIM]), (0.0, 1.0 / rows[:, microlens_kernels.AIM])):
-            at_principal = start + slope * (array.distance_mm + above + planes[:, 0])
-            out = slope - at_principal / rows[:, microlens_kernels.FOCAL]
-            at_vertex = at_principal - out * planes[:, 1]
-            found.append((at_vertex + out * ahead, at_vertex - out * above))
-        return found[0], found[1]
+    def _crossings(self, at_sensor: float) -> tuple[np.ndarray, np.ndarray]:
+        """Paraxial crossings with the rear vertex and the film plane per unit of the sensor (1) or aim point (0)."""
+        array, rows, above = self.array, self.rows, self.lattice.z_mm
+        planes = np.array(array.principal_mm)[self.lattice.type] - array.distance_mm
+        slope = (-1.0 if at_sensor else 1.0) / rows[:, column.AIM]
+        at_principal = at_sensor + slope * (array.distance_mm + above + planes[:, 0])
+        out = slope - at_principal / rows[:, column.FOCAL]
+        at_vertex = at_principal - out * planes[:, 1]
+        return at_vertex + out * (self.optics.rear_z_mm - rows[:, column.Z]), at_vertex - out * above
 
-    def _measure(self, rows: np.ndarray, aperture: np.ndarray, mosaic: Mosaic) -> None:
-        """Set inflation and margin from real rays of the lenses of each type that stand lowest, highest, in between."""
-        around, camera = self._sensor_reach(rows, aperture), self._arrays(rows, aperture, mosaic)
+    def _measure(self) -> None:
+        """Set inflation and margin from real rays of the lowest, the highest and a middle microlens of each type."""
+        rows, kinds, around = self.rows, self.lattice.type, self._sensor_reach()
         rng = np.random.default_rng(0)
         inflation = margin = 0.0
-        for kind in np.unique(self.lattice.type):
-            own = np.flatnonzero(self.lattice.type == kind)
-            order = own[np.argsort(self.lattice.z_mm[own], kind="stable")]
+        for kind in np.unique(kinds):
+            of_kind = np.flatnonzero(kinds == kind)
+            order = of_kind[np.argsort(self.lattice.z_mm[of_kind], kind="stable")]
             for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
+                vertex, which, aims = rows[microlens, :2], np.full(_TRIALS, microlens), np.empty((_TRIALS, 2))
                 angle, far = rng.uniform(0, 2 * np.pi, _TRIALS), around * np.sqrt(rng.uniform(0, 1, _TRIALS))
-                starts = rows[microlens, :2] + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-                points = mosaic.rims[kind][rng.integers(0, _RIM, _TRIALS)]
-                which = np.full(_TRIALS, microlens)
-                aims = np.empty((_TRIALS, 2))
-                microlens_kernels.aims_for(camera, which, starts, points, aims)
-                inflation = max(inflation, _excess(aims - rows[microlens, :2], aperture))
-                inner = rows[microlens, :2] + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - rows[microlens, :2])
-                margin = max(margin, self._error(camera, which, starts, inner))
-        rows[:, microlens_kernels.INFLATION] = _SAFETY * inflation + 1e-9
-        rows[:, microlens_kernels.MARGIN] = _SAFETY * margin + 1e-9
+                starts = vertex + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+                points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
+                aims_for(self.arrays, which, starts, points, aims)
+                inflation = max(inflation, _excess(aims - vertex, self.arrays.aperture))
+                inner = vertex + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - vertex)
+                margin = max(margin, self._error(which, starts, inner))
+        rows[:, column.INFLATION] = _SAFETY * inflation + 1e-9
+        rows[:, column.MARGIN] = _SAFETY * margin + 1e-9
 
-    def _arrays(self, rows: np.ndarray, aperture: np.ndarray, mosaic: Mosaic) -> CameraArrays:
-        """The camera for the kernels, as `Tracer.arrays`."""
-        rear_mm = float(self.table[0, VERTEX])
-        optics = Optics(self.sensor_mm, self.film_mm, rear_mm, self.bounds.step_mm, self.bounds.drift)
-        return CameraArrays(optics, self.table, self.bounds.vertices_mm, rows, aperture, mosaic)
-
-    def _sensor_reach(self, rows: np.ndarray, aperture: np.ndarray) -> float:
+    def _sensor_reach(self) -> float:
         """Largest distance from below its vertex at which light of a microlens meets the sensor, to first order."""
-        polygons = np.empty((len(rows), self.bounds.vertices_mm.shape[2], 2))
-        outline_points = np.ascontiguousarray(rows[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]])
-        outlines_at(self.bounds.step_mm, self.bounds.vertices_mm, outline_points, polygons)
-        across = polygons - rows[:, None, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
-        by_start, by_aim = rows[:, microlens_kernels.BY_START], rows[:, microlens_kernels.BY_AIM]
-        corner = np.hypot(*aperture.T).max()
-        return float(1.05 * ((np.hypot(*across.T).max(axis=0) + corner * np.abs(by_aim)) / np.abs(by_start)).max())
+        rows, outlines = self.rows, self.arrays.outlines
+        polygons = np.empty((len(rows), outlines.shape[2], 2))
+        points = np.ascontiguousarray(rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+        outlines_at(self.optics.step_mm, outlines, points, polygons)
+        across = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
+        reach = np.hypot(*across.T).max(axis=0) + np.hypot(*self.arrays.aperture.T).max() * np.abs(
+            rows[:, column.BY_AIM]
+        )
+        return float(1.05 * (reach / np.abs(rows[:, column.BY_START])).max())
 
-    def _error(self, camera: CameraArrays, which: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
+    def _error(self, which: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
         """Largest distance between where real rays meet the rear vertex plane and where the linear map has them."""
         position, direction, passes = np.empty((_TRIALS, 3)), np.empty((_TRIALS, 3)), np.empty(_TRIALS)
-        microlens_kernels.rays_before(camera, which, starts, aims, position, direction, passes)
-        slope, row = direction[:, :2] / direction[:, 2:], camera.lenses[which[0]]
-        at_rear = position[:, :2] + slope * (self.table[0, VERTEX] - position[:, 2:])
-        at_film = position[:, :2] + slope * (self.film_mm - position[:, 2:])
-        linear = row[[microlens_kernels.BASE_X, microlens_kernels.BASE_Y]] + row[microlens_kernels.BY_START] * (
-            starts - row[:2]
-        )
-        linear += row[microlens_kernels.BY_AIM] * (aims - row[:2])
-        base = row[[microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
-        off = at_rear - self.bounds.drift * (at_film - base) - linear
+        rays_before(self.arrays, which, starts, aims, position, direction, passes)
+        slope, row = direction[:, :2] / direction[:, 2:], self.rows[which[0]]
+        at_rear = position[:, :2] + slope * (self.optics.rear_z_mm - position[:, 2:])
+        at_film = position[:, :2] + slope * (self.optics.sampling_z_mm - position[:, 2:])
+        linear = row[[column.BASE_X, column.BASE_Y]] + row[column.BY_START] * (starts - row[:2])
+        linear += row[column.BY_AIM] * (aims - row[:2])
+        off = at_rear - self.optics.drift * (at_film - row[[column.OUTLINE_X, column.OUTLINE_Y]]) - linear
         return float(np.hypot(*off.T)[passes > 0].max(initial=0.0))
 
 

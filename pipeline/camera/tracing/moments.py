@@ -1,11 +1,14 @@
-"""Moments of a bundle's crossings with two planes: sums over packets, then means, covariances and errors. Kernels only.
+"""Moments of a bundle's crossings with two planes: sums over packets, then means, covariances and errors.
 
 A crossing is (a, b, c, d): coordinates on the first and on the second plane. Sums run about a first crossing, the
 pivot, because spreads are a millionth of the squared positions.
 """
 
+import numpy as np
+
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.jit.decorators import inline, unit
+from pipeline.records.shapes import Float64
 
 MEAN, COVARIANCE, WEIGHT, FREE_WEIGHT, VARIANCE, COLUMNS = 0, 4, 14, 15, 16, 20
 """Columns of a bundle's moments: mean (4), covariance (10, upper triangle), weight that leaves, free weight, and the
@@ -84,14 +87,9 @@ def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
 def finish(sums, total, pivot, sample_area, row):
     """Turn sums into the columns of a bundle's moments.
 
-    Parameters
-    ----------
-    sums : (REPLICAS, 5) float64
-        Weight and first moments of each replica.
-    total : (10,) float64
-        Second moments of all.
-    sample_area : float
-        Area of the sampling region per sample [mm^2].
+    `sums`: (REPLICAS, 5) float64, weight and first moments of each replica.
+    `total`: (10,) float64, second moments of all.
+    `sample_area`: area of the sampling region per sample [mm^2].
     """
     weight = 0.0
     for r in range(REPLICAS):
@@ -114,3 +112,25 @@ def finish(sums, total, pivot, sample_area, row):
             spread += (sums[r, 1 + a] / sums[r, 0] - row[MEAN + a]) ** 2
         row[VARIANCE + a] = spread / (REPLICAS - 1) / REPLICAS
         row[MEAN + a] += pivot[a]
+
+
+def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
+    """Moments of bundles that mix others, of points of a square or of wavelengths, (n, COLUMNS).
+
+    `moments`: moments of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
+    `share`: share of each part in the mixture where all pass alike; negative: the part is taken away.
+    """
+    weight = moments[..., WEIGHT] * share
+    result = np.zeros((len(moments), COLUMNS))
+    result[:, WEIGHT], result[:, FREE_WEIGHT] = weight.sum(axis=1), moments[..., FREE_WEIGHT] @ share
+    with np.errstate(invalid="ignore", divide="ignore"):  # dark mixtures
+        part = weight / result[:, WEIGHT, None]
+    known = np.where(weight[..., None] != 0, moments, 0.0)
+    mean = np.einsum("nm,nma->na", part, known[..., MEAN:COVARIANCE])
+    apart = known[..., MEAN:COVARIANCE] - mean[:, None]
+    rows, columns = np.triu_indices(4)
+    products = known[..., COVARIANCE:WEIGHT] + apart[..., rows] * apart[..., columns]
+    result[:, MEAN:COVARIANCE] = mean
+    result[:, COVARIANCE:WEIGHT] = np.einsum("nm,nma->na", part, products)
+    result[:, VARIANCE:] = np.einsum("nm,nma->na", part**2, known[..., VARIANCE:])
+    return result

@@ -7,8 +7,8 @@ import math
 from typing import NamedTuple
 
 from pipeline.camera.parts.polygon import triangle_of
-from pipeline.camera.tracing.acceptance import BY_AREA, accepted_share, is_limited
-from pipeline.camera.tracing.microlens_kernels import AIM, DISC, FOCAL, MODEL, PLAIN, X, Y, through_microlens
+from pipeline.camera.tracing.acceptance import accepted_share, is_limited
+from pipeline.camera.tracing.microlens_kernels import AIM, FOCAL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sobol import scrambled
 from pipeline.jit.decorators import inline, unit
@@ -17,9 +17,11 @@ from pipeline.optics.kernels import Packet, trace_packet
 
 _MANY = 12
 """Triangles of a fan from which on a search is faster than to count."""
+_VERTEX_X, _VERTEX_Y, _POWER = range(3)
+"""Scratch arrays of a packet that hold the plain microlens of each ray: nothing else needs them before the trace."""
 
 
-class Plain(NamedTuple):
+class PlainMicrolens(NamedTuple):
     """A plain microlens: its vertex [mm] and its power [1/mm], 0 for none."""
 
     x: float
@@ -49,25 +51,13 @@ def aim_into(region, fan, anchor, start, x, y, scratch):
     The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: in a fan of few triangles the
     one of a ray is not searched but counted, as the number of those before it.
 
-    Parameters
-    ----------
-    region, fan : regions.Region, regions.Fan
-        Behind its last vertex the polygon gets its first one again.
-    anchor : Anchor
-    start : camera.records.SensorPoints
-        As many starts as x and y hold.
-    scratch : (SCRATCH, PACKET) float64
+    `region`, `fan`: regions.Region, regions.Fan, behind its last vertex the polygon gets its first one again.
+    `start`: camera.records.SensorPoints, as many starts as x and y hold.
+    `scratch`: (SCRATCH, PACKET) float64.
     """
     polygon, cumulative, count, cx, cy = region.polygon, region.cumulative, fan.vertices, fan.x, fan.y
-    place, ax, ay, bx, by, below, above = (
-        scratch[0],
-        scratch[1],
-        scratch[2],
-        scratch[3],
-        scratch[4],
-        scratch[5],
-        scratch[6],
-    )
+    place, ax, ay, bx = scratch[0], scratch[1], scratch[2], scratch[3]
+    by, below, above = scratch[4], scratch[5], scratch[6]
     polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
     if count > _MANY:
         for i in range(x.shape[0]):
@@ -112,10 +102,10 @@ def send_packet(camera, microlens, start, size, packet):
 @unit
 def aim_packet(camera, microlens, start, size, packet):
     """Send such rays as far as the main lens."""
-    if microlens >= 0 and camera.mosaic.detail[MODEL] != PLAIN:
+    if microlens >= 0 and camera.elements.model != PLAIN:
         _through(camera, microlens, start, size, packet)
     else:
-        _set_lens(camera.lenses, microlens, 0, size, packet.scratch)
+        _set_microlens(camera.microlenses, microlens, 0, size, packet.scratch)
         _aim(camera, microlens >= 0, start, size, packet)
 
 
@@ -133,13 +123,13 @@ def send_mixed(camera, microlens, owner, start, size, packet):
 def aim_mixed(camera, microlens, owner, start, size, packet):
     """Send such rays as far as the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    plain, first = microlens[owner[0]] < 0 or camera.mosaic.detail[MODEL] == PLAIN, 0
+    plain, first = microlens[owner[0]] < 0 or camera.elements.model == PLAIN, 0
     while first < size:
         end, n = first + 1, microlens[owner[first]]
-        while end < size and owner[end] == owner[first]:
+        while end < size and microlens[owner[end]] == n:
             end += 1
         if plain:
-            _set_lens(camera.lenses, n, first, end, scratch)
+            _set_microlens(camera.microlenses, n, first, end, scratch)
         else:
             here = slice(first, end)
             part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
@@ -153,42 +143,39 @@ def aim_mixed(camera, microlens, owner, start, size, packet):
 def _through(camera, microlens, start, size, packet):
     """Aim rays through a microlens that is not plain."""
     through_microlens(camera, microlens, start, size, packet)
-    _weigh(camera.mosaic.detail, camera.lenses[microlens, AIM], packet.weight, packet.alive, size)
+    _weigh(camera.acceptance, camera.microlenses[microlens, AIM], packet.weight, packet.alive, size)
 
 
 @inline
-def _set_lens(lenses, microlens, first, end, scratch):
-    """Keep the vertex and the power of a plain microlens for some rays of a packet; without one they go straight on.
-
-    Nothing else needs the scratch arrays before the trace.
-    """
-    plain = plain_microlens(lenses, microlens)
+def _set_microlens(microlenses, microlens, first, end, scratch):
+    """Set the plain microlens of some rays; without one they go straight on."""
+    plain = plain_microlens(microlenses, microlens)
     for i in range(first, end):
-        scratch[0, i], scratch[1, i], scratch[2, i] = plain
+        scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], scratch[_POWER, i] = plain
 
 
 @inline
-def plain_microlens(lenses, microlens):
+def plain_microlens(microlenses, microlens):
     """A plain microlens; none bends nothing."""
     if microlens < 0:
-        return Plain(0.0, 0.0, 0.0)
-    return Plain(lenses[microlens, X], lenses[microlens, Y], 1.0 / lenses[microlens, FOCAL])
+        return PlainMicrolens(0.0, 0.0, 0.0)
+    return PlainMicrolens(microlenses[microlens, X], microlenses[microlens, Y], 1.0 / microlenses[microlens, FOCAL])
 
 
 @inline
 def _aim(camera, has_microlens, start, size, packet):
     """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane."""
-    scratch, detail, plane = packet.scratch, camera.mosaic.detail, camera.optics.sampling_z_mm
+    scratch, plane = packet.scratch, camera.optics.sampling_z_mm
     h = plane - camera.optics.sensor_z_mm
-    per_h, disc = 1.0 / h, detail[DISC]
+    per_h, disc = 1.0 / h, camera.elements.disc_mm
     for i in range(size):
-        plain = Plain(scratch[0, i], scratch[1, i], scratch[2, i])
+        plain = PlainMicrolens(scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], scratch[_POWER, i])
         ray, packet.weight[i] = aimed(plain, per_h, plane, start.x[i], start.y[i], packet.x[i], packet.y[i])
         put(packet, i, ray)
     if has_microlens and disc > 0.0:
         for i in range(size):
-            packet.alive[i] = within_disc(disc, scratch[0, i], scratch[1, i], ray_of(packet, i))
-    _weigh(detail, h, packet.weight, packet.alive, size)
+            packet.alive[i] = within_disc(disc, scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], ray_of(packet, i))
+    _weigh(camera.acceptance, h, packet.weight, packet.alive, size)
 
 
 @inline
@@ -215,15 +202,15 @@ def within_disc(disc, vx, vy, ray):
 
 
 @inline
-def _weigh(detail, h, weight, alive, size):
+def _weigh(acceptance, h, weight, alive, size):
     """Acceptance and the kind of weight, from weights cos^4 / h^2."""
-    if is_limited(detail) or detail[BY_AREA] > 0.0:
+    if is_limited(acceptance) or acceptance.by_area:
         for i in range(size):
-            weight[i], alive[i] = weighed(detail, h, weight[i], alive[i])
+            weight[i], alive[i] = weighed(acceptance, h, weight[i], alive[i])
 
 
 @inline
-def weighed(detail, h, weight, alive):
+def weighed(acceptance, h, weight, alive):
     """Weight and flag of a ray by acceptance and the kind of weight, from a weight cos^4 / h^2."""
-    share = accepted_share(detail, math.sqrt(h * math.sqrt(weight))) if is_limited(detail) else 1.0
-    return share if detail[BY_AREA] > 0.0 else weight * share, alive if share > 0.0 else 0.0
+    share = accepted_share(acceptance, math.sqrt(h * math.sqrt(weight))) if is_limited(acceptance) else 1.0
+    return share if acceptance.by_area else weight * share, alive if share > 0.0 else 0.0

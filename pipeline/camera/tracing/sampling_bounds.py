@@ -19,7 +19,7 @@ from pipeline.camera.tracing.microlens_kernels import (
     MARGIN,
     OUTLINE_X,
     OUTLINE_Y,
-    PLAIN_COLUMNS,
+    PLAIN,
     X,
     Y,
 )
@@ -60,10 +60,7 @@ def new_region():
 def bound(camera, microlens, x, y, slack, region):
     """Bound the rays of a sensor position by a polygon, written into the region; returns its fan.
 
-    Parameters
-    ----------
-    slack : float
-        The sensor position may move by this much in any direction.
+    `slack`: the sensor position may move by this much in any direction.
     """
     if microlens == NO_MICROLENS:
         count = outline_at(camera.optics.step_mm, camera.outlines, x, y, region.polygon)
@@ -120,13 +117,13 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
     With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
     meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that of
     v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
-    microlenses that are not plain the same linear map stands in `lenses`, with a margin for what is not linear in it.
+    microlenses that are not plain the same linear map is in their columns, with a margin for what is not linear.
     """
-    optics, lenses, aperture = camera.optics, camera.lenses, camera.aperture
+    optics, row, aperture = camera.optics, camera.microlenses[microlens], camera.aperture
     polygon, outline, scratch, _ = region
-    vx, vy, focal = lenses[microlens, X], lenses[microlens, Y], lenses[microlens, FOCAL]
+    vx, vy, focal = row[X], row[Y], row[FOCAL]
     count = aperture.shape[0]
-    if lenses.shape[1] == PLAIN_COLUMNS:
+    if camera.elements.model == PLAIN:
         behind, ahead = optics.sampling_z_mm - optics.sensor_z_mm, optics.rear_z_mm - optics.sampling_z_mm
         scale = 1.0 + ahead / behind - ahead / focal - optics.drift
         bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
@@ -135,7 +132,6 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
             polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
         size = outline_at(optics.step_mm, camera.outlines, vx, vy, outline)
     else:
-        row = lenses[microlens]
         by_start, scale = row[BY_START], row[BY_AIM]
         bx, by = row[BASE_X] + by_start * (x - vx), row[BASE_Y] + by_start * (y - vy)
         reach = slack * abs(by_start) + row[MARGIN]

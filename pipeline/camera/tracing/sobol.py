@@ -25,10 +25,7 @@ _PRIMITIVE = {
 def sobol_bits(count: int) -> np.ndarray:
     """The first `count` points of the unscrambled sequence with their bits reversed, ready for scrambling.
 
-    Returns
-    -------
-    (DIMENSIONS, count) uint32
-        Bit 0 holds the most significant binary digit.
+    Returns (DIMENSIONS, count) uint32: bit 0 holds the most significant binary digit.
     """
     return sobol_bits_at(np.arange(count, dtype=np.uint32))
 

@@ -16,8 +16,7 @@ import numpy as np
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_at
-from pipeline.camera.wave.optical_path import PathRays
-from pipeline.camera.wave.paths import sent
+from pipeline.camera.wave.paths import PathRays, sent
 from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64
 
@@ -36,45 +35,23 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An image position and the object that it sees.
+    """An image position and the object that it sees."""
 
-    Attributes
-    ----------
-    position_mm : (2,) float64
-        Position on the sensor, vision frame.
-    microlens : int
-        Row of the microlens that light passes, or `NO_MICROLENS`.
-    object_mm : float
-        Vision z of the plane of the object point; inf: infinitely far.
-    """
-
-    position_mm: Float64[np.ndarray, "2"]
-    microlens: int
-    object_mm: float
+    position_mm: Float64[np.ndarray, "2"]  # position on the sensor, vision frame
+    microlens: int  # row of the microlens that light passes, or `NO_MICROLENS`
+    object_mm: float  # vision z of the plane of the object point; inf: infinitely far
 
 
 @dataclass(frozen=True)
 class Wavefront:
-    """A pupil as square cells of direction cosines at the sensor, rows along y.
-
-    Attributes
-    ----------
-    wavelength_mm : float
-    centre : (2,) float64
-        Direction cosines of the middle of the pupil, x and y of the vision frame, from the sensor to the scene.
-    step : float
-        Edge of a cell [1].
-    path_mm : (n, n) float64
-        Wavefront error in the middles of the cells; its mean over the pupil is 0.
-    share : (n, n) float64
-        Share of each cell that light passes.
-    """
+    """A pupil as square cells of direction cosines at the sensor, rows along y."""
 
     wavelength_mm: float
+    # Direction cosines of the middle of the pupil, x and y of the vision frame, from the sensor to the scene
     centre: Float64[np.ndarray, "2"]
-    step: float
-    path_mm: Float64[np.ndarray, "n n"]
-    share: Float64[np.ndarray, "n n"]
+    step: float  # edge of a cell [1]
+    path_mm: Float64[np.ndarray, "n n"]  # wavefront error in the middles of the cells; its mean over the pupil is 0
+    share: Float64[np.ndarray, "n n"]  # share of each cell that light passes
 
     @property
     def cosines(self) -> tuple[np.ndarray, np.ndarray]:
@@ -132,19 +109,16 @@ def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
     The object point is the one that the position sees by geometry: the mean of the crossings of its rays with the plane
     of the object (of their directions, if that is infinitely far).
 
-    Raises
-    ------
-    CameraError
-        No light arrives, or the blur is so wide that diffraction has no part in it.
+    Raises CameraError: no light arrives, or the blur is so wide that diffraction has no part in it.
     """
     centre, width = _pupil(tracer, view)
     for size in _SIZES:
-        found = _wavefront_of(tracer, view, wavelength_nm * 1e-6, (centre, width / (size - 2), size))
-        lit = found.share > 0
-        reach = np.hypot(*found.crossings_mm[lit].T).max()
-        if reach < _FILLED * found.wavelength_mm / found.step:
-            return found
-    airy_mm = 0.61 * found.wavelength_mm / found.numerical_aperture
+        front = _wavefront_of(tracer, view, wavelength_nm * 1e-6, (centre, width / (size - 2), size))
+        lit = front.share > 0
+        reach = np.hypot(*front.crossings_mm[lit].T).max()
+        if reach < _FILLED * front.wavelength_mm / front.step:
+            return front
+    airy_mm = 0.61 * front.wavelength_mm / front.numerical_aperture
     blur = f"the blur of geometry is {reach / airy_mm:.0f} times as wide as the Airy disc"
     raise CameraError(f"{blur}: no wavefront is needed there", hint="choose an object nearer to the focus")
 
@@ -212,7 +186,7 @@ def _outline(tracer: Tracer, view: View) -> tuple[np.ndarray, np.ndarray]:
         outlines_at(optics.step_mm, tracer.arrays.outlines, view.position_mm[None].copy(), polygon)
         corners = polygon[0]
     else:
-        corners = tracer.arrays.lenses[view.microlens, :2] + 1.05 * tracer.arrays.aperture
+        corners = tracer.arrays.microlenses[view.microlens, :2] + 1.05 * tracer.arrays.aperture
     ahead = optics.sampling_z_mm - optics.sensor_z_mm
     across = np.column_stack([corners - view.position_mm, np.full(len(corners), ahead)])
     cosines = (across / np.linalg.norm(across, axis=1, keepdims=True))[:, :2]

@@ -8,9 +8,8 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.camera import PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.lenses.blender import read_blender
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
@@ -52,16 +51,8 @@ class _Keys:
 def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCamera:
     """A camera from a CSV file of the add-on.
 
-    Parameters
-    ----------
-    path : path
-    lens : path, optional
-        The lens table; by default the one that the file names, in the same folder or in `Lenses` beside it.
-
-    Raises
-    ------
-    UnreadableLens
-        The file is not a camera of the add-on, its lens is missing, or it cannot be represented.
+    `lens`: the lens table; by default the one that the file names, in the same folder or in `Lenses` beside it.
+    Raises UnreadableLens: the file is not a camera of the add-on, its lens is missing, or it cannot be represented.
     """
     keys = _Keys(path)
     printed = _stopped(keys, read_blender(lens or _lens_path(keys)))
@@ -88,11 +79,11 @@ def _lens_path(keys: _Keys) -> Path:
         raise UnreadableLens(keys.path, reason, hint="say which lens table it is: --lens FILE.csv")
     name = keys.text("objective_file_name")
     tries = [at / f"{name}{ending}" for at in (folder, folder / "Lenses") for ending in ("", ".csv")]
-    found = next((file for file in tries if file.is_file()), None)
-    if found is None:
+    table = next((file for file in tries if file.is_file()), None)
+    if table is None:
         line = keys.rows["objective_file_name"][0]
         raise UnreadableLens(keys.path, f'its lens "{name}" is not here', line=line, hint="say where: --lens FILE.csv")
-    return found
+    return table
 
 
 def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
@@ -105,18 +96,18 @@ def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
     surfaces = []
     for surface in lens.surfaces:
         edge = surface.semi_diameter_mm
-        one = replace(
+        bent = replace(
             surface,
             radius_mm=scale * surface.radius_mm,
             thickness_mm=scale * surface.thickness_mm,
             semi_diameter_mm=None if edge is None else scale * edge,
         )
-        if one.is_stop:
-            edge = min(size_mm / 2, one.semi_diameter_mm or math.inf)
-            one = replace(
-                one, semi_diameter_mm=edge, blades=blades if blades > 2 else 0, aperture_rotation_deg=turn_deg
+        if bent.is_stop:
+            edge = min(size_mm / 2, bent.semi_diameter_mm or math.inf)
+            bent = replace(
+                bent, semi_diameter_mm=edge, blades=blades if blades > 2 else 0, aperture_rotation_deg=turn_deg
             )
-        surfaces.append(one)
+        surfaces.append(bent)
     back_mm = lens.nominal_bfd_mm
     return replace(lens, surfaces=tuple(surfaces), nominal_bfd_mm=None if back_mm is None else scale * back_mm)
 

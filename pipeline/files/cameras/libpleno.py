@@ -11,9 +11,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.camera import PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
@@ -32,10 +31,8 @@ pm.
 def read_libpleno(path: str | Path) -> PrintedCamera:
     """A camera from a `.js` file.
 
-    Raises
-    ------
-    UnreadableLens
-        The file is no camera of libpleno, or one without a microlens array, or one that cannot be represented.
+    Raises UnreadableLens: the file is no camera of libpleno, or one without a microlens array, or one that cannot be
+        represented.
     """
     try:
         file = json.loads("\n".join(read_lines(path)))
@@ -163,7 +160,7 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str
             "type_table": tuple(table),
             "type_period": (count - 1, count),
         }
-    found: dict[int, int] = {}
+    type_of: dict[int, int] = {}
     x0, y0 = _node(layout, columns - 1 - middle[0], rows - 1 - middle[1])
     for k, l in product(range(-3, 4), repeat=2):
         x, y = _node(layout, columns - 1 - middle[0] - k, rows - 1 - middle[1] - l)
@@ -172,12 +169,12 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str
         step = round(place - line / 2)
         ours = (step - line if layout == "hexagonal" else line - step) % 3
         kind = theirs(middle[0] + k, middle[1] + l)
-        if found.setdefault(ours, kind) != kind:
+        if type_of.setdefault(ours, kind) != kind:
             raise CameraError(
                 "the types of this array do not repeat as (k - l) mod 3",
                 hint="libpleno has no other order: state the array in a stage, with a type table",
             )
-    return {"focal_lengths_mm": tuple(focal[found[kind]] for kind in range(3))}
+    return {"focal_lengths_mm": tuple(focal[type_of[kind]] for kind in range(3))}
 
 
 def _finite(text: Any) -> float:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.camera.parts.imported_camera import PrintedCamera
+from pipeline.camera.parts.camera import PrintedCamera
 from pipeline.files.cameras.blender import read_blender_camera
 from pipeline.files.cameras.libpleno import read_libpleno
 from pipeline.files.lenses.text import UnreadableLens, computing
@@ -11,10 +11,7 @@ from pipeline.files.lenses.text import UnreadableLens, computing
 def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamera:
     """A camera with its parts.
 
-    Raises
-    ------
-    UnreadableLens
-        The format is unknown, or the camera cannot be represented.
+    Raises UnreadableLens: the format is unknown, or the camera cannot be represented.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".csv":

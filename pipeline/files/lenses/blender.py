@@ -24,10 +24,7 @@ def is_blender(lines: list[str]) -> bool:
 def read_blender(path: str | Path) -> PrintedLens:
     """A lens from a CSV file of the add-on.
 
-    Raises
-    ------
-    UnreadableLens
-        The file is not a lens table of the add-on, or has no stop.
+    Raises UnreadableLens: the file is not a lens table of the add-on, or has no stop.
     """
     lines = read_lines(path)
     header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []

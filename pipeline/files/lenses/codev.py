@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.files.lenses.glass import medium
-from pipeline.files.lenses.opening import opened
-from pipeline.files.lenses.sizing import Beam, sized
-from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
+from pipeline.files.lenses.sizing import Beam, opened, sized
+from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, radius_of, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
@@ -98,7 +96,7 @@ class _Sequence:
         if name in ("EPD", "FNO"):
             value = self._numbers(line, name, values)[0]
             self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
-            self.beam.said, self.beam.line = f"{name} {value:g}", line
+            self.beam.stated, self.beam.line = f"{name} {value:g}", line
         elif name == "WL":
             self.wavelengths = self._numbers(line, name, values)
         elif name == "REF":
@@ -196,10 +194,7 @@ class _Sequence:
 def read_codev(path: str | Path) -> PrintedLens:
     """A lens from a `.seq` file.
 
-    Raises
-    ------
-    UnreadableLens
-        The meaning of its numbers is unclear, or its lens cannot be represented.
+    Raises UnreadableLens: the meaning of its numbers is unclear, or its lens cannot be represented.
     """
     sequence = _Sequence(path)
     for line, words in _commands(read_lines(path)):
@@ -270,19 +265,19 @@ def _half_widths(sequence: _Sequence, place: int, row: _Row, unit_mm: float) -> 
     return row.half_widths["REX"] * unit_mm, row.half_widths["REY"] * unit_mm
 
 
-def _medium(sequence: _Sequence, place: int, row: _Row) -> tuple[float, float | None, str]:
+def _medium(sequence: _Sequence, place: int, row: _Row) -> Medium:
     """Index, Abbe number and name: a private glass, a fictitious one (620410.603236 or 620.603), or a catalogue's."""
     glass = row.glass
     if not glass or glass.upper() == "AIR":
-        return 1.0, None, ""
+        return AIR
     if glass.upper() in ("REFL", "MIRROR"):
         raise UnreadableLens(sequence.path, f"surface {place} is a mirror", line=row.line)
     if glass.upper() in sequence.private:
-        return sequence.private[glass.upper()], None, glass
+        return Medium(sequence.private[glass.upper()], None, glass)
     if fictitious := re.fullmatch(r"(\d{3,})\.(\d{3,})", glass):
-        return float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass
+        return Medium(float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass)
     name, _, vendor = glass.partition("_")
-    return medium(sequence.path, row.line, place, name, [vendor] if vendor else [])
+    return glass_of(sequence.path, row.line, place, name, [vendor] if vendor else [])
 
 
 def _wavelengths(sequence: _Sequence) -> list[Lost]:

@@ -36,23 +36,16 @@ class _File:
     @property
     def f_number(self) -> float | None:
         """F-number of the comment that counts surfaces."""
-        found = re.search(r"\d+ surfaces, .*\bf/(\d+\.?\d*)", "\n".join(self.comments))
-        return float(found[1]) or None if found else None
+        match = re.search(r"\d+ surfaces, .*\bf/(\d+\.?\d*)", "\n".join(self.comments))
+        return float(match[1]) or None if match else None
 
 
 def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens:
     """A lens from a `.lens` file.
 
-    Parameters
-    ----------
-    path : path
-    apertures : {"diameter", "semi-diameter"}, optional
-        Meaning of the column semi_ap; by default decided from the numbers.
-
-    Raises
-    ------
-    UnreadableLens
-        The file is not such a table, has not exactly one stop, or its numbers do not decide the meaning of semi_ap.
+    `apertures`: meaning of the column semi_ap; by default decided from the numbers.
+    Raises UnreadableLens: the file is not such a table, has not exactly one stop, or its numbers do not decide the
+        meaning of semi_ap.
     """
     file = _parsed(path)
     line, text = file.settings.get("focal_length", (0, ""))
@@ -77,29 +70,19 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
 def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> tuple[str, str]:
     """Meaning of the column semi_ap, and what decides it.
 
-    Parameters
-    ----------
-    path : path
-    lens : PrintedLens
-        With the numbers of the column as its semi-diameters.
-    f_number : float or None
-        F-number that the file states.
-
-    Notes
-    -----
-    Two witnesses: half the number must be the semi-diameter where a whole one would reach beyond a sphere or across the
-    next surface; and the stop must give the stated F-number.
+    `lens`: with the numbers of the column as its semi-diameters.
+    `f_number`: f-number that the file states.
     """
     by_shape = None if _is_possible(lens) else "diameter"
-    by_stop = next((one for one in _FACTOR if _has_f_number(scaled(lens, one), f_number)), None)
+    by_stop = next((meaning for meaning in _FACTOR if _has_f_number(scaled(lens, meaning), f_number)), None)
     if by_shape and by_stop in (by_shape, None):
         return by_shape, "as semi-diameters its numbers reach beyond spheres or across the next surface"
     if by_stop and by_shape is None:
         return by_stop, f"only so the stop gives f/{f_number:g}"
     reason = "its column semi_ap can be diameters, as in most such files, or semi-diameters"
     if by_shape:
-        found = figures(scaled(lens, by_shape))
-        gives = f"f/{abs(found.f_number):.3g}" if found else "no F-number"
+        computed = figures(scaled(lens, by_shape))
+        gives = f"f/{abs(computed.f_number):.3g}" if computed else "no F-number"
         reason += (
             f": as semi-diameters surfaces would cross, as diameters the stop gives {gives} in place of f/{f_number:g}"
         )
@@ -162,9 +145,9 @@ def _check_stop(path: str | Path, file: _File, lens: PrintedLens) -> None:
         reason = f"{len(stops)} rows are the aperture stop, one must be"
         raise UnreadableLens(path, reason, line=stops[1], hint="write 0 for the radius of the others")
     first = replace(lens, surfaces=(replace(lens.surfaces[0], is_stop=True), *lens.surfaces[1:]))
-    found = figures(scaled(first, "diameter"))
-    has = f"; without one the rows have the focal length {found.efl_mm:.6g} mm" if found else ""
-    has += f", and {lens.nominal_efl_mm:g} mm is stated" if found and lens.nominal_efl_mm else ""
+    computed = figures(scaled(first, "diameter"))
+    has = f"; without one the rows have the focal length {computed.efl_mm:.6g} mm" if computed else ""
+    has += f", and {lens.nominal_efl_mm:g} mm is stated" if computed and lens.nominal_efl_mm else ""
     raise UnreadableLens(
         path,
         f"has no stop{has}",
@@ -186,7 +169,7 @@ def _is_possible(lens: PrintedLens) -> bool:
 
 
 def _has_f_number(lens: PrintedLens, f_number: float | None) -> bool:
-    found = figures(lens)
-    if found is None or not f_number:
+    computed = figures(lens)
+    if computed is None or not f_number:
         return False
-    return abs(math.log(abs(found.f_number) / f_number)) < math.log(_SAME_F_NUMBER)
+    return abs(math.log(abs(computed.f_number) / f_number)) < math.log(_SAME_F_NUMBER)

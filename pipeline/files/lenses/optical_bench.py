@@ -54,17 +54,9 @@ def is_optical_bench(lines: list[str]) -> bool:
 def read_optical_bench(path: str | Path, scenario: int | None = None) -> PrintedLens:
     """A lens from a text of the Optical Bench.
 
-    Parameters
-    ----------
-    path : path
-    scenario : int, optional
-        Column of `[variable distances]`, counted from 1; by default the first, which is then reported.
-
-    Raises
-    ------
-    UnreadableLens
-        A row cannot be understood, a distance has no value, there is not one stop, or the lens has more than surfaces
-        of revolution.
+    `scenario`: column of `[variable distances]`, counted from 1; by default the first, which is then reported.
+    Raises UnreadableLens: a row cannot be understood, a distance has no value, there is not one stop, or the lens has
+        more than surfaces of revolution.
     """
     bench = _Bench(path, 0 if scenario is None else scenario - 1)
     _split(bench)
@@ -73,7 +65,7 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
     if not rows:
         raise UnreadableLens(path, "holds no rows in a section [lens data]")
     surfaces = [_surface(bench, line, cells) for line, cells in rows]
-    _check_stop(path, [line for (line, _), one in zip(rows, surfaces, strict=True) if one.is_stop])
+    _check_stop(path, [line for (line, _), surface in zip(rows, surfaces, strict=True) if surface.is_stop])
     surfaces = _with_aspheres(bench, surfaces, [cells[0] for _, cells in rows])
     last = surfaces[-1].thickness_mm
     said = {cells[0]: cells[1:] for _, cells in bench.rows("descriptive data")}
@@ -92,8 +84,8 @@ def _split(bench: _Bench) -> None:
     rows: list[_Row] | None = None
     for line, text in enumerate(read_lines(bench.path), 1):
         cells = [cell.strip() for cell in text.split("\t")]
-        if found := re.fullmatch(r"\[(.+)\]", cells[0]):
-            name = found[1].casefold()
+        if heading := re.fullmatch(r"\[(.+)\]", cells[0]):
+            name = heading[1].casefold()
             if name in _UNREAD:
                 raise UnreadableLens(bench.path, f"[{name}] makes surfaces diffract, which we cannot", line=line)
             if name not in (*_SKIPPED, "constants", "variable distances", "lens data", "aspherical data"):
@@ -152,8 +144,8 @@ def _space_mm(bench: _Bench, line: int, text: str) -> float:
     """A thickness, or the value of the distance of that name."""
     if not text[:1].isalpha():
         return _number(bench, line, text, "the thickness") or 0.0
-    found = bench.value(text)
-    if found is None:
+    distance = bench.value(text)
+    if distance is None:
         names = [cells[0] for _, cells in bench.rows("variable distances")]
         known = (
             "is not in [variable distances]" if text not in names else f"has no value in scenario {bench.scenario + 1}"
@@ -161,7 +153,7 @@ def _space_mm(bench: _Bench, line: int, text: str) -> float:
         raise UnreadableLens(
             bench.path, f'the distance "{text}" {known}', line=line, hint="write its value there, in mm"
         )
-    return found
+    return distance
 
 
 def _check_stop(path: str | Path, lines: list[int]) -> None:
@@ -172,7 +164,7 @@ def _check_stop(path: str | Path, lines: list[int]) -> None:
 
 
 def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]) -> list[PrintedSurface]:
-    found = list(surfaces)
+    shaped = list(surfaces)
     if (odd := _odd(bench)) and bench.rows("aspherical data"):
         what = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
         bench.lost.append(Lost(what=what, line=bench.rows("aspherical data")[0][0]))
@@ -187,8 +179,8 @@ def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]
             raise UnreadableLens(bench.path, reason, line=line)
         terms = zip(_powers(bench, len(numbers) - 1), numbers[1:], strict=True)
         asphere = tuple((power, value) for power, value in terms if value)
-        found[i] = replace(surfaces[i], conic=numbers[0] if numbers else 0.0, asphere=asphere)
-    return found
+        shaped[i] = replace(surfaces[i], conic=numbers[0] if numbers else 0.0, asphere=asphere)
+    return shaped
 
 
 def _powers(bench: _Bench, count: int) -> list[int]:

@@ -18,16 +18,9 @@ _OTHER = {"before": "after", "after": "before"}
 def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
     """A lens from a `.dat` file.
 
-    Parameters
-    ----------
-    path : path
-    spacing : {"before", "after"}, optional
-        Meaning of the second column; by default decided from the numbers.
-
-    Raises
-    ------
-    UnreadableLens
-        The file is not a lens table, has no stop, or its numbers do not decide the meaning of the second column.
+    `spacing`: meaning of the second column; by default decided from the numbers.
+    Raises UnreadableLens: the file is not a lens table, has no stop, or its numbers do not decide the meaning of the
+        second column.
     """
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)

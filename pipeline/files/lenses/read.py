@@ -36,23 +36,12 @@ def read_lens(
 ) -> PrintedLens:
     """A lens, with the file it comes from as its provenance.
 
-    Parameters
-    ----------
-    path : path
-    spacing : {"before", "after"}, optional
-        Only for pbrt: the meaning of its thicknesses.
-    apertures : {"diameter", "semi-diameter"}, optional
-        Only for FlareSim: the meaning of its column semi_ap.
-    scenario : int, optional
-        Only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
-    f_number, half_field_deg : float, optional
-        Only for tables: the beam for which semi-diameters that are missing are computed; they override those of the
-        file.
-
-    Raises
-    ------
-    UnreadableLens
-        The format is unknown, or the lens cannot be represented.
+    `spacing`: only for pbrt: the meaning of its thicknesses.
+    `apertures`: only for FlareSim: the meaning of its column semi_ap.
+    `scenario`: only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
+    `f_number`, `half_field_deg`: only for tables: the beam for which semi-diameters that are missing are computed; they
+        override those of the file.
+    Raises UnreadableLens: the format is unknown, or the lens cannot be represented.
     """
     kind = _kind(path)
     for name, value, only, what in (
@@ -75,8 +64,8 @@ def read_lens(
             what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
         else:
             what, reader = _READERS[kind]
-            told = {".dat": spacing, ".lens": apertures}
-            lens = reader(path, told[kind]) if kind in told else reader(path)
+            choices = {".dat": spacing, ".lens": apertures}
+            lens = reader(path, choices[kind]) if kind in choices else reader(path)
     origin = f"Imported from {Path(path).name}, {what}."
     return replace(lens, provenance=(origin, *lens.provenance))
 

@@ -1,5 +1,8 @@
-"""Apertures for files that print none: nearly all of CODE V, some of Zemax."""
+"""Apertures for files that print none, nearly all of CODE V and some of Zemax, and the stop of a system aperture (ENPD
+and FNUM of Zemax, EPD and FNO of CODE V).
+"""
 
+import math
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -10,18 +13,18 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 
+_SAME = 1e-6
+"""Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
+
 
 @dataclass(slots=True)
 class Beam:
-    """The beam of a file: diameter of the entrance pupil [unit of the file] or f-number, and fields.
+    """The beam of a file: diameter of the entrance pupil or f-number, and fields."""
 
-    `said` and `line` are the text of the file for the pupil or f-number, and its line.
-    """
-
-    pupil: float | None = None
+    pupil: float | None = None  # in the unit of the file
     f_number: float | None = None
-    said: str = ""
-    line: int | None = None
+    stated: str = ""  # text of the file for pupil or f-number
+    line: int | None = None  # its line
     fields: list[float] = field(default_factory=list)
     upper: list[float] = field(default_factory=list)
     lower: list[float] = field(default_factory=list)
@@ -56,10 +59,7 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     """The lens with all semi-diameters known: as printed, or as large as the beam of the file requires, which is
     then reported.
 
-    Raises
-    ------
-    UnreadableLens
-        A semi-diameter is unknown, and so is the beam.
+    Raises UnreadableLens: a semi-diameter is unknown, and so is the beam.
     """
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
@@ -75,24 +75,21 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         raise UnreadableLens(path, reason, hint=hint)
     try:
         wide_mm = pupil_mm(lens, beam, unit_mm)
-        found = with_clear_apertures(lens, wide_mm, fields)
+        open_lens = with_clear_apertures(lens, wide_mm, fields)
     except PrescriptionError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
     vignetted = " with its vignetting factors" if beam.is_vignetted else ""
     what = (
         f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
-        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
+        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(seen.angle_deg) for seen in fields):g} degrees)"
     )
-    return replace(found, lost=(*found.lost, Lost(what=what)))
+    return replace(open_lens, lost=(*open_lens.lost, Lost(what=what)))
 
 
 def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
     """Diameter of the entrance pupil for a known beam [mm].
 
-    Raises
-    ------
-    PrescriptionError
-        Only an f-number is known, and the lens has no focal length.
+    Raises PrescriptionError: only an f-number is known, and the lens has no focal length.
     """
     return beam.pupil * unit_mm if beam.pupil is not None else efl_mm(lens) / (beam.f_number or 1)
 
@@ -100,10 +97,52 @@ def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
 def efl_mm(lens: PrintedLens) -> float:
     """Focal length, positive; semi-diameters do not matter.
 
-    Raises
-    ------
-    PrescriptionError
-        The lens is afocal, or cannot be represented.
+    Raises PrescriptionError: the lens is afocal, or cannot be represented.
     """
     open_wide = tuple(replace(surface, semi_diameter_mm=1e-9) for surface in lens.surfaces)
     return abs(first_order(prescription_of(replace(lens, surfaces=open_wide))).efl_mm)
+
+
+def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_ring: bool) -> PrintedLens:
+    """The lens with the stop that the system aperture requires, to first order; a difference from the file is
+    reported.
+
+    Lens design programs launch rays into the entrance pupil of the system aperture and print at the stop the size
+    that they draw. A hard ring there blocks rays outside it: if it is smaller, it remains.
+
+    `lens`: the lens, with all semi-diameters known.
+    `has_ring`: whether the semi-diameter of the stop is a hard ring.
+    Raises UnreadableLens: no stop fulfils the system aperture.
+    """
+    stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
+    if len(stops) != 1 or not beam.is_known:
+        return lens  # several stops are refused later
+    stop, place = lens.surfaces[stops[0]], stops[0]
+    printed_mm = stop.semi_diameter_mm or 0.0
+    unsized = _with_stop(lens, place, None)
+    try:
+        wide_mm = pupil_mm(lens, beam, unit_mm)
+        rim_mm = with_clear_apertures(unsized, wide_mm, ()).surfaces[place].semi_diameter_mm or 0.0
+    except PrescriptionError as error:
+        raise UnreadableLens(path, f"{beam.stated}: {error.what}", line=beam.line, hint=error.hint) from None
+    if math.isclose(rim_mm, printed_mm, rel_tol=_SAME):
+        return lens
+    asked, there = _f_number(lens, wide_mm), _f_number(lens, wide_mm * printed_mm / rim_mm)
+    what = f"{beam.stated} is {asked}: the stop, surface {place + 1}, "
+    if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
+        shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
+        return replace(lens, lost=(*lens.lost, Lost(what=f"{what}is {shape} and stays", line=beam.line)))
+    what += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
+    return replace(_with_stop(lens, place, rim_mm), lost=(*lens.lost, Lost(what=what, line=beam.line)))
+
+
+def _with_stop(lens: PrintedLens, place: int, semi_diameter_mm: float | None) -> PrintedLens:
+    stop = replace(lens.surfaces[place], semi_diameter_mm=semi_diameter_mm)
+    return replace(lens, surfaces=(*lens.surfaces[:place], stop, *lens.surfaces[place + 1 :]))
+
+
+def _f_number(lens: PrintedLens, wide_mm: float) -> str:
+    try:
+        return f"f/{efl_mm(lens) / wide_mm:.3g}"
+    except PrescriptionError:  # without a focal length; other problems are reported when the lens is built
+        return f"an entrance pupil of {wide_mm:.6g} mm"

@@ -50,49 +50,47 @@ def figures(lens: PrintedLens) -> FirstOrder | None:
 def remarks(lens: PrintedLens, stated: Stated, without_aspheres: bool) -> tuple[Lost, ...]:
     """Differences between a lens and the figures that its file states of it.
 
-    Parameters
-    ----------
-    lens : PrintedLens
-    stated : Stated
-    without_aspheres : bool
-        Whether the format has no place for aspheric terms: a blurred image on the axis is then a remark.
+    `without_aspheres`: whether the format has no place for aspheric terms: a blurred image on the axis is then a
+        remark.
     """
-    found = figures(lens)
-    if found is None:
+    computed = figures(lens)
+    if computed is None:
         return ()
-    said = []
-    if stated.efl_mm and abs(found.efl_mm / stated.efl_mm - 1) > _NEAR_FOCUS:
-        off = 100 * (found.efl_mm / stated.efl_mm - 1)
-        said.append(
-            f"the rows have the focal length {found.efl_mm:.6g} mm, the file states {stated.efl_mm:g} ({off:+.3g} %)"
+    losses = []
+    if stated.efl_mm and abs(computed.efl_mm / stated.efl_mm - 1) > _NEAR_FOCUS:
+        off = 100 * (computed.efl_mm / stated.efl_mm - 1)
+        losses.append(
+            f"the rows have the focal length {computed.efl_mm:.6g} mm, the file states {stated.efl_mm:g} ({off:+.3g} %)"
         )
-    if stated.bfd_mm and abs(found.bfd_mm - stated.bfd_mm) > _NEAR_FOCUS * abs(found.efl_mm):
-        said.append(
-            f"the focus lies {found.bfd_mm:.6g} mm behind the last row, whose thickness is {stated.bfd_mm:g} mm:"
+    if stated.bfd_mm and abs(computed.bfd_mm - stated.bfd_mm) > _NEAR_FOCUS * abs(computed.efl_mm):
+        losses.append(
+            f"the focus lies {computed.bfd_mm:.6g} mm behind the last row, whose thickness is {stated.bfd_mm:g} mm:"
             " a cover glass or another row may be missing, or the lens is not focused at infinity"
         )
     near = _NEAR_F_NUMBER * (stated.f_number or 0.0) + _PRINTED_F_NUMBER
-    if stated.f_number and abs(abs(found.f_number) - stated.f_number) > near:
-        said.append(f"with its stop the lens is f/{abs(found.f_number):.3g}, the file states f/{stated.f_number:g}")
-    if without_aspheres and (blur := axial_blur_mm(lens, found)) > _SHARP * abs(found.efl_mm):
-        said.append(_blurred(blur, found))
-    return tuple(Lost(what=what, line=stated.line) for what in said)
+    if stated.f_number and abs(abs(computed.f_number) - stated.f_number) > near:
+        losses.append(
+            f"with its stop the lens is f/{abs(computed.f_number):.3g}, the file states f/{stated.f_number:g}"
+        )
+    if without_aspheres and (blur := axial_blur_mm(lens, computed)) > _SHARP * abs(computed.efl_mm):
+        losses.append(_blurred(blur, computed))
+    return tuple(Lost(what=what, line=stated.line) for what in losses)
 
 
-def _blurred(blur_mm: float, found: FirstOrder) -> str:
+def _blurred(blur_mm: float, computed: FirstOrder) -> str:
     seen = "some rays of the axial beam fail" if math.isinf(blur_mm) else f"its rms radius is {blur_mm:.3g} mm"
     return (
-        f"the sharpest image of a point on the axis at f/{abs(found.f_number):.3g} is blurred ({seen}):"
+        f"the sharpest image of a point on the axis at f/{abs(computed.f_number):.3g} is blurred ({seen}):"
         " it may have lost aspheric terms, which this format cannot hold"
     )
 
 
-def axial_blur_mm(lens: PrintedLens, found: FirstOrder) -> float:
+def axial_blur_mm(lens: PrintedLens, computed: FirstOrder) -> float:
     """Rms radius of the image of an infinitely distant point on the axis, where it is smallest; inf if rays fail. [mm]
 
     Spheres and planes only, which a format without aspheres has.
     """
-    rim = found.entrance_pupil.diameter_mm / 2
+    rim = computed.entrance_pupil.diameter_mm / 2
     heights = rim * np.sqrt((np.arange(_RAYS) + 0.5) / _RAYS)
     crossed = _through_spheres(lens.surfaces, heights)
     if crossed is None:

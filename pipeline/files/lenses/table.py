@@ -10,9 +10,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.files.lenses.glass import medium
 from pipeline.files.lenses.sizing import Beam
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
+from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, read_lines
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 from pipeline.spelling import nearest
 
@@ -64,10 +63,7 @@ class _Table:
 def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
     """A lens from a plain table, and the beam stated in its comments; semi-diameters may be missing.
 
-    Raises
-    ------
-    UnreadableLens
-        A column or row cannot be understood, or there is no stop.
+    Raises UnreadableLens: a column or row cannot be understood, or there is no stop.
     """
     lines = read_lines(path)
     first, header = _header(lines)
@@ -124,17 +120,17 @@ def _quantity(name: str) -> str | None:
 def _columns(path: str | Path, line: int, header: str) -> _Table:
     delimiter = _delimiter(header)
     names = _cells(header, delimiter)
-    found = [_quantity(name) for name in names]
-    table = _Table(path, delimiter, found)
-    for name, quantity in zip(names, found, strict=True):
+    quantities = [_quantity(name) for name in names]
+    table = _Table(path, delimiter, quantities)
+    for name, quantity in zip(names, quantities, strict=True):
         if quantity is None and name:
             near = nearest(name.casefold(), _QUANTITY)
             hint = f'; "{near}" would be' if near else ""
             table.lost.append(Lost(what=f'column "{name}" is not known{hint}', line=line))
-    twice = sorted({one for one in found if one and one != "label" and found.count(one) > 1})
-    wanted = [] if {"radius", "curvature"} & set(found) else ["a radius"]
-    wanted += [] if "thickness" in found else ["a thickness"]
-    wanted += [] if {"index", "glass"} & set(found) else ["an index or a glass"]
+    twice = sorted({q for q in quantities if q and q != "label" and quantities.count(q) > 1})
+    wanted = [] if {"radius", "curvature"} & set(quantities) else ["a radius"]
+    wanted += [] if "thickness" in quantities else ["a thickness"]
+    wanted += [] if {"index", "glass"} & set(quantities) else ["an index or a glass"]
     if wanted or twice:
         reason = f"the header has no column for {' and '.join(wanted)}" if wanted else f"two columns hold {twice[0]}"
         hint = "e.g. surface,radius,thickness,nd,vd,semi_diameter; docs/lenses.md lists the names"
@@ -238,20 +234,20 @@ def _thickness(table: _Table, line: int, values: dict[str, str], *, is_last: boo
 def _semi_diameter(table: _Table, line: int, values: dict[str, str], unit_mm: float) -> float | None:
     """Semi-diameter of a row; None if it is 0 or its cell is empty."""
     semi, whole = (_value(table, line, values, name) for name in ("semi-diameter", "diameter"))
-    found = semi or (whole / 2 if whole else None)
-    return found * unit_mm if found else None
+    half_width = semi or (whole / 2 if whole else None)
+    return half_width * unit_mm if half_width else None
 
 
-def _medium(table: _Table, place: int, line: int, values: dict[str, str]) -> tuple[float, float | None, str]:
+def _medium(table: _Table, place: int, line: int, values: dict[str, str]) -> Medium:
     """Index, Abbe number and name behind a surface: printed numbers, else those of the catalogue for the glass."""
     printed, name = values.get("index", ""), values.get("glass", "")
     glass = "" if name.casefold() in _AIR | _STOP_WORDS else name
     index = None if printed.casefold() in _AIR else _value(table, line, values, "index")
     if index is None and glass:
-        return medium(table.path, line, place, glass, ())
+        return glass_of(table.path, line, place, glass, ())
     if index is None or index == 1:
-        return 1.0, None, ""
+        return AIR
     if not 1 < index < _LARGEST_INDEX:
         hint = "does a decimal comma, or a missing cell, shift the columns?"
         raise UnreadableLens(table.path, f"no medium has an index of {index:g}", line=line, hint=hint)
-    return index, _value(table, line, values, "abbe") or None, glass
+    return Medium(index, _value(table, line, values, "abbe") or None, glass)

@@ -1,12 +1,14 @@
-"""Common parts of the readers of lens files: text in any encoding, numbers, and the error with file and line."""
+"""Common parts of the readers of lens files: text in any encoding, numbers, glasses, the error with file and line."""
 
 import codecs
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
-from pipeline.errors import UsageError
+from pipeline.errors import PipelineError, UsageError
+from pipeline.optics.glass import catalogue
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -18,16 +20,10 @@ _MARKS = (
 class UnreadableLens(UsageError):
     """A lens file cannot be read, or its lens cannot be represented.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    reason : str
-        Description of the problem, with the offending value.
-    line : int, optional
-        Line, counted from 1.
-    hint : str, optional
-        A way to mend it.
+    `path`: the file.
+    `reason`: description of the problem, with the offending value.
+    `line`: line, counted from 1.
+    `hint`: a way to mend it.
     """
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None, hint: str | None = None) -> None:
@@ -50,10 +46,7 @@ def computing(path: str | Path) -> Iterator[None]:
 def read_lines(path: str | Path) -> list[str]:
     """Lines of a text in UTF-16 with a byte-order mark, in UTF-8, or else in latin-1.
 
-    Raises
-    ------
-    UnreadableLens
-        The file does not exist or is not text.
+    Raises UnreadableLens: the file does not exist or is not text.
     """
     try:
         raw = Path(path).read_bytes()
@@ -85,3 +78,54 @@ def number(path: str | Path, line: int, text: str, what: str) -> float:
 def radius_of(curvature: float) -> float:
     """1 / curvature; infinite for a plane."""
     return 1 / curvature if curvature else math.inf
+
+
+class Medium(NamedTuple):
+    """Index at the d line, Abbe number and name of what is behind a surface."""
+
+    nd: float
+    vd: float | None
+    name: str
+
+
+AIR = Medium(1.0, None, "")
+
+
+def glass_of(path: str | Path, line: int, surface: int, name: str, vendors: Sequence[str]) -> Medium:
+    """A glass that a lens file only names, of these vendors or, if none is stated, of any.
+
+    Raises UnreadableLens: the glass is unknown: a lens with a guessed index would be another lens.
+    """
+    listed = in_catalogue(name, vendors)
+    if isinstance(listed, Medium):
+        return listed
+    shown = f"{name} of {', '.join(vendors)}" if vendors else name
+    hint = listed.hint or "write nd and Vd into the file, as a model or fictitious glass"
+    reason = f"surface {surface}: the file gives no index of glass {shown}, and {listed.what}"
+    raise UnreadableLens(path, reason, line=line, hint=hint)
+
+
+def in_catalogue(name: str, vendors: Sequence[str]) -> Medium | PipelineError:
+    """A glass of the shipped catalogue, or the error with similar names: the only access of lens files to it."""
+    error = PipelineError(f"the catalogue knows no index of {name} at the d line")
+    # With vendors stated, the same name at another vendor would be another glass.
+    for full in [f"{vendor.casefold()}:{name}" for vendor in vendors] or [name]:
+        try:
+            glass = catalogue.find(_spelt(full))
+        except PipelineError as unknown:
+            error = unknown
+            continue
+        if glass.nd is not None:
+            return Medium(glass.nd, glass.vd, glass.label)
+    return error
+
+
+def _spelt(full: str) -> str:
+    """A name without its hyphens, as in NSSK2 of CODE V, with those of the only matching glass."""
+    vendor, _, bare = full.rpartition(":")
+    entries = [entry for entry in catalogue.catalogue() if vendor in ("", entry.vendor)]
+    if any(entry.name.casefold() == bare.casefold() for entry in entries):
+        return full
+    plain = bare.replace("-", "").casefold()
+    same = {entry.label for entry in entries if entry.name.replace("-", "").casefold() == plain}
+    return same.pop() if len(same) == 1 else full

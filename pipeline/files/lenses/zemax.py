@@ -9,10 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.errors import PipelineError
-from pipeline.files.lenses import glass as glasses
-from pipeline.files.lenses.opening import opened
-from pipeline.files.lenses.sizing import Beam, sized
-from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
+from pipeline.files.lenses.sizing import Beam, opened, sized
+from pipeline.files.lenses.text import (
+    AIR,
+    Medium,
+    UnreadableLens,
+    glass_of,
+    in_catalogue,
+    number,
+    radius_of,
+    read_lines,
+)
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
@@ -139,7 +146,7 @@ class _System:
             self.stop_floats = True
         elif (value := self._first(line, keyword, words)) > 0:
             self.beam.pupil, self.beam.f_number = (value, None) if keyword == "ENPD" else (None, value)
-            self.beam.said, self.beam.line = f"{keyword} {value:g}", line
+            self.beam.stated, self.beam.line = f"{keyword} {value:g}", line
             self.working_f_number = keyword == "FNUM" and len(words) > 1 and self._first(line, keyword, words, 1) == 1
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
@@ -172,16 +179,18 @@ class _System:
 
         OBSC blocks what lies between two radii, SQAP what lies outside a rectangle of two half widths.
         """
-        one, other = (0.0, 0.0) if keyword == "DIAM" else (self._first(line, keyword, words, i) for i in (0, 1))
+        first, second = (0.0, 0.0) if keyword == "DIAM" else (self._first(line, keyword, words, i) for i in (0, 1))
         if keyword == "CLAP":
-            row.inner, row.semi_diameter, row.is_automatic, row.has_ring = one, other, False, True
-        elif keyword == "OBSC" and one == 0:
-            row.inner = other
+            row.inner, row.semi_diameter, row.is_automatic, row.has_ring = first, second, False, True
+        elif keyword == "OBSC" and first == 0:
+            row.inner = second
         elif keyword == "OBSC":
-            what = f"surface {len(self.rows) - 1}: an obstruction from {one:g} to {other:g}, which leaves a hole inside"
+            what = (
+                f"surface {len(self.rows) - 1}: an obstruction from {first:g} to {second:g}, which leaves a hole inside"
+            )
             self.lost.append(Lost(what=what, line=line))
         elif keyword == "SQAP":
-            row.half_widths = (one, other)
+            row.half_widths = (first, second)
         elif row.semi_diameter is None or row.is_automatic:
             semi_diameter = self._first(line, keyword, words)
             row.semi_diameter = semi_diameter or None
@@ -191,10 +200,7 @@ class _System:
 def read_zemax(path: str | Path) -> PrintedLens:
     """A lens from a `.zmx` file.
 
-    Raises
-    ------
-    UnreadableLens
-        The meaning of its numbers is unclear, or its lens cannot be represented.
+    Raises UnreadableLens: the meaning of its numbers is unclear, or its lens cannot be represented.
     """
     system = _System(path)
     for line, text in enumerate(read_lines(path), 1):
@@ -223,7 +229,7 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
         lost.append(Lost(what=what, line=first.line))
         if system.working_f_number:
             system.beam.f_number = None
-            what = f"{system.beam.said}, a working f-number at that distance; the semi-diameter of the stop is taken"
+            what = f"{system.beam.stated}, a working f-number at that distance; the semi-diameter of the stop is taken"
             lost.append(Lost(what=what, line=system.beam.line))
     if image.curvature:
         lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
@@ -275,7 +281,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     )
 
 
-def _medium(system: _System, place: int, row: _Row) -> tuple[float, float | None, str]:
+def _medium(system: _System, place: int, row: _Row) -> Medium:
     """Index, Abbe number and name: those of the file for a model glass, those of the catalogue for a named one that
     it knows.
 
@@ -283,7 +289,7 @@ def _medium(system: _System, place: int, row: _Row) -> tuple[float, float | None
     left over.
     """
     if not row.glass:
-        return 1.0, None, ""
+        return AIR
     name, kind = row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")
     if name.upper() == "MIRROR":
         raise UnreadableLens(system.path, f"surface {place} is a mirror", line=row.glass_line)
@@ -291,13 +297,14 @@ def _medium(system: _System, place: int, row: _Row) -> tuple[float, float | None
     shown = "" if name == "___BLANK" else name
     is_printed = len(numbers) == 2 and numbers[0] > 1 and (kind == "1" or tuple(numbers) != _PLACEHOLDER)
     if kind == "1" and is_printed:  # a model glass
-        return numbers[0], numbers[1] or None, shown
-    found = glasses.known(name, system.vendors)
-    if found and not isinstance(found, PipelineError):
-        if is_printed and abs(found[0] - numbers[0]) > _SAME_INDEX:
-            what = f"surface {place}: index {numbers[0]:g} beside glass {name}; the catalogue's {found[0]:.6g} is taken"
-            system.lost.append(Lost(what=what, line=row.glass_line))
-        return found
+        return Medium(numbers[0], numbers[1] or None, shown)
+    listed = in_catalogue(name, system.vendors)
+    if not isinstance(listed, PipelineError):
+        if is_printed and abs(listed.nd - numbers[0]) > _SAME_INDEX:
+            taken = f"the catalogue's {listed.nd:.6g} is taken"
+            loss = f"surface {place}: index {numbers[0]:g} beside glass {name}; {taken}"
+            system.lost.append(Lost(what=loss, line=row.glass_line))
+        return listed
     if is_printed:
-        return numbers[0], numbers[1] or None, shown
-    return glasses.medium(system.path, row.glass_line, place, name, system.vendors)
+        return Medium(numbers[0], numbers[1] or None, shown)
+    return glass_of(system.path, row.glass_line, place, name, system.vendors)

@@ -4,10 +4,9 @@ from typing import Any
 
 from pxr import Gf, Sdf, Vt
 
-from pipeline.camera.figures.viewfinder import viewfinder
-from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.figures.first_order_figures import viewfinder
+from pipeline.camera.parts.camera import Camera, PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.printed import prescription_of
 from pipeline.scene.write.flatten import pinhole

@@ -11,7 +11,7 @@ from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
-from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
+from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
 from pipeline.frames import mm_per_unit

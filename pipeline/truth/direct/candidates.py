@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import single_hits
-from pipeline.camera.micro_images.centres import MicroImages, vertex_aims
-from pipeline.camera.micro_images.nearby import NOBODY, Nearby, nearby_of
+from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby, vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -75,7 +74,7 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     """All candidates of points (p, 3); a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0
-    vertices = None if images is None else nearby_of(tracer.vertices_mm)
+    vertices = None if images is None else Nearby(tracer.vertices_mm)
     table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
     for number, p in enumerate(points_mm):
         crossing, slope, traced = _footprint(tracer, table, fans, p)

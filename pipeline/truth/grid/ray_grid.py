@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.camera.micro_images.nearby import nearby_of
+from pipeline.camera.micro_images.centres import Nearby
 from pipeline.records.shapes import Float64, Int64, Num
 from pipeline.truth.rows import Whereabouts
 
@@ -42,7 +42,7 @@ class Cells:
         """Whether positions lie in their own cell."""
         if self.centres_px is None:
             return np.ones(len(cell), bool)
-        return nearby_of(self.centres_px).nearest(x_px)[1][:, 0] == cell
+        return Nearby(self.centres_px).nearest(x_px)[1][:, 0] == cell
 
 
 class AnyRayGrid(Whereabouts, Protocol):

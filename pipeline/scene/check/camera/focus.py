@@ -7,9 +7,8 @@ from pxr import Usd
 
 from pipeline.camera.figures.first_order_figures import gaps_mm
 from pipeline.camera.focusing.depth_of_field import foci, focused
-from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, sensor_distance, solved
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, sensor_distance, solved, stopped_down
 from pipeline.camera.focusing.ideal_lens import PINHOLE
-from pipeline.camera.focusing.stop import stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
