@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks, watch
+from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks
 from pipeline.app.verbs.authoring import imports, new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -239,7 +239,6 @@ _VERBS = (
     (WRITE, "target", print_target),
     (BUILD, "build", building.build),
     (BUILD, "plan", planning.plan),
-    (BUILD, "watch", watch.watch),
     (BUILD, "run-task", tasks.run_task),
     (LOOK, "status", planning.status),
     (LOOK, "explain", planning.explain),

@@ -73,7 +73,7 @@ class Checked:
     folder.
 
     Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
-    records that refer to them or to a store below.
+    records that refer to them.
     """
 
     records: int

@@ -8,7 +8,7 @@ import typer
 from pipeline.app.progress import human
 from pipeline.app.verbs.options import Target, project_of
 from pipeline.app.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
-from pipeline.errors import Exit, Interrupted
+from pipeline.errors import Exit
 
 
 def run_task(
@@ -25,14 +25,15 @@ def run_task(
     from pipeline.app.build import TASKS
     from pipeline.engine.interrupts import Interrupts
     from pipeline.engine.running.run_task import run_task as run
-    from pipeline.engine.store.store import Store, writable
+    from pipeline.engine.store.store import Store
 
-    store = writable(Store(warn=note))
+    store = Store(warn=note)
     replies: list[dict[str, Any]] = []
-    with Interrupts() as interrupts:
-        interrupts.stoppable(lambda: replies.extend(run(path, store, TASKS, force=force) for path in specs))
-    if interrupts.exit_code is not None:
-        raise Interrupted(interrupts.exit_code)
+    with Interrupts() as interrupts, interrupts.stopping():
+        replies += (run(path, store, TASKS, force=force) for path in specs)
+    if interrupts.arrived:
+        note("interrupted")
+        raise typer.Exit(Exit.INTERRUPTED)
     for reply in replies:
         if reply["state"] == "failed":
             note(f"error: task {reply['name']} failed")

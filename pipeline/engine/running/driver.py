@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.engine.events import warner
-from pipeline.engine.interrupts import Interrupts, impatient, patient
+from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.options import ALONE, NOBODY, NOTHING, BuildOptions, Caller, Known
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.task_spec import Record, Spec, Specs
@@ -78,14 +78,14 @@ class TaskResult:
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results and records by task name, and the signal that ended the run, if any.
+    """Results and records by task name, and whether Ctrl-C ended the run.
 
     `peaks` holds the peak memory of each kind of task in this run [bytes]; `checked` lists tasks that ran twice.
     """
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
-    interrupted: int | None = None
+    interrupted: bool = False
     peaks: dict[str, int] = field(default_factory=dict)
     checked: tuple[str, ...] = ()
 
@@ -114,10 +114,11 @@ def run(
         engine = Inline(store, graph.packages) if inline else workers
     driver = _Driver(graph, store, engine, options, caller, known)
     with contextlib.ExitStack() as stack:
-        own = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
+        interrupts = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
         stack.callback(engine.close)
-        own.stoppable(lambda: driver.loop(own))
-    driver.outcome.interrupted = own.exit_code
+        with interrupts.stopping():
+            driver.loop(interrupts)
+    driver.outcome.interrupted = interrupts.arrived
     return driver.finish()
 
 
@@ -146,20 +147,20 @@ class _Driver:
             self._queue_if_ready(name)
 
     def loop(self, interrupts: Interrupts) -> None:
-        with patient():
-            while True:
-                may_go_on = self.options.keep_going or not self._failed()
-                going = interrupts.signal is None and not self._broken and may_go_on
-                while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
-                    self._take(heapq.heappop(self._ready)[1])
-                if not self._running and not (going and self._ready):
-                    return
-                for reply in self.engine.wait(_TICK_S):
-                    self._collect(reply)
-                if interrupts.signal is not None:
-                    for name in self.engine.drop_waiting():
-                        for other in (name, *self._company.pop(name, ())):
-                            del self._running[other]
+        while True:
+            may_go_on = self.options.keep_going or not self._failed()
+            going = not (interrupts.arrived or self._broken) and may_go_on
+            while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
+                self._take(heapq.heappop(self._ready)[1])
+            interrupts.is_patient = bool(self._running)
+            if not self._running and not (going and self._ready):
+                return
+            for reply in self.engine.wait(_TICK_S):
+                self._collect(reply)
+            if interrupts.arrived:
+                for name in self.engine.drop_waiting():
+                    for other in (name, *self._company.pop(name, ())):
+                        del self._running[other]
 
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
@@ -190,8 +191,7 @@ class _Driver:
         if spec is None:
             return
         if self.prepare is not None:
-            with impatient():
-                self.prepare()
+            self.prepare()
             self.prepare = None
         company = [found for found in map(self._spec_to_run, self._companions(name)) if found is not None]
         company = [other for other in company if other.components["inputs"] == spec.components["inputs"]]

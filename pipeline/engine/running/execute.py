@@ -265,7 +265,6 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.open("w").close()
-        store.rights.give(log)
         with (
             log.open(
                 "a", encoding="utf-8", buffering=1

@@ -25,8 +25,8 @@ class Result:
         Findings of tasks for the head of the manifest; None if no manifest was written.
     delivery : Delivery or None
         Changes in the output folder; None if it was not touched, see `untouched`.
-    interrupted : int or None
-        Exit code of the signal that ended the build, if one did.
+    interrupted : bool
+        Whether Ctrl-C ended the build.
     error : PipelineError or None
         The reason why the output folder could not be filled although all tasks are done.
     checked : tuple of str
@@ -42,7 +42,7 @@ class Result:
     store: Path
     store_bytes: int
     delivery: Delivery | None = None
-    interrupted: int | None = None
+    interrupted: bool = False
     error: PipelineError | None = None
     checked: tuple[str, ...] = ()
 
@@ -82,11 +82,11 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130 or 143
+        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130
         interrupted.
         """
-        if self.interrupted is not None:
-            return self.interrupted
+        if self.interrupted:
+            return Exit.INTERRUPTED
         if any(task.machine for task in self.failures):
             return Exit.MACHINE
         if self.error is not None:
@@ -100,7 +100,7 @@ class Result:
         """The reason why the output folder was not touched, and what to do; None if it was touched."""
         if self.delivery is not None or self.error is not None:
             return None
-        if self.interrupted is not None:
+        if self.interrupted:
             return "the build was interrupted; build again, and it goes on from here"
         if self.failures:
             return "files come when every task is done; mend what failed and build again"

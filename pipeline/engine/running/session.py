@@ -27,7 +27,7 @@ from pipeline.engine.project import Project, files_of, selection, tasks_of
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
 from pipeline.engine.running.result import Result
-from pipeline.engine.store.store import DamagedBlob, Store, writable
+from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.jit.decorators import cache_folder
@@ -62,7 +62,7 @@ def build(
     emit, keep_events = _recorded(caller.on_event)
     limit_bytes = limit_from_environment()
     warn = warner(emit)
-    store = writable(store or Store(warn=warn))
+    store = store or Store(warn=warn)
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, options)
@@ -70,10 +70,12 @@ def build(
         own = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
         work = _Build(project, options, store, graph, own, engine)
         emit(_begin(project, graph, options.workers))
-        interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
+        with interrupts.stopping():
+            stack.enter_context(store.in_use())
         outcome = work.compute(forced)
-        interrupts.stoppable(work.hand_over)
-        outcome.interrupted = interrupts.exit_code
+        with interrupts.stopping():
+            work.hand_over()
+        outcome.interrupted = interrupts.arrived
         stack.close()
         store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
@@ -103,7 +105,7 @@ class _Build:
     def compute(self, forced: Iterable[str]) -> Outcome:
         """Run the tasks, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
-        if self.options.check_percent and self.outcome.interrupted is None:
+        if self.options.check_percent and not self.outcome.interrupted:
             _check_again(self.outcome, self._run(_sample(self.outcome, self.options.check_percent)))
         _remember(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
         return self.outcome
@@ -145,7 +147,7 @@ class _Build:
     def _fill(self) -> None:
         """Deliver the requested files if all of them exist."""
         project, outcome = self.project, self.outcome
-        if len(outcome.records) < len(self.graph) or outcome.interrupted is not None:
+        if len(outcome.records) < len(self.graph) or outcome.interrupted:
             return
         if self.options.targets:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
@@ -233,7 +235,7 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
         As for `build`, also about the output folder.
     """
     _require_place(project)
-    store = writable(store or Store())
+    store = store or Store()
     Seen(project.out, store, project.stage_id).require_same_stage()
     graph, forced = selection(project, options)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
@@ -243,7 +245,7 @@ def forecast_of(
     project: Project, planned: Iterable[PlannedTask], size: Size, assumed: Assumed, *, store: Store | None = None
 ) -> Forecast:
     """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
-    store = writable(store or Store())
+    store = store or Store()
     own, name = _history(project, store), _history_name(project)
     others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
     kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
@@ -253,13 +255,13 @@ def forecast_of(
 
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
     """Kept sources of the project from the last builds of its tasks, latest first; several after partial builds."""
-    kept = writable(store or Store()).read_note("sources", _history_name(project))
+    kept = (store or Store()).read_note("sources", _history_name(project))
     return kept if isinstance(kept, list) else []
 
 
 def status_of(project: Project, *, store: Store | None = None) -> Status:
     """State of the project's files in its output folder."""
-    store = writable(store or Store())
+    store = store or Store()
     planned = plan_of(project, store=store)
     seen = Seen(project.out, store, project.stage_id)
     return status(planned, project.files, manifest.read(project.out), seen, store)
@@ -267,7 +269,7 @@ def status_of(project: Project, *, store: Store | None = None) -> Status:
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
     """Facts about the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
-    store = writable(store or Store())
+    store = store or Store()
     keys = _history(project, store)["keys"]
     last = store.read_facts("events", _history_name(project))
     found = []

@@ -91,7 +91,7 @@ def _descriptors_in(log: Path) -> Iterator[None]:
     saved = os.dup(2)
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o666)
     except OSError:
         handle = os.open(os.devnull, os.O_WRONLY)
     os.dup2(handle, 1)

@@ -11,8 +11,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.engine.store.sharing import rights_of
-
 _ENTRY = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 
 
@@ -24,7 +22,7 @@ def put_away(root: Path, path: Path) -> Path | None:
             folder.rename(root / f"quarantine.{time.time_ns()}")
         if path == folder:
             return folder
-        rights_of(root).make_folder(folder)
+        folder.mkdir(exist_ok=True)
         return path.rename(folder / f"{time.time_ns()}-{path.name}")
     except OSError:  # a read-only store keeps it
         return None

@@ -1,7 +1,6 @@
 """The store: blobs under their digests, and for each key of a task a record of the blobs that it made.
 
     VERSION                      marks the folder as a store; a folder that is not empty and has no such file is refused
-    below                        path of another store whose results are used, too: see `writable`
     cas/sha256/ab/<digest>       a blob, mode 0444
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
@@ -34,16 +33,13 @@ from pipeline.engine.files import (
     copy,
     digest_of,
     is_no_file,
-    machine_errors,
     read_regular,
     signature,
 )
 from pipeline.engine.store.sealed import seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
-from pipeline.engine.store.structure import is_folder, is_store
 from pipeline.user_cache import user_cache
 
-_BELOW = "below"
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
 _COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
@@ -75,19 +71,6 @@ def default_root() -> Path:
     return Path(chosen) if chosen else user_cache() / "store"
 
 
-def writable(store: "Store") -> "Store":
-    """The store itself, or, if it is read-only, a private store that reads it, too, and keeps new results."""
-    if os.access(store.root, os.W_OK):
-        return store
-    name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
-    private = user_cache() / "above" / name
-    with machine_errors("make a store for", private):
-        above = Store(private, warn=store.warn)
-        above.put_above(store.root)
-    store.warn(f"the store {store.root} is read-only; new results go to {private}")
-    return Store(private, warn=store.warn)
-
-
 class Store(StoreFolder):
     """A store in a folder of a plain file system; many processes may use it at the same time.
 
@@ -99,33 +82,9 @@ class Store(StoreFolder):
         Called with one sentence about every damaged entry and every key with two different results.
     """
 
-    def __init__(
-        self,
-        root: str | Path | None = None,
-        *,
-        warn: Callable[[str], None] = lambda text: None,
-        above: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
         super().__init__(Path(root or default_root()).absolute(), warn)
         self._verified: dict[str, Signature] = {}
-        self._below = self._open_below((*above, os.path.realpath(self.root)))
-
-    def _open_below(self, above: tuple[str, ...]) -> "Store | None":
-        """The store below, whose results are used, too; None if there is none."""
-        named = os.fsdecode(read_regular(self.root / _BELOW) or b"")
-        if not named or not is_folder(Path(named)):  # none, or not mounted
-            return None
-        if os.path.realpath(named) == above[-1]:
-            self._quarantine(self.root / _BELOW)
-            return None
-        if os.path.realpath(named) in above or not is_store(Path(named)):
-            self.warn(f"{self.root / _BELOW} names {named}, which is not another store; it is ignored")
-            return None
-        return Store(named, warn=self.warn, above=above)
-
-    def put_above(self, root: Path) -> None:
-        """Note another store whose results are used, too, from the next time that this one is opened."""
-        self._write(self.root / _BELOW, os.fsencode(root))
 
     # Blobs
 
@@ -164,11 +123,9 @@ class Store(StoreFolder):
         DamagedBlob
         """
         path = self.path("blob", digest)
-        with contextlib.suppress(OSError):  # not in this store
-            if self._holds({"sha256": digest, "size": path.lstat().st_size}):
+        with contextlib.suppress(OSError):  # it is not there
+            if self.is_whole({"sha256": digest, "size": path.lstat().st_size}):
                 return path
-        if self._below is not None:
-            return self._below.blob(digest)
         raise DamagedBlob(digest)
 
     def verified(self, digest: str) -> "Verified":
@@ -179,7 +136,7 @@ class Store(StoreFolder):
         DamagedBlob
         """
         path = self.blob(digest)
-        return Verified(digest=digest, path=path, looks=self._looks_of(digest))
+        return Verified(digest=digest, path=path, looks=self._verified[digest])
 
     def confirm(self, blobs: Iterable["Verified"]) -> None:
         """Hash blobs again and require that nobody has written to them since `verified`.
@@ -220,22 +177,12 @@ class Store(StoreFolder):
             self._forget(digest)
             raise DamagedBlob(digest)
 
-    def _looks_of(self, digest: str) -> Signature:
-        if digest in self._verified or self._below is None:
-            return self._verified.get(digest, [])
-        return self._below._looks_of(digest)
-
     def _forget(self, digest: str) -> None:
         """Forget that a blob was verified, so that it is hashed again."""
         self._verified.pop(digest, None)
-        if self._below is not None:
-            self._below._forget(digest)
 
     def is_whole(self, entry: Entry) -> bool:
         """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
-        return self._holds(entry) or (self._below is not None and self._below.is_whole(entry))
-
-    def _holds(self, entry: Entry) -> bool:
         digest = entry["sha256"]
         path = self._at("blob", digest)
         try:
@@ -289,18 +236,14 @@ class Store(StoreFolder):
         path = self._at("record", key)
         raw = read_regular(path)
         record = _parse_record(raw, key)
-        if record is None:
-            if raw is not None or is_no_file(path):  # otherwise an ordinary miss, or unreadable at present
-                self._quarantine(Path(path))
-            return self._below.peek(key) if self._below is not None else None
+        # Otherwise it is an ordinary miss, or unreadable at present.
+        if record is None and (raw is not None or is_no_file(path)):
+            self._quarantine(Path(path))
         return record
 
     def give_up(self, key: str) -> None:
-        """Move a record whose blobs are missing to quarantine, unless they may be in a store below that is not
-        mounted.
-        """
-        if not os.path.lexists(self.root / _BELOW):
-            self._quarantine(self.path("record", key))
+        """Move a record whose blobs are missing to quarantine."""
+        self._quarantine(self.path("record", key))
 
     # Notes: helpful, but no result depends on them
 
@@ -322,8 +265,7 @@ class Store(StoreFolder):
 
     def read_note(self, folder: str, name: str) -> Any:
         """The note kept by `write_note`; None if it is missing or damaged."""
-        note = unseal(read_regular(self.root / folder / f"{name}.json"))
-        return self._below.read_note(folder, name) if note is None and self._below is not None else note
+        return unseal(read_regular(self.root / folder / f"{name}.json"))
 
     def read_facts(self, folder: str, name: str) -> dict[str, Any]:
         """A note that is a dict; empty if there is none."""
