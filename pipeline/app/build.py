@@ -11,7 +11,7 @@ from typing import Any
 
 import pipeline
 from pipeline.app.sandbox import project_of_untrusted
-from pipeline.engine.events import Emit, silent
+from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, TaskGraph
@@ -129,7 +129,7 @@ def build(
     path: str | Path,
     out: str | Path | None = None,
     *,
-    on_event: Callable[[dict[str, Any]], None] | None = None,
+    on_event: Emit | None = None,
     **options: Any,
 ) -> Result:
     """Build a dataset stage: run the missing tasks and fill the output folder.
@@ -141,7 +141,7 @@ def build(
     out : str or Path, optional
         Output folder; see `default_out`.
     on_event : callable, optional
-        Called with a dict at every start and end of a task.
+        Called with an event of `engine.events` at every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
         check_percent, engine, device, allow_roots, untrusted, preview.
@@ -169,9 +169,7 @@ def build(
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
     """Build a dataset stage as `build` does, with the options in one record."""
 
-    def warn(text: str) -> None:
-        on_event({"event": "warning", "text": text})
-
+    warn = warner(on_event)
     roots, untrusted = options.allow_roots, options.untrusted
     dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
     if options.device is not None:

@@ -52,7 +52,8 @@ class Interrupts:
             self._may_stop = True
             yield
         except KeyboardInterrupt:
-            self.arrived = True
+            if not self.arrived:  # not by us
+                raise
         finally:
             self._may_stop = False
 

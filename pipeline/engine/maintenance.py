@@ -13,6 +13,7 @@ from pipeline.engine.files import is_unreadable
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.output_index import Seen
+from pipeline.engine.records import Blob
 from pipeline.engine.store import quarantine
 from pipeline.engine.store.store import Store
 from pipeline.engine.store.workspace import ABANDONED_S
@@ -152,7 +153,7 @@ def check(store: Store) -> Checked:
     blobs = list(store.entries("blob"))
     for name, facts in blobs:
         sizes += facts.st_size
-        if not store.is_whole({"sha256": name, "size": facts.st_size}):
+        if not store.is_whole(Blob(sha256=name, size=facts.st_size)):
             damaged.append(name)
             if _stays(store, "blob", name):
                 unreadable.add(name)
@@ -162,9 +163,9 @@ def check(store: Store) -> Checked:
         if record is None:
             damaged.append(key)
             _stays(store, "record", key)
-        elif store.complete(key, record) is None:
+        elif store.complete(record) is None:
             incomplete.append(key)
-            if not unreadable & {entry["sha256"] for entry in record["outputs"].values()}:
+            if not unreadable & {blob.sha256 for blob in record.outputs.values()}:
                 store.give_up(key)
     return Checked(
         records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
@@ -207,8 +208,8 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
             raise EnvironmentFault(f"cannot read {path}, so nothing was removed", hint="try again, or remove that file")
         if record is None:
             continue
-        names = {entry["sha256"] for entry in record["outputs"].values()}
-        need = sum(sizes.get(str(name), 0) for name in names - blobs)
+        names = {blob.sha256 for blob in record.outputs.values()}
+        need = sum(sizes.get(name, 0) for name in names - blobs)
         if key not in pinned and need > room:
             room = 0  # strictly by use: a small old entry does not outlive a large newer one
             continue
@@ -228,7 +229,7 @@ def _stays(store: Store, table: str, name: str) -> bool:
 
 def _blobs_of(store: Store, keys: set[str]) -> set[str]:
     records = filter(None, (store.peek(key) for key in keys))
-    return {entry["sha256"] for record in records for entry in record["outputs"].values()}
+    return {blob.sha256 for record in records for blob in record.outputs.values()}
 
 
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:

@@ -214,23 +214,6 @@ def test_ctrl_c_once_lets_running_tasks_end(command, pipeline, stage, tmp_path, 
     assert next(task for task in states if task["name"] == "slow/a")["state"] == "cached"
 
 
-@pytest.mark.parametrize(
-    ("jobs", "signals", "code"),
-    [("-j1", 2, 130), ("-j2", 1, 143), pytest.param("-j2", 2, 130, marks=pytest.mark.heavy)],
-)
-def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_path, jobs, signals, code):
-    process = command("build", stage(**slow(tmp_path, 60)), jobs)
-    started(tmp_path)
-    if signals == 2:
-        process.send_signal(signal.SIGINT)
-        assert any("press Ctrl-C again" in line for line in process.stderr)  # two signals at once would count as one
-    process.send_signal(signal.SIGINT if code == 130 else signal.SIGTERM)
-    process.communicate(timeout=50)  # less than the task would take
-    assert process.returncode == code
-    assert not (tmp_path / "build").exists()
-    assert pipeline("build", stage(), "-j1")[0] == 0
-
-
 def test_a_build_by_single_tasks_alone_gives_the_same_manifest(pipeline, stage, tmp_path, monkeypatch):
     """As an array of a batch system does it: what can run now, again and again."""
     rounds = 0

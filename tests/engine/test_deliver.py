@@ -66,7 +66,7 @@ def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
     os.utime(out / name, ns=(times.st_atime_ns, times.st_mtime_ns))  # as if nothing had happened
     assert build(toy.project(out), ALONE, caller=Caller(on_event=said.append)).executed == 0
     assert toy.contents(out) == {**right, f"{name}.kept1": bytes(altered)}
-    assert any(f"{name} is not as a build delivered it; it is now" in event.get("text", "") for event in said)
+    assert any(f"{name} is not as a build delivered it; it is now" in getattr(event, "text", "") for event in said)
 
 
 def test_a_touched_file_with_the_same_bytes_stays(out):
@@ -88,7 +88,7 @@ def test_foreign_files_stay_with_a_warning(out):
     events = []
     build(toy.project(out, poses=toy.POSES[:1]), ALONE, caller=Caller(on_event=events.append))
     assert (out / "frames" / "0001" / "mine.txt").read_text() == (out / "notes.txt").read_text() == "mine"
-    assert any("notes.txt" in event.get("text", "") for event in events)
+    assert any("notes.txt" in getattr(event, "text", "") for event in events)
     assert "notes.txt" not in json.loads((out / "manifest.json").read_text())["files"]
 
 
@@ -226,7 +226,7 @@ def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
     events = []
     assert build(toy.project(out), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
     assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
-    assert any("manifest.json.kept1" in event.get("text", "") for event in events)
+    assert any("manifest.json.kept1" in getattr(event, "text", "") for event in events)
 
 
 def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_too(out, cache):
@@ -477,7 +477,7 @@ def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (out / name).write_text("mine")
     build(toy.project(out), ALONE, caller=Caller(on_event=said.append))
-    texts = [event["text"] for event in said if event["event"] == "warning"]
+    texts = [event.text for event in said if event.name == "warning"]
     assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
 
 
@@ -570,4 +570,4 @@ def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp
     monkeypatch.setattr(Folder, "clear", late)
     build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
     assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
-    assert not [event["text"] for event in said if event["event"] == "warning"]
+    assert not [event.text for event in said if event.name == "warning"]

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -143,7 +144,7 @@ def test_explain_names_the_fact_that_changed(moved, store, kit):
 
 def test_a_worker_that_computes_otherwise_refuses(moved, store, kit):
     graph, spec = moved
-    reply = perform({**spec.to_plain(), "force": True}, store, graph.packages)
-    assert reply["state"] == "failed" and reply["machine"]
-    assert "machine is libc glibc 9.99, not" in reply["error"]
-    assert "last digits" in reply["error"]
+    (reply,) = perform([replace(spec, force=True)], store, graph.packages)
+    assert reply.state == "failed" and reply.machine
+    assert "machine is libc glibc 9.99, not" in reply.error
+    assert "last digits" in reply.error

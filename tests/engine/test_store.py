@@ -17,6 +17,7 @@ from shorter import one_in
 from pipeline.engine.maintenance import check, collect, info
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.output import manifest
+from pipeline.engine.records import fields_of
 from pipeline.engine.running.session import build
 from pipeline.engine.store.sealed import seal
 from pipeline.engine.store.store import DamagedBlob, Store
@@ -31,7 +32,7 @@ KEY = "ab" * 32
 def record(store):
     """A record with one blob."""
     entry = store.put_bytes(b"some bytes")
-    return store.put_record(KEY, {"outputs": {"a.txt": entry}, "components": {}, "made_by": {"seconds": 0}})
+    return store.put_record(toy.record(KEY, **{"a.txt": entry}))
 
 
 def test_a_record_cut_at_every_byte_is_a_miss(store, record):
@@ -53,7 +54,6 @@ def test_a_record_cut_at_every_byte_is_a_miss(store, record):
         "x",
         {"seconds": "x"},
         {"seconds": 0, "peak_bytes": []},
-        {"cpu_seconds": None},
         {"kernels": [1]},
         {"kernels": {"k": 1}},
         {"kernels": {"k": {"rays": "many"}}},
@@ -63,7 +63,7 @@ def test_a_record_of_another_form_is_a_miss_also_with_its_digest(store, record, 
     """It stopped every build with a traceback until somebody removed it by hand."""
     path = store.path("record", KEY)
     path.unlink()
-    path.write_bytes(seal({**record, "made_by": made_by}))
+    path.write_bytes(seal({"format": 1, **fields_of(record), "made_by": made_by}))
     assert store.record(KEY) is None
     assert not path.exists()
 
@@ -86,7 +86,7 @@ def test_a_record_under_another_key_is_a_miss(store, record):
 
 
 def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
-    digest = record["outputs"]["a.txt"]["sha256"]
+    digest = record.outputs["a.txt"].sha256
     path = store.path("blob", digest)
     path.chmod(0o644)
     path.write_bytes(b"some bytez")
@@ -101,7 +101,7 @@ def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
     "replace", [lambda p: p.mkdir(), lambda p: os.mkfifo(p), lambda p: p.symlink_to("/etc/passwd")]
 )
 def test_what_is_not_a_plain_file_is_a_miss(store, record, replace):
-    for path in (store.path("blob", record["outputs"]["a.txt"]["sha256"]), store.path("record", KEY)):
+    for path in (store.path("blob", record.outputs["a.txt"].sha256), store.path("record", KEY)):
         path.unlink(missing_ok=True)
         replace(path)
         assert store.record(KEY) is None
@@ -110,12 +110,12 @@ def test_what_is_not_a_plain_file_is_a_miss(store, record, replace):
 @pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES, errno.EIO, errno.ESTALE])
 @pytest.mark.parametrize("call", ["open", "read"])
 def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeypatch, call, error):
-    store, blob = Store(cache), record["outputs"]["a.txt"]
+    store, blob = Store(cache), record.outputs["a.txt"]
     with monkeypatch.context() as patch:
         patch.setattr(f"pipeline.engine.files.os.{call}", failing(error))
         assert store.record(KEY) is None and not store.is_whole(blob)
         with pytest.raises(DamagedBlob):
-            store.blob(blob["sha256"])
+            store.blob(blob.sha256)
     assert store.record(KEY) == record and not store.counts["damaged"]
 
 
@@ -129,20 +129,20 @@ def failing(error):
 
 
 def test_a_record_waits_for_its_blob_and_gives_way_to_a_new_one(store, record):
-    store.path("blob", record["outputs"]["a.txt"]["sha256"]).unlink()
+    store.path("blob", record.outputs["a.txt"].sha256).unlink()
     assert store.record(KEY) is None
     store.put_bytes(b"some bytes")
     assert store.record(KEY) == record
-    store.path("blob", record["outputs"]["a.txt"]["sha256"]).unlink()
-    other = {"outputs": {"a.txt": store.put_bytes(b"other")}, "components": {}, "made_by": {}}
-    assert store.put_record(KEY, other)["outputs"] == store.record(KEY)["outputs"] == other["outputs"]
+    store.path("blob", record.outputs["a.txt"].sha256).unlink()
+    other = toy.record(KEY, **{"a.txt": store.put_bytes(b"other")})
+    assert store.put_record(other).outputs == store.record(KEY).outputs == other.outputs
 
 
 def test_the_first_record_of_a_key_stays(cache, record):
     said = []
     store = Store(cache, warn=said.append)
-    other = {"outputs": {"a.txt": store.put_bytes(b"other")}, "components": {}, "made_by": {}}
-    assert store.put_record(KEY, other)["outputs"] == record["outputs"]
+    other = toy.record(KEY, **{"a.txt": store.put_bytes(b"other")})
+    assert store.put_record(other).outputs == record.outputs
     assert "NON-DETERMINISM" in said[0]
 
 
@@ -157,7 +157,7 @@ def test_a_hard_linked_file_is_copied_and_stays_where_it_was(store, tmp_path):
     linked = store.new_path()
     linked.hardlink_to(users)
     entry = store.put_file(linked)
-    assert users.stat().st_ino != store.path("blob", entry["sha256"]).stat().st_ino
+    assert users.stat().st_ino != store.path("blob", entry.sha256).stat().st_ino
     assert users.read_text() == "mine"
 
 

@@ -58,7 +58,7 @@ def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monk
         close(self)
 
     def stop(event):
-        if stopped_before and event["event"] == "started" and event["task"] == "rays/cam":
+        if stopped_before and event.name == "started" and event.task == "rays/cam":
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(Processes, "close", disturbed)
@@ -82,8 +82,8 @@ def test_a_signal_while_a_dead_worker_is_forgotten_stops_the_build(tmp_path, sto
 
 def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
     outcome = run(toy.graph_of(("probe", "probe", {})), store, BuildOptions(jobs=2))
-    entry = outcome.records["probe"]["outputs"]["probe.json"]
-    facts = json.loads(store.blob(entry["sha256"]).read_text())
+    entry = outcome.records["probe"].outputs["probe.json"]
+    facts = json.loads(store.blob(entry.sha256).read_text())
     imported = {name.split(".")[0] for name in facts["modules"]}
     assert not imported & {"pxr", "typer", "rich", "colour", "networkx", "numpy", "numba"}
     assert "pipeline.cli" not in facts["modules"]

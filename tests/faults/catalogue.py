@@ -450,7 +450,7 @@ def lost_workers(bench: Workbench) -> Row:
         killed = []
 
         def kill_a_worker(event, killed=killed) -> None:
-            if event["event"] == "started" and event["kind"] == ("rays_tile", "image")[len(killed) % 2] and not killed:
+            if event.name == "started" and event.kind == ("rays_tile", "image")[len(killed) % 2] and not killed:
                 children = subprocess.run(
                     ["pgrep", "-P", str(os.getpid())], capture_output=True, text=True, check=False
                 )

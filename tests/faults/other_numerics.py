@@ -98,7 +98,7 @@ def _of(place: Path) -> dict[str, dict[str, str]]:
     keys = [path.stem for path in entries(place) if (place / "store" / "ac") in path.parents]
     records = {key: store.record(key) for key in keys}
     return {
-        key: {name: entry["sha256"] for name, entry in record["outputs"].items()}
+        key: {name: entry.sha256 for name, entry in record.outputs.items()}
         for key, record in records.items()
         if record is not None
     }

@@ -82,8 +82,19 @@ def check_kind(kind: str, packages: tuple[str, ...]) -> None:
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
-def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
-    """Components of a key that represent the code: version, fingerprint, libraries, machine.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Code:
+    """The components of a key that represent the code of its kind; see `records.Components`."""
+
+    kind: str
+    version: Any
+    code: str
+    libraries: dict[str, str]
+    machine: dict[str, str]
+
+
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Code:
+    """The code of a kind of task here.
 
     Parameters
     ----------
@@ -100,13 +111,14 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
     libraries = versions_of(foreign)
-    return {
-        "version": own.version,
-        "code": _digest(reached),
+    return Code(
+        kind=kind,
+        version=own.version,
+        code=_digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
-        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
-        "machine": machine(libraries),
-    }
+        libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
+        machine=machine(libraries),
+    )
 
 
 def edited(kind: str) -> list[str]:

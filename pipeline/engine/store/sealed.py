@@ -4,12 +4,14 @@ import hashlib
 import json
 from typing import Any
 
+from pipeline.engine.records import as_json
+
 _TRAILER = b"\n#sha256="
 
 
 def seal(value: Any) -> bytes:
-    """Plain data as sealed bytes, which `unseal` reads."""
-    body = json.dumps(value, sort_keys=True).encode()
+    """Plain data or records as sealed bytes, which `unseal` reads."""
+    body = as_json(value)
     return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
 
 

@@ -19,7 +19,6 @@ entry that is unreadable at present (no descriptors left, a disk that is not mou
 
 import contextlib
 import hashlib
-import json
 import os
 import stat
 from collections.abc import Callable, Iterable
@@ -27,7 +26,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import (
     Signature,
     copy,
@@ -36,17 +34,14 @@ from pipeline.engine.files import (
     read_regular,
     signature,
 )
+from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of
 from pipeline.engine.store.sealed import seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
+from pipeline.records.plain import from_plain
 from pipeline.user_cache import user_cache
 
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
-_COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
-_NUMBERS = frozenset({int, float, bool})
-"""Types of numbers as JSON has them."""
-
-Entry = dict[str, Any]
 
 
 class DamagedBlob(Exception):
@@ -88,15 +83,15 @@ class Store(StoreFolder):
 
     # Blobs
 
-    def put_bytes(self, data: bytes) -> Entry:
-        """Store bytes; returns {"sha256", "size"}, by which all others refer to them."""
+    def put_bytes(self, data: bytes) -> Blob:
+        """Store bytes; returns what all others refer to them by."""
         digest = hashlib.sha256(data).hexdigest()
-        entry = {"sha256": digest, "size": len(data)}
-        if not self.is_whole(entry):
+        blob = Blob(sha256=digest, size=len(data))
+        if not self.is_whole(blob):
             self._write(self.path("blob", digest), data)
-        return entry
+        return blob
 
-    def put_file(self, path: Path) -> Entry:
+    def put_file(self, path: Path) -> Blob:
         """Store a file that a task wrote on this file system. It is hashed in pieces, then moved, or copied if it is
         shared.
         """
@@ -110,10 +105,10 @@ class Store(StoreFolder):
         digest = digest_of(path)
         if digest is None:
             raise OSError(f"cannot read {path}")
-        entry = {"sha256": digest, "size": path.stat().st_size}
-        if not self.is_whole(entry):
+        blob = Blob(sha256=digest, size=path.stat().st_size)
+        if not self.is_whole(blob):
             self._keep(path, self.path("blob", digest))
-        return entry
+        return blob
 
     def blob(self, digest: str) -> Path:
         """Verified path of a blob, for reading only.
@@ -124,7 +119,7 @@ class Store(StoreFolder):
         """
         path = self.path("blob", digest)
         with contextlib.suppress(OSError):  # it is not there
-            if self.is_whole({"sha256": digest, "size": path.lstat().st_size}):
+            if self.is_whole(Blob(sha256=digest, size=path.lstat().st_size)):
                 return path
         raise DamagedBlob(digest)
 
@@ -181,16 +176,16 @@ class Store(StoreFolder):
         """Forget that a blob was verified, so that it is hashed again."""
         self._verified.pop(digest, None)
 
-    def is_whole(self, entry: Entry) -> bool:
+    def is_whole(self, blob: Blob) -> bool:
         """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
-        digest = entry["sha256"]
+        digest = blob.sha256
         path = self._at("blob", digest)
         try:
             facts = os.lstat(path)
         except OSError:
             return False
         now = signature(facts)
-        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == entry["size"]
+        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == blob.size
         if regular and self._verified.get(digest) == now:  # verified by this process, unchanged since
             return True
         found = digest_of(path) if regular else ""
@@ -206,32 +201,30 @@ class Store(StoreFolder):
 
     # Records
 
-    def put_record(self, key: str, record: dict[str, Any]) -> dict[str, Any]:
-        """Store a record unless the key has one; returns the record that is kept."""
-        kept = self.record(key)
+    def put_record(self, record: Record) -> Record:
+        """Store a record unless its key has one; returns the record that is kept."""
+        kept = self.record(record.key)
         if kept is not None:
-            if kept["outputs"] != record["outputs"]:
+            if kept.outputs != record.outputs:
                 self.counts["nondeterministic"] += 1
-                self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
+                self.warn(f"NON-DETERMINISM: {record.key[:12]} gave other bytes than before; the first ones stay")
             return kept
-        sealed = seal({**record, "key": key, "format": _FORMAT})
-        self._write(self.path("record", key), sealed)
-        parsed: dict[str, Any] = unseal(sealed)
-        return parsed
-
-    def record(self, key: str) -> dict[str, Any] | None:
-        """The record of a key if it and all its blobs are whole; else None, a miss."""
-        return self.complete(key, self.peek(key))
-
-    def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
-        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
-        if record is None or not all(self.is_whole(entry) for entry in record["outputs"].values()):
-            return None
-        with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
-            os.utime(self._at("record", key))
+        self._write(self.path("record", record.key), seal({"format": _FORMAT, **fields_of(record)}))
         return record
 
-    def peek(self, key: str) -> dict[str, Any] | None:
+    def record(self, key: str) -> Record | None:
+        """The record of a key if it and all its blobs are whole; else None, a miss."""
+        return self.complete(self.peek(key))
+
+    def complete(self, record: Record | None) -> Record | None:
+        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
+        if record is None or not all(map(self.is_whole, record.outputs.values())):
+            return None
+        with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
+            os.utime(self._at("record", record.key))
+        return record
+
+    def peek(self, key: str) -> Record | None:
         """The record of a key, without checking its blobs; for explanations."""
         path = self._at("record", key)
         raw = read_regular(path)
@@ -247,19 +240,19 @@ class Store(StoreFolder):
 
     # Notes: helpful, but no result depends on them
 
-    def keep_spec(self, key: str, spec: dict[str, Any]) -> str | None:
+    def keep_spec(self, spec: Spec) -> str | None:
         """Save the spec of a task so that it can be repeated alone; returns the path, or None if it cannot be
         written.
         """
-        path = self.path("spec", key)
+        path = self.path("spec", spec.key)
         try:
-            self._write(path, json.dumps(spec, sort_keys=True).encode() + b"\n")
+            self._write(path, as_json(spec) + b"\n")
         except OSError:
             return None
         return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
-        """Keep plain data in `history`, `sources`, `events` or `index`; a read-only store skips it."""
+        """Keep plain data or a record in `history`, `sources`, `events` or `index`; a read-only store skips it."""
         with contextlib.suppress(OSError):
             self._write(self.root / folder / f"{name}.json", seal(note))
 
@@ -277,19 +270,13 @@ class Store(StoreFolder):
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
 
-def _tells_costs(facts: dict[str, Any]) -> bool:
-    """Whether the facts about a run, or about one of its kernels, are numbers."""
-    return _NUMBERS.issuperset([type(facts[name]) for name in _COSTS if name in facts])
-
-
-def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
+def _parse_record(raw: bytes | None, key: str) -> Record | None:
     """The record in some bytes; None unless checksum, format and key are right."""
-    record = unseal(raw)
+    plain = unseal(raw)
     try:
-        whole = record["format"] == _FORMAT and record["key"] == key
-        entries, made_by = record["outputs"].values(), record["made_by"]
-        whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
-        whole = whole and _tells_costs(made_by) and all(map(_tells_costs, made_by.get("kernels", {}).values()))
-    except (KeyError, TypeError, AttributeError):
+        if plain.pop("format") != _FORMAT:
+            return None
+        record = from_plain(Record, plain)
+        return record if record.key == key and record.is_sound else None
+    except (KeyError, TypeError, ValueError, AttributeError):
         return None
-    return record if whole else None
