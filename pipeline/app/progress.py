@@ -8,27 +8,16 @@ import shlex
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from typing import Protocol
 
 from pipeline.engine.events import Begun, Done, Event, Retried, Started, Warned
 from pipeline.engine.records import TaskResult
 from pipeline.engine.running.result import Ended, Result
 
 
-class Display(Protocol):
-    """A listener of events; while its context is open it may own part of the screen."""
-
-    def __call__(self, event: Event) -> None: ...
-
-    def __enter__(self) -> "Display": ...
-
-    def __exit__(self, *error: object) -> None: ...
-
-
-def display(verbosity: int) -> Display:
+def display(verbosity: int) -> "Lines":
     """A progress bar on a terminal, else lines. A negative verbosity shows failures and warnings only."""
-    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    return Bar() if terminal and verbosity == 0 else Lines(verbosity)
+    is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    return Bar() if is_terminal and verbosity == 0 else Lines(verbosity)
 
 
 class Tally:
@@ -86,16 +75,21 @@ class Lines:
     def __call__(self, event: Event) -> None:
         """Print a line if the event deserves one at this verbosity."""
         self._tally.add(event)
+        if text := self._line(event):
+            self._say(text)
+
+    def _line(self, event: Event) -> str | None:
         match event:
             case Warned():
-                self._say(f"warning: {event.text}")
+                return f"warning: {event.text}"
             case Retried():
-                self._say(_tried_again(event))
+                return f"{event.task} tried again: {event.error.splitlines()[0]}"
             case Started() if self._verbosity > 0:
-                self._say(f"{self._tally.line()} {event.task} started")
+                return f"{self._tally.line()} {event.task} started"
             case Done() if self._is_shown(event.result.state):
                 task, news = event.result, f": {event.news}" if event.news else ""
-                self._say(f"{self._tally.line()} {task.name} {task.state} {task.seconds:.1f} s{news}")
+                return f"{self._tally.line()} {task.name} {task.state} {task.seconds:.1f} s{news}"
+        return None
 
     def _is_shown(self, state: str) -> bool:
         return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
@@ -104,7 +98,7 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
-class Bar:
+class Bar(Lines):
     """A bar with the counts, the last finished task, the estimate, and the last news of a task. Warnings and failures
     remain above it.
     """
@@ -113,46 +107,32 @@ class Bar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self._tally, self._news = Tally(), ""
+        super().__init__(verbosity=-1)
+        self._news = ""
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        # The original stream: while a task runs in this process, sys.stderr is a log file.
-        console = Console(file=sys.stderr)
+        console = Console(file=self._stream)
         self._progress = Progress(
             *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
         self._bar = self._progress.add_task("", total=None)
-
-    def __enter__(self) -> "Bar":
-        return self  # the bar starts with the first event, so a process that ends before leaves the cursor alone
 
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
     def __call__(self, event: Event) -> None:
         """Redraw the bar after an event."""
-        self._progress.start()
-        self._tally.add(event)
-        match event:
-            case Warned():
-                self._print(f"warning: {event.text}")
-            case Retried():
-                self._print(_tried_again(event))
-            case Done() if event.result.state == "failed":
-                self._print(f"{event.result.name} failed")
-            case Done() if event.news:
-                self._news = f"  ({event.result.name}: {event.news})"
+        self._progress.start()  # at the first event: a process that ends before leaves the cursor alone
+        super().__call__(event)
+        if isinstance(event, Done) and event.news:
+            self._news = f"  ({event.result.name}: {event.news})"
         name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""
         done, left = self._tally.counts.total(), self._tally.seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
         text = f"{self._tally.line()} {name}{eta}{self._news}"
         self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
 
-    def _print(self, text: str) -> None:
+    def _say(self, text: str) -> None:
         self._progress.console.print(text, markup=False, highlight=False)
-
-
-def _tried_again(event: Retried) -> str:
-    return f"{event.task} tried again: {event.error.splitlines()[0]}"
 
 
 class Ending:

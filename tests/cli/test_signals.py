@@ -22,14 +22,6 @@ def test_sigterm_sighup_and_a_second_ctrl_c_end_the_process(command, stage, tmp_
     assert ("press Ctrl-C again" in log) == (len(numbers) == 2)
 
 
-def test_the_first_ctrl_c_lets_running_tasks_end_and_starts_no_others(command, stage, tmp_path, cache):
-    process = command("build", stage(**slow(tmp_path, 1.0)), "-j1", "slow")
-    started(tmp_path)
-    code, log, _ = ended(process, signal.SIGINT)
-    assert code == 130 and "press Ctrl-C again" in log and "interrupted; build again" in log
-    assert len(list((cache / "ac").rglob("*.json"))) == 1 and not (tmp_path / "build").exists()
-
-
 def test_one_ctrl_c_ends_a_build_that_compiles(command, stage, tmp_path):
     """Nothing is lost: what was compiled is kept."""
     (tmp_path / "compiling").touch()

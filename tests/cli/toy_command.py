@@ -33,6 +33,11 @@ class Problem:
     def __str__(self) -> str:
         return f"stage:1: {self.severity}: {self.text}"
 
+    @property
+    def is_error(self) -> bool:
+        """Whether it prevents a build."""
+        return self.severity == "error"
+
     def to_dict(self) -> dict[str, str]:
         """Plain data."""
         return {"severity": self.severity, "message": self.text}
@@ -52,9 +57,9 @@ def said_of(path, *, write):
     return []
 
 
-def project(path, out=None, allow_roots=(), untrusted=False, preview=False):
+def project(path, out=None, allow_roots=(), preview=False):
     """A project, if the stage has no errors."""
-    errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
+    errors = [str(problem) for problem in load(path).problems if problem.is_error]
     if errors:
         raise UsageError("\n".join(errors))
     facts = json.loads(path.read_text())

@@ -113,13 +113,6 @@ def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
     assert (out / "report" / "index.html").is_file() and not (out / "report").is_symlink()
 
 
-def test_a_folder_of_another_stage_is_refused_before_anything_runs(out, cache):
-    before = toy.snapshot(out)
-    with pytest.raises(UsageError, match="another stage"):
-        build(toy.project(out, stage="other", power=9.0), ALONE)
-    assert toy.snapshot(out) == before
-
-
 @pytest.mark.parametrize("place", ["copy", "place"])
 def test_an_interrupted_delivery_leaves_no_manifest_or_the_whole_previous_build(out, monkeypatch, place):
     before = toy.contents(out)
@@ -154,18 +147,6 @@ def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
     assert not (out / "manifest.json").exists()
     build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert not (out / "frames" / "0001").exists()
-
-
-def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
-    before = toy.snapshot(out)
-
-    def full(source, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(store_module, "copy", full)
-    result = build(toy.project(out, power=9.0), ALONE)
-    assert result.exit_code == 5 and "bytes free" in str(result.error)
-    assert toy.snapshot(out) == before
 
 
 def test_status_says_built_stale_and_missing(out):
@@ -219,16 +200,6 @@ def test_an_old_folder_whose_name_only_begins_like_ours_stays(out, name):
     assert (out / name / "thesis.tex").read_text() == "years of work"
 
 
-def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "manifest.json").write_text('{"name": "my web app"}')
-    events = []
-    assert build(toy.project(out), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
-    assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
-    assert any("manifest.json.kept1" in getattr(event, "text", "") for event in events)
-
-
 def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_too(out, cache):
     right = toy.contents(out)
     for path in [out / "manifest.json", *(cache / "index").iterdir()]:
@@ -261,16 +232,6 @@ def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, m
         build(toy.project(out), ALONE)
     build(toy.project(out), ALONE)
     assert (out / f"{name}.kept1").read_text() == "mine"
-
-
-def test_a_dangling_link_is_not_overwritten_by_what_is_kept(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "dataset.usda").write_text("mine")
-    (out / "dataset.usda.kept1").symlink_to("/nonexistent/on-another-disk")
-    build(toy.project(out), ALONE)
-    assert (out / "dataset.usda.kept1").is_symlink()
-    assert (out / "dataset.usda.kept2").read_text() == "mine"
 
 
 def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_path):
@@ -452,13 +413,6 @@ def test_a_doctored_manifest_of_ours_makes_nothing_ours(out):
     (out / "manifest.json").write_text(json.dumps(facts))
     assert build(toy.project(out), ALONE).delivery.removed == ()
     assert (out / "thesis.txt").read_text() == "years of work"
-
-
-def test_a_file_that_was_annotated_and_is_no_longer_made_stays(out):
-    path = out / "frames/0001/cam/image.txt"
-    path.write_text(path.read_text() + "blurred, do not use")
-    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
-    assert result.delivery.foreign == ("frames/0001/cam/image.txt",) and "do not use" in path.read_text()
 
 
 @pytest.mark.parametrize("how", ["moved", "copied"])

@@ -77,23 +77,6 @@ def test_a_link_is_no_output(tmp_path, store):
     assert result.state == "failed" and "plain files" in result.error
 
 
-def test_a_blob_damaged_between_lookup_and_use_is_made_again(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), ALONE)
-    hit = []
-
-    def damage(event):
-        if event.name == "done" and event.result.name == "rays/cam" and not hit:
-            hit.append(event)
-            for blob in (cache / "cas").rglob("*"):
-                if blob.is_file() and blob.read_bytes().startswith(b"near"):
-                    blob.unlink()
-
-    poses = [[[9.0, 0.0], [0.0, 1.0]], [[8.0, 0.0], [0.0, 1.0]]]
-    result = build(toy.project(tmp_path / "out", poses=poses), ALONE, caller=Caller(on_event=damage))
-    assert hit and result.exit_code == 0
-    assert toy.executed(result) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
-
-
 @pytest.mark.parametrize(("times", "code"), [(1, 0), (2, 5)])
 def test_results_lost_before_delivery_are_made_again_once(tmp_path, store, times, code):
     """As when a collector on another machine, whose locks do not reach here, drops them."""
@@ -110,14 +93,6 @@ def test_results_lost_before_delivery_are_made_again_once(tmp_path, store, times
     assert (result.delivery is not None) == (code == 0) == (tmp_path / "out/manifest.json").exists()
     again = build(toy.project(tmp_path / "out"), ALONE)
     assert again.exit_code == 0 and toy.executed(again) == (set() if code == 0 else {"report"})
-
-
-def test_edited_code_is_not_run_under_the_old_import(tmp_path, kit):
-    build(toy.project(tmp_path / "out"), ALONE)
-    image = kit / "tasks" / "image.py"
-    image.write_text(image.read_text().replace("{len(near)}", "{len(near) + 1}"))
-    assert build(toy.project(tmp_path / "out"), ALONE).failed == 1  # this process still has the old code
-    assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=2)).failed == 0  # a new worker reads the new one
 
 
 def hungry(tmp_path, count, *, greedy):

@@ -3,7 +3,6 @@
 import errno
 import hashlib
 import os
-import random
 import shutil
 import socket
 import subprocess
@@ -33,17 +32,6 @@ def record(store):
     """A record with one blob."""
     entry = store.put_bytes(b"some bytes")
     return store.put_record(toy.record(KEY, **{"a.txt": entry}))
-
-
-def test_a_record_cut_at_every_byte_is_a_miss(store, record):
-    path = store.path("record", KEY)
-    whole = path.read_bytes()
-    for size in range(len(whole)):
-        path.unlink(missing_ok=True)
-        path.write_bytes(whole[:size])
-        assert store.record(KEY) is None
-    path.write_bytes(whole)
-    assert store.record(KEY) == record
 
 
 @pytest.mark.parametrize(
@@ -95,16 +83,6 @@ def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
     assert store.counts["damaged"] == 1  # the record only waits until the task has run again
     with pytest.raises(DamagedBlob):
         store.blob(digest)
-
-
-@pytest.mark.parametrize(
-    "replace", [lambda p: p.mkdir(), lambda p: os.mkfifo(p), lambda p: p.symlink_to("/etc/passwd")]
-)
-def test_what_is_not_a_plain_file_is_a_miss(store, record, replace):
-    for path in (store.path("blob", record.outputs["a.txt"].sha256), store.path("record", KEY)):
-        path.unlink(missing_ok=True)
-        replace(path)
-        assert store.record(KEY) is None
 
 
 @pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES, errno.EIO, errno.ESTALE])
@@ -170,22 +148,6 @@ def test_only_folders_of_dead_processes_are_swept(store, cache):
     subprocess.run([sys.executable, "-c", code, str(cache)], check=True)
     assert sweep(cache / "tmp") == 1
     assert len(list((cache / "tmp").iterdir())) == 1
-
-
-def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), ALONE)
-    right = toy.contents(tmp_path / "out")
-    chance = random.Random(0)
-    files = [path for table in ("ac", "cas") for path in (cache / table).rglob("*") if path.is_file()]
-    for path in files:
-        whole = bytearray(path.read_bytes())
-        whole[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
-        path.unlink()
-        path.write_bytes(whole)
-        again = build(toy.project(tmp_path / "out"), ALONE)
-        assert again.executed and not again.failed
-        assert toy.contents(tmp_path / "out") == right
-    assert len(files) > 8
 
 
 def test_a_store_that_may_only_be_read_serves_what_it_has(tmp_path, store, monkeypatch):

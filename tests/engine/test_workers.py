@@ -11,11 +11,10 @@ import time
 import pytest
 from engine import toy
 
-from pipeline.engine.options import ALONE, BuildOptions, Caller
+from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.running.driver import run
 from pipeline.engine.running.engines import Processes
 from pipeline.engine.running.session import build, plan_of
-from pipeline.engine.store.store import Store
 
 
 def test_a_killed_worker_costs_only_its_task(tmp_path, store):
@@ -35,17 +34,6 @@ def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
     assert failed.state == "failed" and "SIGKILL" in failed.error
     assert len(list(tmp_path.glob("death*"))) == 3
     assert outcome.results["lens"].state == "executed"
-
-
-@pytest.mark.parametrize(("most_bytes", "state"), [(2**30, "failed"), (None, "executed")])
-def test_a_task_that_asks_for_more_memory_than_it_may_take_fails_and_says_what_allows_it(store, most_bytes, state):
-    graph = toy.graph_of(("vast", "vast", {"bytes": 2**30}), ("lens", "lens", {"power": 1.0}))
-    engine = Processes(store, graph.packages, 2, memory_bytes=most_bytes)
-    results = run(graph, store, BuildOptions(keep_going=True), engine=engine).results
-    assert (results["vast"].state, results["lens"].state) == (state, "executed")
-    if state == "failed":
-        assert "MemoryError" in results["vast"].error
-        assert 'PIPELINE_LIMITS="task_bytes=2147483648"' in results["vast"].error
 
 
 @pytest.mark.parametrize("stopped_before", [True, False])
@@ -147,35 +135,6 @@ def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
     assert "rendering" not in capfd.readouterr().out
     logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
     assert logs == ["rendering\n"] * 2
-
-
-_BUILD = """
-import sys
-from pathlib import Path
-sys.path[:0] = sys.argv[2:]
-from engine import toy
-from pipeline.engine.options import BuildOptions
-from pipeline.engine.running.session import build
-build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), BuildOptions(jobs=2))
-"""
-
-
-def test_a_builder_killed_at_any_time_leaves_nothing_wrong(tmp_path, cache, kit):
-    poses = [[[float(n)]] for n in range(60)]
-    command = [sys.executable, "-c", _BUILD, str(tmp_path / "out"), str(kit.parent), str(toy.KIT.parents[1])]
-    for milliseconds in range(250, 700, 50):
-        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        time.sleep(milliseconds / 1000)
-        process.kill()
-        process.wait()
-    assert build(toy.project(tmp_path / "out", poses=poses), ALONE).exit_code == 0
-    again = build(toy.project(tmp_path / "out", poses=poses), ALONE)
-    assert again.executed == 0
-    fresh = Store(tmp_path / "fresh")
-    build(toy.project(tmp_path / "fresh_out", poses=poses), ALONE, store=fresh)
-    assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "fresh_out")
-    assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
-    assert len(list((cache / "tmp").iterdir())) <= 1
 
 
 def test_ended_workers_leave_nothing_in_the_store(tmp_path, cache):

@@ -15,17 +15,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from faults.other_numerics import other_numerics
-from faults.shim import fail_at, in_fork, kill_at
-from faults.signals import signals_at_any_moment
-from faults.stages import hostile_stages
-from faults.surroundings import odd_surroundings
-from faults.untrusted import (
+from faults.beside_entries import (
     damaged_kernels,
     flips_after_verification,
     something_in_the_place_of_folders,
     things_of_somebody_else,
 )
+from faults.other_numerics import other_numerics
+from faults.shim import fail_at, in_fork, kill_at
+from faults.signals import signals_at_any_moment
+from faults.surroundings import odd_surroundings
 from faults.users import second_users
 from faults.workbench import Row, Workbench, entries
 
@@ -494,7 +493,6 @@ FAULTS = (
     soak,
     holder_of_a_lock,
     hostile_entries,
-    hostile_stages,
     clocks,
     collectors,
     determinism,
@@ -512,5 +510,5 @@ FAULTS = (
     odd_surroundings,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 20, 21, 24, 28)
+SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 19, 20, 23, 27)
 """Rows that `make test` does too, by number; the others start processes that load everything again."""

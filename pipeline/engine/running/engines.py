@@ -88,21 +88,10 @@ class Processes:
     timeout_s : float, optional
         A task that takes longer fails and is ended with its worker. Time spent waiting for another builder does not
         count.
-    memory_bytes : int, optional
-        Limit of a worker's address space; a task that needs more fails.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        packages: tuple[str, ...],
-        jobs: int,
-        *,
-        timeout_s: float | None = None,
-        memory_bytes: int | None = None,
-    ) -> None:
+    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
         self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
-        self._memory_bytes = memory_bytes
         self._workers: list[_Worker] = []
         self._ready = selectors.DefaultSelector()
 
@@ -184,7 +173,7 @@ class Processes:
         # A signal may interrupt between any two lines: a worker is registered at once, so that `close` ends it.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
         self._workers.append(worker)
-        setup = {"store": str(self._store.root), "packages": self._packages, "memory_bytes": self._memory_bytes}
+        setup = {"store": str(self._store.root), "packages": self._packages}
         self._send(worker, setup)
         return worker
 

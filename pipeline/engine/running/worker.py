@@ -9,7 +9,6 @@ import faulthandler
 import json
 import os
 import queue
-import resource
 import sys
 import threading
 from collections.abc import Iterator
@@ -19,7 +18,6 @@ from pathlib import Path
 from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
-from pipeline.limits import how_to_raise
 from pipeline.records.plain import from_plain
 
 
@@ -50,9 +48,6 @@ def main() -> None:
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
     setup = json.loads(lines.get())
-    most_bytes = setup["memory_bytes"]
-    if most_bytes is not None:
-        _take_at_most(most_bytes)
     warnings: list[str] = []
     store, packages = _Announcing(setup["store"], warn=warnings.append), tuple(setup["packages"])
     store.replies = replies
@@ -61,17 +56,8 @@ def main() -> None:
         store.task = job[0].name
         with _descriptors_in(store.file_for("log", job[0].key)):
             first, *others = perform(job, store, packages)
-        if most_bytes is not None and first.memory:
-            way_out = how_to_raise("task_bytes", 2 * most_bytes)
-            first = replace(first, error=f"{first.error}\n    hint: it may take {most_bytes:,} bytes; {way_out}")
         _send(replies, [replace(first, warnings=tuple(warnings)), *others])
         warnings.clear()
-
-
-def _take_at_most(memory_bytes: int) -> None:
-    """Limit the address space of this process."""
-    with contextlib.suppress(ValueError):  # a lower limit is already in force
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
 
 
 def _send(handle: int, replies: list[Reply]) -> None:

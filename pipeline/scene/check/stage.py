@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
+from pipeline.scene.check.asset_roots import check_assets, check_used
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.camera.channels import check_channel, check_illuminant
 from pipeline.scene.check.camera.exports import check_exports
@@ -27,7 +28,6 @@ from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check.properties import check_properties
 from pipeline.scene.check.targets import check_target
 from pipeline.scene.read.response import has_response
-from pipeline.scene.trust.asset_roots import check_assets, check_used
 from pipeline.scene.usd.problems import Problem
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -47,10 +47,10 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     Parameters
     ----------
     roots : list of Path
-        Folders that the stage may read from, as `roots.allowed_roots` gives them.
+        Folders that the stage may read from, from `usd.roots.allowed_roots`.
     """
     if outside := check_used(stage, roots):
-        return outside  # the content of such a layer must not be quoted
+        return outside
     found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()

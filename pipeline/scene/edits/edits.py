@@ -20,7 +20,6 @@ from pipeline.scene.edits.changes import Change, changes, layer_of, metadata_of,
 from pipeline.scene.edits.composed import Arc, Composed, composed_from_plain, site_of
 from pipeline.scene.edits.places import GONE, EditPlaces, Place, place_of_gone
 from pipeline.scene.read.prims import read_dataset
-from pipeline.scene.usd.layer_files import is_plain_file
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.usda_lines import text_map
 
@@ -131,7 +130,7 @@ class EditsOfStage:
     def _arc_edit(self, arc: Arc) -> Edit:
         old, new = (found.get(arc) for found in (self._before.arcs, self._now.arcs))
         place = place_of_gone((arc.file, arc.path), None if new else GONE)
-        mentioned = text_map(arc.file).assets if is_plain_file(arc.file) else {}
+        mentioned = text_map(arc.file).assets if Path(arc.file).is_file() else {}
         lines = [mentioned[asset] for name in new or () if (asset := name.strip("@")) in mentioned]
         if len(lines) == 1:
             place = place._replace(line=lines[0])

@@ -1,11 +1,11 @@
 """Places of edits: file and line of statements that were changed, added or removed."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 from pxr import Sdf, Usd
 
 from pipeline.scene.edits.composed import Composed, Site, site_of, written
-from pipeline.scene.usd.layer_files import is_plain_file
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata
@@ -67,7 +67,7 @@ def place_of_gone(site: Site, remark: str | None = None) -> Place:
     """The nearest line above a removed statement; no line if the file does not exist or is not text."""
     file, at = site[0], Sdf.Path(site[1])
     line = None
-    if is_plain_file(file):
+    if Path(file).is_file():
         while line is None and at != Sdf.Path.absoluteRootPath:
             line, at = line_of(file, str(at)), at.GetParentPath()
         line = line or 1

@@ -1,12 +1,16 @@
-"""Folders that a stage may read: its project, the shipped library, and those that the caller adds."""
+"""Asset roots: the folders that a stage may read, which keep a dataset in one place that can be copied whole.
+
+The project of the stage, the shipped library, and what the caller adds. Real paths are compared, so that neither `..`
+nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of docs/strangers.md.
+"""
 
 import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.jit.decorators import cache_folder
 from pipeline.share import share
 
+OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
 
@@ -28,7 +32,7 @@ def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Pat
     return [project, real_path(share("stages")), *map(real_path, more)]
 
 
-def readable_for(roots: Iterable[Path]) -> list[Path]:
-    """Folders that a process needs to load a stage: its roots, and those of this package and of USD's plug-ins."""
-    plugins = filter(None, os.environ.get("PXR_PLUGINPATH_NAME", "").split(os.pathsep))
-    return [*roots, share("stages"), share("schemas"), real_path(cache_folder()), *map(Path, plugins)]
+def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
+    """Whether a file, with links followed, lies below one of the roots."""
+    real = real_path(path)
+    return any(real.is_relative_to(root) for root in roots)

@@ -1,58 +1,45 @@
-"""Asset roots: a stage may read only files below allowed folders.
+"""Checks of asset roots: which layers and other files a stage may name; see `scene.usd.roots`."""
 
-A stage of ten lines can name any file of the machine, and USD would open it. Real paths are compared, so that
-neither `..` nor a link leads out.
-"""
-
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-from pxr import Ar, Sdf, Tf, Usd
+from pxr import Ar, Sdf, Usd
 
-from pipeline.roots import real_path
-from pipeline.scene.read.pictures import NAMES, OUTSIDE_HINT, is_picture, picture_of
+from pipeline.scene.read.pictures import NAMES, is_picture, picture_of
 from pipeline.scene.read.targets import is_in_preview
 from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside, real_path
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.usd.used_layers import file_of, used_layers
 from pipeline.scene.usd.values import UnreadableValue
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
 
 
-def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
-    """Whether a file, with links followed, lies below one of the roots."""
-    real = real_path(path)
-    return any(real.is_relative_to(root) for root in roots)
+def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """Problems of layers that lie outside all roots, each at the line that names it, or else line 1 of the root."""
+    layers = used_layers(stage)
+    outside = {file: layers[0].realPath for one in layers if not is_inside(file := file_of(one.realPath), roots)}
+    named: dict[str, tuple[str, int]] = {}
+    with Ar.ResolverContextBinder(stage.GetPathResolverContext()):
+        for layer in layers if outside else ():
+            for asset in layer.GetCompositionAssetDependencies():
+                file = Ar.GetResolver().Resolve(file_of(layer.ComputeAbsolutePath(asset))).GetPathString()
+                if file in outside and file_of(layer.realPath) not in outside:
+                    named.setdefault(file, (layer.realPath, text_map(layer.realPath).assets.get(asset, 1)))
+    return [_outside(file, *place) for file, place in named.items()] or [
+        _outside(file, root, 1) for file, root in outside.items()
+    ]
 
 
-def file_of(identifier: str) -> str:
-    """The file of a layer identifier: without format arguments, and for a member its package. Empty if malformed."""
-    try:
-        path, _ = Sdf.Layer.SplitIdentifier(identifier)
-    except Tf.ErrorException:
-        return ""
-    return str(Ar.SplitPackageRelativePathOuter(path)[0])
-
-
-def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -> Problem | None:
-    """The problem that a file lies outside all roots, at the line that mentions the asset; None if it lies inside."""
-    if is_inside(file, roots):
-        return None
+def _outside(layer: str, user: str, line: int) -> Problem:
     return Problem(
         code="asset-outside",
-        message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
+        message=f"{shown_path(real_path(layer))} lies outside the folders that a stage may read",
         file=shown_path(user),
-        line=text_map(user).assets.get(asset or "", 1),
+        line=line,
         hint=OUTSIDE_HINT,
     )
-
-
-def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of layers of the composed stage that lie outside all roots, by whatever way they were found."""
-    root = stage.GetRootLayer().realPath
-    found = (outside(file_of(layer.realPath), roots, root) for layer in used_layers(stage))
-    return [problem for problem in found if problem]
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
