@@ -154,10 +154,11 @@ def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
         store = Store(folder / f"store{size}")
         start = time.process_time()
         graph = TaskGraph()
-        graph.add("first", "pipeline.tasks.focus", {"camera": {}})
+        kind = "pipeline.tasks.camera:focus"
+        graph.add("first", kind, {"camera": {}})
         for n in range(2, size):
-            graph.add(f"image/{n:05d}", "pipeline.tasks.focus", {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})
-        graph.add("last", "pipeline.tasks.focus", {}, {name: name for name in graph})
+            graph.add(f"image/{n:05d}", kind, {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})
+        graph.add("last", kind, {}, {name: name for name in graph})
         graph.priorities()
         made_s = time.process_time() - start
         specs, records = Specs(store), {}

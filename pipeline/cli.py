@@ -204,7 +204,7 @@ def verify(
 
 def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""
-    from pipeline.share import share
+    from pipeline.folders import share
 
     say(str(share("schemas")))
     say(str(share("stages")))
@@ -293,7 +293,7 @@ def _print_version() -> None:
     from importlib.metadata import PackageNotFoundError, version
 
     from pipeline import __version__
-    from pipeline.share import share
+    from pipeline.folders import share
 
     try:
         usd = version("usd-core")

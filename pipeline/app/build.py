@@ -32,7 +32,7 @@ from pipeline.scene.check.seen import NOT_SEEN
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.spelling import nearest
-from pipeline.tasks.params.figures import CONVENTIONS
+from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 

@@ -17,9 +17,9 @@ from pipeline.engine.planning.libraries import installed_version
 from pipeline.engine.running.memory import available_bytes
 from pipeline.engine.store.store import Store, default_root
 from pipeline.errors import EnvironmentFault, PipelineError
+from pipeline.folders import share
 from pipeline.jit.decorators import cache_folder
 from pipeline.machine.processor import level
-from pipeline.share import share
 
 _NEEDED = (
     *("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science", "networkx"),

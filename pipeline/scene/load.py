@@ -7,7 +7,7 @@ from pathlib import Path
 from pxr import Tf, Usd, UsdUtils
 
 from pipeline.errors import PipelineError, UsageError
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.check.camera.doubts import check_doubts
 from pipeline.scene.check.dataset import find_dataset

@@ -104,7 +104,7 @@ def test_compiled_kernels_of_another_user_are_left_alone(tmp_path, monkeypatch):
 
 
 def test_without_a_home_the_way_out_is_named(monkeypatch):
-    from pipeline.user_cache import user_cache
+    from pipeline.folders import user_cache
 
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)

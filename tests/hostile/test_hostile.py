@@ -13,9 +13,9 @@ from hostile.values import WITHOUT_VALUES, attempts, type_of
 from pxr import Sdf, Sdr, Usd, UsdGeom
 
 from pipeline.export_formats import FORMATS
+from pipeline.folders import share
 from pipeline.scene.load import load
 from pipeline.scene.read.lamps import KINDS
-from pipeline.share import share
 
 SHADERS = ("UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d", "UsdPrimvarReader_float2")
 FEWEST = 3

@@ -22,9 +22,9 @@ from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
+from pipeline.folders import share
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
-from pipeline.share import share
 
 QUICK = 16
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""

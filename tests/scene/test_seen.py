@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.app.build import build
-from pipeline.ranges import frames_in_words, ranges
 from pipeline.scene.load import load
+from pipeline.spelling import frames_in_words, ranges
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 BACK = "(0, 0, 1, 0)"

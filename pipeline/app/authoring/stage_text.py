@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import UsageError
-from pipeline.share import share
+from pipeline.folders import share
 from pipeline.spelling import did_you_mean
 
 

@@ -9,7 +9,7 @@ import typer
 from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
 from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, note, say, say_json
 from pipeline.errors import Exit, UsageError
-from pipeline.ranges import frames_in_words
+from pipeline.spelling import frames_in_words
 
 _STATES = "built", "stale", "missing"
 """States of files, best first."""

@@ -11,7 +11,7 @@ import typer
 import typer.core
 
 from pipeline.errors import EnvironmentFault
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of `--help`."""
@@ -49,7 +49,7 @@ def library_file(path: Any) -> Any:
         return [library_file(one) for one in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
         return path
-    from pipeline.share import share
+    from pipeline.folders import share
 
     shipped = share("stages") / path
     if not shipped.is_file():

@@ -16,9 +16,8 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.params.cameras import Focus, InChannel, Planes
+from pipeline.tasks.params.cameras import Focus, InChannel, Planes, Rays
 from pipeline.tasks.params.placed import View
-from pipeline.tasks.params.rays import Rays
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 
 

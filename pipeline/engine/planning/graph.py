@@ -56,8 +56,8 @@ class Task:
 
     @property
     def short_kind(self) -> str:
-        """Last part of the module name."""
-        return self.kind.rpartition(".")[2]
+        """The name of its function, or of its module where that has one function."""
+        return self.kind.replace(":", ".").rpartition(".")[2]
 
 
 class TaskGraph:

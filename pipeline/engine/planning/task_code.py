@@ -76,10 +76,15 @@ def _reader() -> str:
 
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
-    """Refuse module names outside the accepted packages: a record or a spec must not decide which code is imported."""
+    """Refuse kinds outside the accepted packages: a record or a spec must not decide which code is imported."""
     below = any(kind.startswith(f"{package}.") for package in packages)
-    if not below or not all(part.isidentifier() for part in kind.split(".")):
+    if not below or not all(part.isidentifier() for part in kind.replace(":", ".", 1).split(".")):
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
+
+
+def module_of(kind: str) -> str:
+    """The module of a kind, which is `module:function`, or a module whose function is called `run`."""
+    return kind.partition(":")[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,14 +104,14 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
     Parameters
     ----------
     kind : str
-        Module name. The module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
+        The kind. Its module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
     seen : dict, optional
         Modules already read, shared between calls: kinds import mostly the same modules.
     machine : callable
         Facts about the machine on which the results of libraries depend; by default those of this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
-    own = reached.get(kind)
+    own = reached.get(module_of(kind))
     if own is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
@@ -129,7 +134,7 @@ def edited(kind: str) -> list[str]:
 
 
 def fingerprint(kind: str) -> str:
-    """Hex digest of the code that the module `kind` imports from its own top package."""
+    """Hex digest of the code that the module of a kind imports from its own top package."""
     return _digest(_reached(kind, {}))
 
 
@@ -139,7 +144,7 @@ def _digest(reached: dict[str, _Module]) -> str:
 
 def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
     reached: dict[str, _Module] = {}
-    todo = [kind]
+    todo = [module_of(kind)]
     while todo:
         name = todo.pop()
         if name in reached:

@@ -13,12 +13,14 @@ import socket
 import threading
 import time
 import traceback
+import typing
 from collections.abc import Iterator, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.files import is_machines_fault, machine_errors
-from pipeline.engine.planning.task_code import check_kind, code_of, edited, remembering
+from pipeline.engine.planning.task_code import check_kind, code_of, edited, module_of, remembering
 from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json, fields_of
 from pipeline.engine.running.memory import PeakMeter
 from pipeline.engine.store.store import DamagedBlob, Store
@@ -128,13 +130,16 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
-        module = importlib.import_module(kind)
-        params = [from_plain(module.Params, one) if hasattr(module, "Params") else one for one in plain]
+        module, name = importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run"
+        record = typing.get_type_hints(getattr(module, name)).get("params")
+        params = [
+            from_plain(record, one) if isinstance(record, type) and is_dataclass(record) else one for one in plain
+        ]
         work().news = ""
         if count > 1:
-            module.run_together(params, inputs, outs)
+            getattr(module, f"{name}_together")(params, inputs, outs)
         else:
-            module.run(params[0], inputs, outs[0])
+            getattr(module, name)(params[0], inputs, outs[0])
         _refuse_edited_code(kind)
         store.confirm(read.values())  # the task has read the verified bytes
         made_by = Run(

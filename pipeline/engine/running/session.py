@@ -31,8 +31,8 @@ from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.folders import flaw_of
 from pipeline.jit.decorators import cache_folder
-from pipeline.places import flaw_of
 
 
 def build(

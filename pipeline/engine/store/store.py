@@ -37,8 +37,8 @@ from pipeline.engine.files import (
 from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of
 from pipeline.engine.store.sealed import seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
+from pipeline.folders import user_cache
 from pipeline.records.plain import from_plain
-from pipeline.user_cache import user_cache
 
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""

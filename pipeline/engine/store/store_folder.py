@@ -17,7 +17,7 @@ from pipeline.engine.store import quarantine
 from pipeline.engine.store.structure import TABLES, VERSION, misplaced, require_store
 from pipeline.engine.store.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.ranges import frames_in_words
 from pipeline.scene.check.occluders import check_outside_lens
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_prims
@@ -22,6 +21,7 @@ from pipeline.scene.usd.poses import ancestry, is_orient, product, quaternion, w
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, targets
+from pipeline.spelling import frames_in_words
 
 # Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
 _ROUNDING = {

@@ -12,12 +12,12 @@ from pipeline.camera.figures.outlook import Fate, covered_mm, widest_blur_px
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.errors import PipelineError
-from pipeline.ranges import frames_in_words
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.views import HIDDEN, MERGED, View, look
+from pipeline.spelling import frames_in_words
 
 NOT_SEEN = ("blank", "few-points")
 """Codes of these warnings, which a build repeats before its first task."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.ranges import frames_in_words
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_prims
 from pipeline.scene.read.occluders import is_visible
@@ -15,6 +14,7 @@ from pipeline.scene.read.targets import is_preview
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import target_paths, targets
+from pipeline.spelling import frames_in_words
 
 _MOST_KINDS = 8
 """Number of types of prims with a warning of their own: scenes made elsewhere have dozens, and errors must stay in

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
+from pipeline.frames import mm_per_unit
 from pipeline.render.lighting.records import Lamp, Rgb
 from pipeline.scene.dataset import LampEntry, Matrix
 from pipeline.scene.read.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import world_from
 from pipeline.scene.usd.values import UnreadableValue, need
-from pipeline.units import mm_per_unit
 
 KINDS = {
     "RectLight": ("rect", ("inputs:width", "inputs:height"), (0.5, 0.5)),

@@ -2,12 +2,12 @@
 
 from pxr import Usd, UsdGeom
 
+from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.read.finishes import read_finish
 from pipeline.scene.usd.meshes import fans
 from pipeline.scene.usd.values import read, read_once
 from pipeline.targets.occluder import Occluder
-from pipeline.units import mm_per_unit
 
 
 def read_occluder_entry(prim: Usd.Prim, *, lit: bool = False) -> OccluderEntry:

@@ -10,7 +10,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.focusing.ideal_lens import PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.read.channels import illuminant_of, read_channels
@@ -26,21 +26,10 @@ from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
-from pipeline.units import mm_per_unit
+from pipeline.truth.settings import TruthSettings
 
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
-
-_TRUTH = {
-    "method": "plen:truth:method",
-    "search": "plen:truth:search",
-    "filter": "plen:truth:filter",
-    "lambda_d": "plen:truth:lambdaD",
-    "lambda_alpha_deg": "plen:truth:lambdaAlpha",
-    "nearest_threshold_mm": "plen:truth:nearestThreshold",
-    "min_hit_fraction": "plen:truth:minHitFraction",
-    "columns": "plen:truth:columns",
-}
 
 APERTURE_VALUES = {
     "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
@@ -147,8 +136,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         sampling=Sampling(
             supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),
-        truth={field: need(prim, name) for field, name in _TRUTH.items()}
-        | {"accuracy_px": read(prim, "plen:truth:accuracy")},
+        truth=_read_truth(prim),
         image_samples=need(prim, "plen:image:samples"),
         image_noise=read(prim, "plen:image:noise"),
         bounces=need(prim, "plen:image:bounces"),
@@ -162,6 +150,20 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         irradiation=read_irradiation(prim),
         file=file,
         line=line,
+    )
+
+
+def _read_truth(prim: Usd.Prim) -> TruthSettings:
+    return TruthSettings(
+        method=need(prim, "plen:truth:method"),
+        search=need(prim, "plen:truth:search"),
+        filter=need(prim, "plen:truth:filter"),
+        lambda_d=need(prim, "plen:truth:lambdaD"),
+        lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
+        nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
+        min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
+        accuracy_px=read(prim, "plen:truth:accuracy"),
+        columns=tuple(need(prim, "plen:truth:columns")),
     )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.frames import apply
+from pipeline.frames import apply, mm_per_unit
 from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
@@ -22,7 +22,6 @@ from pipeline.targets.patterns.lines import Lines, SlantedEdge
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import AnyTarget, Target
-from pipeline.units import mm_per_unit
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""

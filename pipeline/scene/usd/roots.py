@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.share import share
+from pipeline.folders import share
 
 OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")

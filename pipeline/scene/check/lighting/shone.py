@@ -10,12 +10,12 @@ import numpy as np
 from pxr import Usd
 
 from pipeline.frames import apply
-from pipeline.ranges import frames_in_words
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
+from pipeline.spelling import frames_in_words
 
 _POINTS = 64
 """Most points of a target that are asked."""
