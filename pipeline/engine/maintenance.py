@@ -3,18 +3,17 @@
 Nothing here can make a result wrong: a removed or damaged entry is a miss afterwards, and is computed again.
 """
 
+import contextlib
 import os
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.files import is_unreadable
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.output_index import Seen
 from pipeline.engine.records import Blob
-from pipeline.engine.store import quarantine
 from pipeline.engine.store.store import Store
 from pipeline.engine.store.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
@@ -46,10 +45,6 @@ class Contents:
     quarantined: int
     quarantine_bytes: int
 
-    def to_dict(self) -> dict[str, int]:
-        """Plain data, as in `cache info --json`."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
@@ -62,10 +57,6 @@ class Collected:
     limit_bytes: int
     quarantined: int = 0
     busy: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in `cache gc --json`."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +73,6 @@ class Checked:
     bytes: int
     damaged: tuple[str, ...]
     incomplete: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in `cache fsck --json`."""
-        return asdict(self)
 
 
 def limit_from_environment() -> int:
@@ -106,7 +93,7 @@ def info(store: Store, limit_bytes: int | None = None) -> Contents:
     """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     kept = _blobs_of(store, pinned_keys(store))
-    damaged = list(quarantine.entries(store.root))
+    damaged = store.quarantined()
     return Contents(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
@@ -132,7 +119,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         keys, blobs = _to_keep(store, sizes, limit_bytes)
         drop_records = [name for name, _ in store.entries("record") if name not in keys]
         drop_blobs = [name for name in sizes if name not in blobs]
-        damaged = sum(1 for _ in quarantine.entries(store.root))
+        damaged = len(store.quarantined())
         freed = sum(sizes[name] for name in drop_blobs)
         if not dry_run:
             _remove(store, drop_records, drop_blobs)
@@ -236,7 +223,9 @@ def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
     for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
         for name in names:
             _unlink(store, table, name)
-    quarantine.empty(store.root)
+    for path in store.quarantined():
+        with contextlib.suppress(OSError):  # a folder that is not empty was not made by the store and stays
+            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
     store.sweep(older_than_s=ABANDONED_S)
 
 

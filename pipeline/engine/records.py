@@ -3,6 +3,7 @@
 They are JSON only at these two borders: `as_json` writes any of them, `records.plain.from_plain` reads it.
 """
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,9 @@ from pipeline.engine.digest import DIGEST, key_of
 
 KEY_DOMAIN = "task/v1"
 """Domain of the keys of tasks."""
+
+_TRAILER = b"\n#sha256="
+"""Begin of the last line of a sealed file."""
 
 Params = dict[str, Any]
 """Plain parameters of a task, as `records.plain.to_plain` makes them."""
@@ -201,3 +205,20 @@ def as_json(value: Any) -> bytes:
 def fields_of(record: Any) -> dict[str, Any]:
     """Fields of a record by name; their values stay as they are."""
     return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+
+def seal(value: Any) -> bytes:
+    """JSON text of plain values and records with a last line that holds its digest, so that damage is noticed."""
+    body = as_json(value)
+    return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
+
+
+def unseal(raw: bytes | None) -> Any:
+    """The sealed content; None if a byte is missing or altered, or if it is not JSON that can be parsed safely."""
+    body, _, tail = (raw or b"").rpartition(_TRAILER)
+    if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
+        return None
+    try:
+        return json.loads(body)
+    except (ValueError, RecursionError):
+        return None

@@ -8,6 +8,7 @@ import shutil
 import socket
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.output import manifest, output_index
 from pipeline.engine.output.output_folder import Folder
 from pipeline.engine.output.output_index import Seen
+from pipeline.engine.records import Blob
 from pipeline.engine.running.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
@@ -40,10 +42,11 @@ def test_the_manifest_lists_every_file_but_itself(out):
 
 def test_the_manifest_is_sorted_json_with_a_line_per_task_and_per_file():
     head = {"stage": 'a "b"\n.usda', "seeds": {"dataset": 1}, "empty": {}}
-    files = {"b/ü": {"sha256": "1" * 64, "size": 5}, "a": {"sha256": "0" * 64, "size": 0}}
+    files = {"b/ü": Blob(sha256="1" * 64, size=5), "a": Blob(sha256="0" * 64, size=0)}
     tasks = {"t/2": "3" * 64, "t/10": "2" * 64}
     text = manifest.render(head, tasks, files).decode()
-    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": files}
+    entries = {name: asdict(blob) for name, blob in files.items()}
+    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": entries}
     whole = json.dumps(json.loads(text), indent=1, sort_keys=True, ensure_ascii=False)
     assert "".join(text.split()) == "".join(whole.split())
     assert [line.split('"')[1] for line in text.splitlines() if "sha256" in line] == ["a", "b/ü"]

@@ -16,9 +16,8 @@ from shorter import one_in
 from pipeline.engine.maintenance import check, collect, info
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.output import manifest
-from pipeline.engine.records import fields_of
+from pipeline.engine.records import fields_of, seal
 from pipeline.engine.running.session import build
-from pipeline.engine.store.sealed import seal
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.structure import VERSION
 from pipeline.engine.store.workspace import sweep

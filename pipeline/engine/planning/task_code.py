@@ -23,6 +23,7 @@ from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.libraries import is_foreign, versions_of
+from pipeline.engine.records import Components
 from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts
 
@@ -87,19 +88,8 @@ def module_of(kind: str) -> str:
     return kind.partition(":")[0]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Code:
-    """The components of a key that represent the code of its kind; see `records.Components`."""
-
-    kind: str
-    version: Any
-    code: str
-    libraries: dict[str, str]
-    machine: dict[str, str]
-
-
-def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Code:
-    """The code of a kind of task here.
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
+    """The code of a kind of task here: components of a key, yet without parameters and inputs.
 
     Parameters
     ----------
@@ -116,13 +106,15 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
     libraries = versions_of(foreign)
-    return Code(
+    return Components(
         kind=kind,
         version=own.version,
         code=_digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
         libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
         machine=machine(libraries),
+        params={},
+        inputs={},
     )
 
 

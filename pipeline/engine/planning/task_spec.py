@@ -1,10 +1,11 @@
 """Specs of tasks: a task, the records of its inputs and its key, complete without the graph."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pipeline.engine.digest import canonical, canonical_dict, key_of_bytes
 from pipeline.engine.planning.graph import Task
-from pipeline.engine.planning.task_code import Code, Modules, code_of, remembering
+from pipeline.engine.planning.task_code import Modules, code_of, remembering
 from pipeline.engine.records import KEY_DOMAIN, Components, Record, Spec, fields_of
 from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts_of_workers
@@ -16,7 +17,7 @@ class Specs:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._modules: Modules = {}
-        self._code: dict[str, tuple[Code, dict[str, bytes]]] = {}
+        self._code: dict[str, tuple[Components, dict[str, bytes]]] = {}
 
     def of(self, task: Task, records: Mapping[str, Record]) -> Spec:
         """Spec of a task whose sources all have records."""
@@ -30,5 +31,5 @@ class Specs:
             for role, source in task.reads.items()
         }
         whole = canonical_dict({**encoded, "params": task.canonical, "inputs": canonical(inputs)})
-        components = Components(**fields_of(code), params=task.params, inputs=inputs)
+        components = replace(code, params=task.params, inputs=inputs)
         return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, whole), components=components)

@@ -21,7 +21,7 @@ from typing import Any
 
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.planning.task_code import check_kind, code_of, edited, module_of, remembering
-from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json, fields_of
+from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
 from pipeline.engine.running.memory import PeakMeter
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
@@ -172,8 +172,8 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     kind = components.kind
     with remembering(store):
         here = code_of(kind)
-    for part, value in fields_of(here).items():
-        stated = getattr(components, part)
+    for part in ("version", "code", "libraries", "machine"):
+        value, stated = getattr(here, part), getattr(components, part)
         if value != stated:
             raise EnvironmentFault(
                 f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}",

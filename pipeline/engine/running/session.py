@@ -112,9 +112,24 @@ class _Build:
     def hand_over(self) -> None:
         """Fill the output folder; results lost meanwhile are made again."""
         try:
-            _fill_again_if_lost(self._fill, lambda: _take_over(self.outcome, self._run()), self.warn)
+            try:
+                self._fill()
+            except DamagedBlob:
+                self.warn("results vanished from the store before delivery; they are made again")
+                self._run_again()
+                self._fill()
+        except DamagedBlob:
+            twice = "results vanished from the store before delivery, twice"
+            self.error = EnvironmentFault(twice, hint="build again")
         except PipelineError as error:
             self.error = error
+
+    def _run_again(self) -> None:
+        """Run all tasks again and continue with their records; the report still counts the work of the first run."""
+        again = self._run()
+        repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
+        self.outcome.results |= repeated
+        self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
 
     def result(self, seconds: float, store_bytes: int) -> Result:
         """The result of the build."""
@@ -191,29 +206,6 @@ def _require_place(project: Project) -> None:
             f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
             hint="choose another folder with -o, for example -o build",
         )
-
-
-def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
-    """Fill the output folder. If a result vanished from the store after it was made, make it again and fill once
-    more.
-    """
-    try:
-        fill()
-    except DamagedBlob:
-        warn("results vanished from the store before delivery; they are made again")
-        make_again()
-        try:
-            fill()
-        except DamagedBlob as lost:
-            raise EnvironmentFault(
-                "results vanished from the store before delivery, twice", hint="build again"
-            ) from lost
-
-
-def _take_over(outcome: Outcome, again: Outcome) -> None:
-    """Continue with the records of a second run of all tasks; the report still counts the work of the first one."""
-    outcome.results |= {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
-    outcome.records, outcome.interrupted = again.records, again.interrupted
 
 
 def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:

@@ -34,8 +34,7 @@ from pipeline.engine.files import (
     read_regular,
     signature,
 )
-from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of
-from pipeline.engine.store.sealed import seal, unseal
+from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of, seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
 from pipeline.folders import user_cache
 from pipeline.records.plain import from_plain

@@ -6,6 +6,8 @@ Files are written under a temporary name and then renamed, so that nobody ever f
 
 import contextlib
 import os
+import re
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,12 +15,12 @@ from pathlib import Path
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
 from pipeline.engine.locks import Errand, locked
-from pipeline.engine.store import quarantine
 from pipeline.engine.store.structure import TABLES, VERSION, misplaced, require_store
 from pipeline.engine.store.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
 from pipeline.folders import flaw_of
 
+_QUARANTINED = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
@@ -135,13 +137,27 @@ class StoreFolder:
             self._quarantine(final)
         aside.replace(final)
 
+    def quarantined(self) -> list[Path]:
+        """Damaged entries that were moved away for inspection, recognised by their names: the time and a digest.
+
+        Anything else in the quarantine was in the way, may belong to somebody, and stays for ever.
+        """
+        return sorted(path for path in (self.root / "quarantine").glob("*") if _QUARANTINED.fullmatch(path.name))
+
     def _quarantine(self, path: Path) -> None:
         """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
         self.counts["damaged"] += 1
-        moved = quarantine.put_away(self.root, path)
-        done = "moved to quarantine" if moved else "which cannot be moved away"
+        folder, done = self.root / "quarantine", "moved to quarantine"
+        try:
+            if os.path.lexists(folder) and not folder.is_dir():
+                folder.rename(self.root / f"quarantine.{time.time_ns()}")
+            if path != folder:
+                folder.mkdir(exist_ok=True)
+                path.rename(folder / f"{time.time_ns()}-{path.name}")
+        except OSError:  # a read-only store keeps it
+            done = "which cannot be moved away"
         self.warn(f"damaged entry of the store, {done}: {path}")
 
     def _mend(self) -> tuple[str, ...]:
