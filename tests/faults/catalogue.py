@@ -32,6 +32,7 @@ from pipeline.engine.maintenance import check, collect
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output import manifest
 from pipeline.engine.planning.task_code import UnknownKind, check_kind
+from pipeline.engine.records import Blob
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
 from pipeline.files.damaged import DamagedFile
@@ -115,7 +116,7 @@ def flipped_bits(bench: Workbench) -> Row:
             if path.suffix == ".json":
                 row.wrong += store.peek(path.stem) is not None
             else:
-                row.wrong += store.is_whole({"sha256": path.name, "size": len(whole)})
+                row.wrong += store.is_whole(Blob(sha256=path.name, size=len(whole)))
     bench.judge(row, place, meanwhile=False)
     return row
 
