@@ -24,7 +24,6 @@ from faults.beside_entries import (
 from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
 from faults.signals import signals_at_any_moment
-from faults.surroundings import odd_surroundings
 from faults.users import second_users
 from faults.workbench import Row, Workbench, entries
 
@@ -508,8 +507,7 @@ FAULTS = (
     other_numerics,
     signals_at_any_moment,
     second_users,
-    odd_surroundings,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 19, 20, 23, 27)
+SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 19, 20, 23)
 """Rows that `make test` does too, by number; the others start processes that load everything again."""
