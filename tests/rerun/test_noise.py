@@ -10,7 +10,7 @@ import pytest
 import pipeline
 from pipeline.app.build import Result
 from pipeline.engine.events import Done
-from pipeline.graph import pass_tasks, tiles
+from pipeline.graph import adding, tiles
 
 TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 IMAGES = ("image", "white")
@@ -55,7 +55,7 @@ def files_of(out: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("lit", [False, pytest.param(True, marks=pytest.mark.heavy)])
 def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends with the bytes that it has alone, in another process, and takes no sample twice."""
-    monkeypatch.setattr(pass_tasks, "MOST_SAMPLES", 256)
+    monkeypatch.setattr(adding, "MOST_SAMPLES", 256)
     monkeypatch.setattr(tiles, "_STRIP_PX", 400)  # two strips
     coarse = made(stage_with(0.12, tmp_path / "coarse", lit=lit), tmp_path / "a", tmp_path / "store", monkeypatch)
     fine_stage = stage_with(0.05, tmp_path / "fine", lit=lit)
@@ -74,7 +74,7 @@ def rays_of(result: Result) -> int:
 
 def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the header, per pixel, and, while it runs, in the progress; the most samples end a request too fine."""
-    monkeypatch.setattr(pass_tasks, "MOST_SAMPLES", 64)
+    monkeypatch.setattr(adding, "MOST_SAMPLES", 64)
     events = []
     stage = stage_with(0.001, tmp_path / "stage")
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
