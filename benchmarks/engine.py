@@ -23,6 +23,7 @@ from kept import keeping
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import plan
 from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.records import Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
 
@@ -166,8 +167,7 @@ def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
         for name in graph:
             spec = specs.of(graph[name], records)
             entry = store.put_bytes(name.encode())
-            record = {"outputs": {"a": entry}, "components": spec.components, "made_by": {"seconds": 0}}
-            records[name] = store.put_record(spec.key, record)
+            records[name] = store.put_record(Record(key=spec.key, outputs={"a": entry}, components=spec.components))
         kept_s = time.process_time() - start
         start = time.process_time()
         assert all(task.state == "cached" for task in plan(graph, Store(store.root), {}))

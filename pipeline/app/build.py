@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pipeline
-from pipeline.engine.events import Emit, silent
+from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, TaskGraph
@@ -119,7 +119,7 @@ def build(
     path: str | Path,
     out: str | Path | None = None,
     *,
-    on_event: Callable[[dict[str, Any]], None] | None = None,
+    on_event: Emit | None = None,
     **options: Any,
 ) -> Result:
     """Build a dataset stage: run the missing tasks and fill the output folder.
@@ -131,7 +131,7 @@ def build(
     out : str or Path, optional
         Output folder; see `default_out`.
     on_event : callable, optional
-        Called with a dict at every start and end of a task.
+        Called with an event of `engine.events` at every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
         check_percent, engine, device, allow_roots, preview.
@@ -159,9 +159,7 @@ def build(
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
     """Build a dataset stage as `build` does, with the options in one record."""
 
-    def warn(text: str) -> None:
-        on_event({"event": "warning", "text": text})
-
+    warn = warner(on_event)
     dataset = project(path, out, options.allow_roots, preview=options.preview)
     if options.device is not None:
         dataset = on_device(dataset, options)

@@ -32,7 +32,7 @@ class Project:
     stage_id : str
         Identity of the stage. `plan` compares with the last build of the same stage into the same folder.
     reads : tuple of Path
-        Files from which the project was read.
+        Files from which the project was read; the output folder must not hold them.
     places : dict
         Second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage, for messages.
     source : plain data or None

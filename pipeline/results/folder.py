@@ -80,7 +80,7 @@ def finished_folder(out: str | Path) -> BuiltFolder:
         raise UsageError(f"{out} holds no finished build: {_reason(found.data)}", hint=_hint(path))
     if not any(name.endswith("camera.json") for name in found.files):
         raise UsageError(f"{out} holds a preview, without truth", hint="build the stage without --preview")
-    digests = {name: str(entry["sha256"]) for name, entry in found.files.items()}
+    digests = {name: entry.sha256 for name, entry in found.files.items()}
     return BuiltFolder(path=path, stage=str(found.stage), digests=digests)
 
 

@@ -8,16 +8,17 @@ import shutil
 import socket
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from engine import toy
 
-from pipeline.engine.locks import locked_folder
 from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.output import manifest, output_index
 from pipeline.engine.output.output_folder import Folder
 from pipeline.engine.output.output_index import Seen
+from pipeline.engine.records import Blob
 from pipeline.engine.running.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
@@ -40,10 +41,11 @@ def test_the_manifest_lists_every_file_but_itself(out):
 
 def test_the_manifest_is_sorted_json_with_a_line_per_task_and_per_file():
     head = {"stage": 'a "b"\n.usda', "seeds": {"dataset": 1}, "empty": {}}
-    files = {"b/ü": {"sha256": "1" * 64, "size": 5}, "a": {"sha256": "0" * 64, "size": 0}}
+    files = {"b/ü": Blob(sha256="1" * 64, size=5), "a": Blob(sha256="0" * 64, size=0)}
     tasks = {"t/2": "3" * 64, "t/10": "2" * 64}
     text = manifest.render(head, tasks, files).decode()
-    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": files}
+    entries = {name: asdict(blob) for name, blob in files.items()}
+    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": entries}
     whole = json.dumps(json.loads(text), indent=1, sort_keys=True, ensure_ascii=False)
     assert "".join(text.split()) == "".join(whole.split())
     assert [line.split('"')[1] for line in text.splitlines() if "sha256" in line] == ["a", "b/ü"]
@@ -66,7 +68,7 @@ def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
     os.utime(out / name, ns=(times.st_atime_ns, times.st_mtime_ns))  # as if nothing had happened
     assert build(toy.project(out), ALONE, caller=Caller(on_event=said.append)).executed == 0
     assert toy.contents(out) == {**right, f"{name}.kept1": bytes(altered)}
-    assert any(f"{name} is not as a build delivered it; it is now" in event.get("text", "") for event in said)
+    assert any(f"{name} is not as a build delivered it; it is now" in getattr(event, "text", "") for event in said)
 
 
 def test_a_touched_file_with_the_same_bytes_stays(out):
@@ -88,7 +90,7 @@ def test_foreign_files_stay_with_a_warning(out):
     events = []
     build(toy.project(out, poses=toy.POSES[:1]), ALONE, caller=Caller(on_event=events.append))
     assert (out / "frames" / "0001" / "mine.txt").read_text() == (out / "notes.txt").read_text() == "mine"
-    assert any("notes.txt" in event.get("text", "") for event in events)
+    assert any("notes.txt" in getattr(event, "text", "") for event in events)
     assert "notes.txt" not in json.loads((out / "manifest.json").read_text())["files"]
 
 
@@ -111,13 +113,6 @@ def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
     build(toy.project(out), ALONE)
     assert not list(elsewhere.iterdir())
     assert (out / "report" / "index.html").is_file() and not (out / "report").is_symlink()
-
-
-def test_a_folder_of_another_stage_is_refused_before_anything_runs(out, cache):
-    before = toy.snapshot(out)
-    with pytest.raises(UsageError, match="another stage"):
-        build(toy.project(out, stage="other", power=9.0), ALONE)
-    assert toy.snapshot(out) == before
 
 
 @pytest.mark.parametrize("place", ["copy", "place"])
@@ -154,18 +149,6 @@ def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
     assert not (out / "manifest.json").exists()
     build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert not (out / "frames" / "0001").exists()
-
-
-def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
-    before = toy.snapshot(out)
-
-    def full(source, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(store_module, "copy", full)
-    result = build(toy.project(out, power=9.0), ALONE)
-    assert result.exit_code == 5 and "bytes free" in str(result.error)
-    assert toy.snapshot(out) == before
 
 
 def test_status_says_built_stale_and_missing(out):
@@ -210,25 +193,6 @@ def test_what_dead_builders_left_goes_and_what_other_machines_write_stays_for_a_
     assert {path.name for path in out.glob(".pipeline-*")} == busy
 
 
-@pytest.mark.parametrize("name", [".pipeline-config", f".pipeline-{socket.gethostname()}-notes"])
-def test_an_old_folder_whose_name_only_begins_like_ours_stays(out, name):
-    (out / name).mkdir()
-    (out / name / "thesis.tex").write_text("years of work")
-    os.utime(out / name, (0, 0))
-    assert build(toy.project(out), ALONE).delivery.foreign == (f"{name}/thesis.tex",)
-    assert (out / name / "thesis.tex").read_text() == "years of work"
-
-
-def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "manifest.json").write_text('{"name": "my web app"}')
-    events = []
-    assert build(toy.project(out), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
-    assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
-    assert any("manifest.json.kept1" in event.get("text", "") for event in events)
-
-
 def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_too(out, cache):
     right = toy.contents(out)
     for path in [out / "manifest.json", *(cache / "index").iterdir()]:
@@ -261,16 +225,6 @@ def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, m
         build(toy.project(out), ALONE)
     build(toy.project(out), ALONE)
     assert (out / f"{name}.kept1").read_text() == "mine"
-
-
-def test_a_dangling_link_is_not_overwritten_by_what_is_kept(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "dataset.usda").write_text("mine")
-    (out / "dataset.usda.kept1").symlink_to("/nonexistent/on-another-disk")
-    build(toy.project(out), ALONE)
-    assert (out / "dataset.usda.kept1").is_symlink()
-    assert (out / "dataset.usda.kept2").read_text() == "mine"
 
 
 def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_path):
@@ -359,13 +313,6 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
     assert codes == [0, 0] and ours == toy.contents(fresh.out)
 
 
-def test_the_lock_of_a_folder_leaves_nothing_in_it(tmp_path):
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    with locked_folder(folder) as held, locked_folder(folder, timeout_s=0.0) as again:
-        assert held and not again and not list(folder.iterdir())
-
-
 def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
     (tmp_path / "real").mkdir()
     (tmp_path / "alias").symlink_to(tmp_path / "real")
@@ -384,31 +331,6 @@ def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
     assert logs_of(real, "lens") == logs_of(alias, "lens")
 
 
-def test_an_output_folder_that_is_a_link_to_nowhere_is_no_bug_of_ours(tmp_path):
-    (tmp_path / "out").symlink_to(tmp_path / "not" / "mounted")
-    result = build(toy.project(tmp_path / "out"), ALONE)
-    assert result.exit_code == 5 and not (tmp_path / "not").exists()
-
-
-def test_a_result_that_is_damaged_in_the_store_again_and_again_is_no_bug_of_ours(out, monkeypatch):
-    (out / "dataset.usda").unlink()
-    real, path = Folder.present, "frames/0000/cam/image.txt"
-    digest = json.loads((out / "manifest.json").read_text())["files"][path]["sha256"]
-    (out / path).unlink()
-
-    def damaging(self):
-        blob = Store().path("blob", digest)
-        blob.unlink(missing_ok=True)
-        blob.write_text("else")
-        return real(self)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Folder, "present", damaging)
-        result = build(toy.project(out), ALONE)
-    assert result.exit_code == 5 and "vanished from the store" in str(result.error)
-    assert build(toy.project(out), ALONE).exit_code == 0
-
-
 def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
     (out / "dataset.usda").unlink()
     real = Folder.place
@@ -420,14 +342,6 @@ def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
     monkeypatch.setattr(Folder, "place", place)
     result = build(toy.project(out), ALONE)
     assert result.exit_code == 5 and "changed while files were put there" in str(result.error)
-
-
-def test_a_folder_that_was_deleted_and_used_for_something_else_keeps_that(out):
-    shutil.rmtree(out)
-    out.mkdir()
-    (out / "dataset.usda").write_text("mine")
-    assert build(toy.project(out), ALONE).exit_code == 0
-    assert (out / "dataset.usda.kept1").read_text() == "mine"
 
 
 def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
@@ -442,23 +356,6 @@ def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
     result = build(toy.project(out), ALONE)
     assert result.delivery.foreign == ("thesis.txt",) and result.delivery.removed == ()
     assert (out / "thesis.txt").read_bytes() == data and (out / "manifest.json.kept1").read_text() == listed
-
-
-def test_a_doctored_manifest_of_ours_makes_nothing_ours(out):
-    (out / "thesis.txt").write_text("years of work")
-    facts = json.loads((out / "manifest.json").read_text())
-    digest = hashlib.sha256(b"years of work").hexdigest()
-    facts["files"]["thesis.txt"] = {"sha256": digest, "size": 13}
-    (out / "manifest.json").write_text(json.dumps(facts))
-    assert build(toy.project(out), ALONE).delivery.removed == ()
-    assert (out / "thesis.txt").read_text() == "years of work"
-
-
-def test_a_file_that_was_annotated_and_is_no_longer_made_stays(out):
-    path = out / "frames/0001/cam/image.txt"
-    path.write_text(path.read_text() + "blurred, do not use")
-    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
-    assert result.delivery.foreign == ("frames/0001/cam/image.txt",) and "do not use" in path.read_text()
 
 
 @pytest.mark.parametrize("how", ["moved", "copied"])
@@ -477,7 +374,7 @@ def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (out / name).write_text("mine")
     build(toy.project(out), ALONE, caller=Caller(on_event=said.append))
-    texts = [event["text"] for event in said if event["event"] == "warning"]
+    texts = [event.text for event in said if event.name == "warning"]
     assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
 
 
@@ -495,14 +392,6 @@ def test_two_datasets_of_one_name_do_not_share_an_output_folder(tmp_path):
     assert toy.snapshot(out) == before
     stages[0].unlink()  # moved, then: the same dataset in another place
     assert build(second, ALONE).exit_code == 0
-
-
-def test_a_deleted_output_folder_is_free_for_another_dataset(tmp_path):
-    out, stage = tmp_path / "out", tmp_path / "a.usda"
-    stage.touch()
-    build(dataclasses.replace(toy.project(out), stage_id=str(stage)), ALONE)
-    shutil.rmtree(out)
-    assert build(toy.project(out), ALONE).exit_code == 0
 
 
 def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
@@ -570,4 +459,4 @@ def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp
     monkeypatch.setattr(Folder, "clear", late)
     build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
     assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
-    assert not [event["text"] for event in said if event["event"] == "warning"]
+    assert not [event.text for event in said if event.name == "warning"]

@@ -153,11 +153,12 @@ def _say_points(cameras: Any) -> None:
 
 def _profile(result: Any) -> dict[str, Any]:
     """The profile of the tasks that ran now; if none ran, the recorded one of all tasks."""
+    from pipeline.engine.records import fields_of
     from pipeline.report.profile import profile
 
-    known = [task for task in result.tasks if task.made_by and "cpu_seconds" in task.made_by]
+    known = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
     ran = [task for task in known if task.state == "executed"]
-    return {"now": bool(ran), **profile((task.kind, task.made_by) for task in ran or known)}
+    return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or known)}
 
 
 def _say_profile(result: Any) -> None:

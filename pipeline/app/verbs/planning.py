@@ -111,7 +111,7 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
     if project.source is None or all(task.state == "cached" for task in tasks):
         return tasks
     from pipeline.app.why import with_edits
-    from pipeline.engine.running.session import sources_of
+    from pipeline.engine.running.notes import sources_of
 
     return with_edits(tasks, project, sources_of(project), stage)
 

@@ -63,7 +63,7 @@ def wrong_list(project: Project, manifest: Manifest) -> Iterator[str]:
         yield f"{printable(name)} is no file of a build of the stage"
     for name in sorted(project.files.keys() & manifest.files.keys()):
         source = project.files[name]
-        if isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != manifest.files[name]["sha256"]:
+        if isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != manifest.files[name].sha256:
             yield f"{name} is not what a build of the stage writes"
 
 

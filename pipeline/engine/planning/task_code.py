@@ -23,6 +23,7 @@ from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.libraries import is_foreign, versions_of
+from pipeline.engine.records import Components
 from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts
 
@@ -87,8 +88,8 @@ def module_of(kind: str) -> str:
     return kind.partition(":")[0]
 
 
-def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
-    """Components of a key that represent the code: version, fingerprint, libraries, machine.
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
+    """The code of a kind of task here: components of a key, yet without parameters and inputs.
 
     Parameters
     ----------
@@ -105,13 +106,16 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
     libraries = versions_of(foreign)
-    return {
-        "version": own.version,
-        "code": _digest(reached),
+    return Components(
+        kind=kind,
+        version=own.version,
+        code=_digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
-        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
-        "machine": machine(libraries),
-    }
+        libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
+        machine=machine(libraries),
+        params={},
+        inputs={},
+    )
 
 
 def edited(kind: str) -> list[str]:
