@@ -120,7 +120,10 @@ def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Proj
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
-        source=loaded.composed.to_plain() if loaded.composed else None,
+        source={
+            "written": loaded.written,
+            "read": {part: sorted(paths) for part, paths in dataset.sources.items()},
+        },
     )
 
 

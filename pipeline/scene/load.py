@@ -1,7 +1,7 @@
 """Loading of stages: the path of a stage becomes records or problems."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from pipeline.scene.check.rays import check_rays
 from pipeline.scene.check.seen import check_seen
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.edits.composed import Composed, composed
+from pipeline.scene.edits import Written, written_on
 from pipeline.scene.read.pictures import picture_files, reading_below
 from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.read.targets import read_target_entries
@@ -56,8 +56,8 @@ class Loaded:
         Every target, of a dataset or of a file of the library; empty if the stage has errors.
     files : tuple of Path
         Files of all layers that were read; empty if the stage has errors.
-    composed : Composed or None
-        Plain data with which later plans compare to name edits; None if the stage has errors or holds no dataset.
+    written : dict
+        Everything that is written on the stage of a dataset, see `scene.edits`; empty if there is none.
     """
 
     dataset: Dataset | None
@@ -67,7 +67,7 @@ class Loaded:
     lens: LensEntry | None = None
     targets: tuple[TargetEntry, ...] = ()
     files: tuple[Path, ...] = ()
-    composed: Composed | None = None
+    written: Written = field(default_factory=dict)
 
     @property
     def errors(self) -> list[Problem]:
@@ -157,7 +157,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
         if loaded.errors:
             return loaded
     layer = flattened(stage)
-    kept = composed(stage, layer) if dataset else None  # before anything is added
+    written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
         name_pictures(layer, picture_files(stage))
     return Loaded(
@@ -168,7 +168,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
         lens=lens,
         targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
-        composed=kept,
+        written=written,
     )
 
 

@@ -33,9 +33,6 @@ from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.jit.decorators import cache_folder
 from pipeline.places import flaw_of
 
-_SOURCES_KEPT = 4
-"""Number of sources kept per project: the last one, two before it, and the oldest whose results may still exist."""
-
 
 def build(
     project: Project,
@@ -251,10 +248,10 @@ def forecast_of(
     return forecast(planned, project.graph, past, assumed)
 
 
-def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
-    """Kept sources of the project from the last builds of its tasks, latest first; several after partial builds."""
-    kept = writable(store or Store()).read_note("sources", _history_name(project))
-    return kept if isinstance(kept, list) else []
+def sources_of(project: Project, *, store: Store | None = None) -> dict[str, Any]:
+    """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
+    note = writable(store or Store()).read_facts("sources", _history_name(project))
+    return {name: note["sources"][index] for name, index in note.get("of", {}).items()}
 
 
 def status_of(project: Project, *, store: Store | None = None) -> Status:
@@ -304,20 +301,22 @@ def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str
         note = {"out": os.path.realpath(project.out), "stage": project.stage_id, **after}
         store.write_note("history", _history_name(project), note)
     if project.source is not None:
-        _remember_source(project, store, len(outcome.records) == len(project.graph))
+        _remember_source(project, store, outcome)
 
 
-def _remember_source(project: Project, store: Store, is_complete: bool) -> None:
-    """Keep the source of the project; while some tasks are older, also the sources that they may have been made
-    from.
-    """
-    kept = sources_of(project, store=store)
-    sources = [project.source]
-    if not is_complete:
-        older = [source for source in kept if source != project.source]
-        sources += older if len(older) < _SOURCES_KEPT else [*older[: _SOURCES_KEPT - 2], older[-1]]
-    if sources != kept:
-        store.write_note("sources", _history_name(project), sources)
+def _remember_source(project: Project, store: Store, outcome: Outcome) -> None:
+    """Keep the source of the project for the tasks that are finished, and older ones as long as other tasks are."""
+    before = sources_of(project, store=store)
+    of = {name: source for name, source in before.items() if name in project.graph}
+    of |= dict.fromkeys([*outcome.records, ""], project.source)
+    sources: list[Any] = []
+    numbers: dict[int, int] = {}
+    for source in {id(source): source for source in of.values()}.values():
+        sources += [] if source in sources else [source]
+        numbers[id(source)] = sources.index(source)
+    if of != before:
+        note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
+        store.write_note("sources", _history_name(project), note)
 
 
 def _begin(project: Project, graph: TaskGraph, jobs: int) -> Event:

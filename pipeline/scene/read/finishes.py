@@ -11,7 +11,7 @@ from pipeline.scene.read.lamps import is_in_images, lamp_prims
 from pipeline.scene.read.materials import Shaded, read_material
 from pipeline.scene.read.targets import is_preview
 from pipeline.scene.usd.meshes import Fans, fans
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain, read_once, targets
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain, read_once, take, targets
 
 _GREY = (0.18, 0.18, 0.18)
 """Colour of what has none [1]: UsdPreviewSurface's."""
@@ -42,6 +42,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
     found = [_material_of(prim)]
     of_face = dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+        take(subset.GetPath())
         of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get() or ()), len(found))
         found.append(_material_of(subset.GetPrim()))
     materials = tuple(one.material for one in found)

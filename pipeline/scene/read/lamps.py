@@ -7,10 +7,10 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
 from pipeline.render.lighting.records import Lamp, Rgb
-from pipeline.scene.dataset import LampEntry, Matrix
+from pipeline.scene.dataset import LampEntry
 from pipeline.scene.read.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import world_from
-from pipeline.scene.usd.values import UnreadableValue, need
+from pipeline.scene.usd.values import UnreadableValue, need, take
 from pipeline.units import mm_per_unit
 
 KINDS = {
@@ -55,6 +55,7 @@ def _is_off(prim: Usd.Prim) -> bool:
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
+    take(prim.GetPath())
     kind, names, factors = KINDS[str(prim.GetTypeName())]
     unit_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
     numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
@@ -114,8 +115,8 @@ def scale_of(world_from_prim: np.ndarray) -> float:
     return float(abs(np.linalg.det(world_from_prim[:3, :3])) ** (1 / 3))
 
 
-def lamp_matrices(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> list[Matrix]:
-    """world_from_lamp at some times, without the scale [mm]."""
+def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:
+    """Poses of a lamp at some times, without the scale, (n, 4, 4) [mm]."""
     stack = np.array(world_from(prim, times, unit_mm))
     stack[:, :3, :3] /= np.array([scale_of(matrix) for matrix in stack])[:, None, None]
-    return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]
+    return stack

@@ -10,7 +10,7 @@ from pxr import Sdr, Usd, UsdShade
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
 from pipeline.scene.read.pictures import picture_name
 from pipeline.scene.usd.problems import shortened
-from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
+from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, take
 
 _COLOUR, _NUMBER = 3, 1
 """Components of inputs [1]."""
@@ -197,6 +197,7 @@ def _shader(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.S
     if shader.GetShaderId() != wanted:
         what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
         raise NotSupported(what, shader.GetPrim(), hint=_connect(wanted))
+    take(place.GetPath(), shader.GetPath())
     return shader
 
 

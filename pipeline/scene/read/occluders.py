@@ -5,12 +5,12 @@ from pxr import Usd, UsdGeom
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.read.finishes import read_finish
 from pipeline.scene.usd.meshes import fans
-from pipeline.scene.usd.values import read, read_once
+from pipeline.scene.usd.values import read, read_once, take
 from pipeline.targets.occluder import Occluder
 from pipeline.units import mm_per_unit
 
 
-def read_occluder_entry(prim: Usd.Prim, *, lit: bool = False) -> OccluderEntry:
+def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
     """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
     finish = read_finish(prim) if lit else None
     return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
@@ -35,4 +35,5 @@ def read_occluder(prim: Usd.Prim) -> Occluder:
 
 def is_visible(prim: Usd.Prim, time: float) -> bool:
     """Whether USD shows a prim in a frame."""
+    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
     return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)

@@ -1,6 +1,7 @@
 """Reading of prims into records. Only stages that pass the checks are read as a whole; parts raise on wrong values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matri
 from pipeline.scene.read.channels import illuminant_of, read_channels
 from pipeline.scene.read.exports import read_exports
 from pipeline.scene.read.finishes import seen_meshes
-from pipeline.scene.read.lamps import lamp_matrices, lamp_prims, read_lamp_entry
+from pipeline.scene.read.lamps import lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.read.media import index_source, ordered_surfaces, with_indices
 from pipeline.scene.read.microlenses import read_microlenses
 from pipeline.scene.read.occluders import is_visible, read_occluder_entry
@@ -25,7 +26,7 @@ from pipeline.scene.read.response import has_response, read_colorimetry, read_ir
 from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
+from pipeline.scene.usd.values import Sources, UnreadableValue, need, read, read_once, take, target, targets
 from pipeline.units import mm_per_unit
 
 LAST_FRAME = 1_000_000_000
@@ -65,21 +66,30 @@ ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
 
 def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
+    sources = Sources()
+    return replace(sources.reading("dataset", _read_dataset, root, sources), sources=sources)
+
+
+def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
+    """The records of a PlenDataset; parts with sources of their own note them."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    seed = need(root, "plen:seed")
+    seed, numbers = need(root, "plen:seed"), frame_numbers(root)
+    read = sources.reading
     return Dataset(
         stage_name=root.GetName(),
         seed=seed,
         background=need(root, "plen:background"),
-        cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
-        targets=tuple(read_target_entry(prim) for prim in boards),
-        frames=_read_frames(root, cameras, boards),
-        occluders=tuple(read_occluder_entry(prim, lit=bool(lamps)) for prim in occluders),
-        lamps=tuple(read_lamp_entry(prim, frame_numbers(root)) for prim in lamps),
+        cameras=tuple(
+            read(f"cameras/{camera_name(prim, root)}", read_camera_entry, prim, root, seed) for prim in cameras
+        ),
+        targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
+        frames=_read_frames(root, cameras, boards, sources),
+        occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
+        lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
         pictures=read_pictures(root.GetStage()),
-        exports=read_exports(root),
+        exports=read("exports", read_exports, root),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
     )
@@ -90,6 +100,7 @@ def frame_numbers(root: Usd.Prim) -> Sequence[int]:
     frames = read(root, "plen:frames")
     if frames:
         return tuple(sorted(set(frames)))
+    take("/")  # metadata of the layer
     stage = root.GetStage()
     if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
         return ()
@@ -300,19 +311,26 @@ def stage_mm_per_unit(prim: Usd.Prim) -> float:
     return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
 
 
-def _read_frames(root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim]) -> tuple[Frame, ...]:
+def _read_frames(
+    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], sources: Sources
+) -> tuple[Frame, ...]:
     numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
-    vision = {camera_name(prim, root): _matrices(camera_from_world(prim, numbers, scale_mm)) for prim in cameras}
-    world = {prim.GetName(): _matrices(world_from(prim, numbers, scale_mm)) for prim in boards}
-    hiding = {prim: _matrices(world_from(prim, numbers, scale_mm)) for prim in seen_meshes(root)}
-    lamps = {prim: lamp_matrices(prim, numbers, scale_mm) for prim in lamp_prims(root.GetStage())}
+
+    def posed(part: str, reader: Callable[..., Any], prim: Usd.Prim) -> list[Matrix]:
+        return _matrices(sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm))
+
+    names = {camera_name(prim, root): prim for prim in cameras}
+    vision = {name: posed(f"cameras/{name}", camera_from_world, prim) for name, prim in names.items()}
+    world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
+    hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
+    lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
     return tuple(
         Frame(
             number=number,
             camera_from_world={name: matrices[index] for name, matrices in vision.items()},
             world_from_target={name: matrices[index] for name, matrices in world.items()},
-            world_from_occluder=_visible(hiding, index, number),
-            world_from_lamp=_visible(lamps, index, number),
+            world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
+            world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),
         )
         for index, number in enumerate(numbers)
     )

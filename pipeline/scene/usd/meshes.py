@@ -5,7 +5,7 @@ from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
-from pipeline.scene.usd.values import plain
+from pipeline.scene.usd.values import plain, take
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
 """Attributes that define the triangles of a mesh."""
@@ -46,6 +46,7 @@ def fans(mesh: UsdGeom.Mesh) -> Fans:
     ValueError
         Counts and indices of the faces contradict each other.
     """
+    take(mesh.GetPath())
     points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
     if sum(counts) != len(indices) or min(counts, default=3) < 3:
         raise ValueError("faceVertexCounts do not fit faceVertexIndices")

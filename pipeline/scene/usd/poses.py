@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import rigid
-from pipeline.scene.usd.values import plain
+from pipeline.scene.usd.values import plain, take
 
 
 def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
@@ -26,7 +26,9 @@ def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     """Operations of a prim's own transform; the first one listed is applied last."""
-    return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    ops = list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    take(prim.GetPath().AppendProperty("xformOpOrder"), *(op.GetAttr().GetPath() for op in ops))
+    return ops
 
 
 def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:

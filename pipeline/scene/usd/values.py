@@ -16,7 +16,11 @@ from pipeline.errors import PipelineError
 from pipeline.scene.usd.register import PLUGIN_NAME
 
 F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 _ANSWERS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("answers of readers of a stage", default=None)
+_TAKEN: ContextVar[set[str] | None] = ContextVar(
+    "properties from which the record being read takes values", default=None
+)
 
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
@@ -36,6 +40,34 @@ def unchanging() -> Iterator[None]:
         _ANSWERS.reset(token)
 
 
+@contextmanager
+def taking() -> Iterator[set[str]]:
+    """Context that collects the paths of the properties from which readers take values, and of whole prims."""
+    taken = set[str]()
+    token = _TAKEN.set(taken)
+    try:
+        yield taken
+    finally:
+        _TAKEN.reset(token)
+
+
+def take(*paths: str | Sdf.Path) -> None:
+    """Note that the record that is being read takes values from these properties, or from whole prims."""
+    if (taken := _TAKEN.get()) is not None:
+        taken.update(map(str, paths))
+
+
+class Sources(dict[str, set[str]]):
+    """Paths of the properties, and of whole prims, from which each part of a record was read."""
+
+    def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
+        """What a reader answers, which is a part of the record."""
+        with taking() as taken:
+            answer = reader(*arguments)
+        self.setdefault(part, set()).update(taken)
+        return answer
+
+
 def read_once(reader: F) -> F:
     """Decorate a reader, a function of prims, names and numbers: checks and readers ask for the same prims again."""
 
@@ -46,8 +78,12 @@ def read_once(reader: F) -> F:
             return reader(*arguments)
         key = reader, *arguments
         if key not in answers:
-            answers[key] = reader(*arguments)
-        return answers[key]
+            with taking() as taken:
+                answer = reader(*arguments)
+            answers[key] = answer, taken
+        answer, taken = answers[key]
+        take(*taken)
+        return answer
 
     return cast(F, asked)
 
@@ -275,6 +311,7 @@ def read(prim: Usd.Prim, name: str) -> Any:
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
         return None
+    take(attribute.GetPath())
     if not attribute.HasAuthoredValue():
         return rule.fallback
     value = attribute.Get(_ANY_TIME)
@@ -326,6 +363,8 @@ def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
     """Paths to which a relationship points; empty if an attribute was written in its place."""
     try:
+        if relationship:
+            take(relationship.GetPath())
         return list(relationship.GetTargets()) if relationship else []
     except Tf.ErrorException:
         return []
