@@ -19,7 +19,7 @@ from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.scene.read.response import read_response
+from pipeline.scene.sensor import read_response
 from pipeline.share import share
 
 LEVELS = (0.8, 0.02, 0.002)

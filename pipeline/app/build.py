@@ -30,9 +30,9 @@ from pipeline.limits import limits
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import level, settings
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.check.seen import NOT_SEEN
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
 from pipeline.tasks.params.figures import CONVENTIONS
 
@@ -122,7 +122,7 @@ def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Proj
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
         source={
             "written": loaded.written,
-            "read": {part: sorted(paths) for part, paths in dataset.sources.items()},
+            "read": {part: list(paths) for part, paths in dataset.sources.items()},
         },
     )
 

@@ -269,7 +269,7 @@ class Dataset:
     exports: AskedExports = field(default_factory=AskedExports)
     meters_per_unit: float = 0.001
     up_axis: str = "Y"
-    sources: dict[str, set[str]] = field(default_factory=dict, compare=False)
+    sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")

@@ -12,17 +12,17 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.places import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.roots import allowed_roots, real_path
-from pipeline.scene.check.camera.doubts import check_doubts
-from pipeline.scene.check.dataset import find_dataset
-from pipeline.scene.check.lighting.shone import check_shone
-from pipeline.scene.check.rays import check_rays
-from pipeline.scene.check.seen import check_seen
+from pipeline.scene.camera import read_camera_entries
+from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
+from pipeline.scene.doubts import check_doubts
 from pipeline.scene.edits import Written, written_on
-from pipeline.scene.read.pictures import picture_files, reading_below
-from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
-from pipeline.scene.read.targets import read_target_entries
+from pipeline.scene.lamps import check_shone
+from pipeline.scene.lens import read_lens_entry
+from pipeline.scene.pictures import picture_files, reading_below
+from pipeline.scene.plen_dataset import find_dataset, read_dataset
+from pipeline.scene.targets import read_target_entries
 from pipeline.scene.trust.asset_roots import file_of
 from pipeline.scene.trust.prescan import Look
 from pipeline.scene.usd.hints import without_followers
@@ -33,6 +33,7 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import knowing
 from pipeline.scene.usd.used_layers import used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
+from pipeline.scene.views import check_seen
 from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
 
 

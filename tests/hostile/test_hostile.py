@@ -14,8 +14,8 @@ from hostile.values import WITHOUT_VALUES, Attempt, attempts, pairs, type_of
 from pxr import Gf, Sdf, Sdr, Usd, UsdGeom
 
 from pipeline.export_formats import FORMATS
+from pipeline.scene.lamps import KINDS
 from pipeline.scene.load import load
-from pipeline.scene.read.lamps import KINDS
 from pipeline.share import share
 
 SHADERS = ("UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d", "UsdPrimvarReader_float2")

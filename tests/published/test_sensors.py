@@ -8,7 +8,7 @@ from pxr import Usd
 from scipy import stats
 
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.scene.read.response import read_response
+from pipeline.scene.sensor import read_response
 from pipeline.share import share
 
 PRINTED = [("imx250", 40.3, 71.2), ("imx535", 39.7, 69.8)]

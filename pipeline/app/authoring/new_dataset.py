@@ -20,7 +20,7 @@ from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load
-from pipeline.scene.read.targets import PATTERNS
+from pipeline.scene.targets import PATTERNS
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
 from pipeline.targets.errors import TargetError

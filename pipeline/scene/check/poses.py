@@ -7,18 +7,23 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.ranges import frames_in_words
-from pipeline.scene.check.occluders import check_outside_lens
-from pipeline.scene.read.finishes import seen_meshes
-from pipeline.scene.read.lamps import lamp_prims
-from pipeline.scene.read.prims import (
+from pipeline.scene.lamps import lamp_prims
+from pipeline.scene.lens import read_prescription
+from pipeline.scene.materials import seen_meshes
+from pipeline.scene.occluders import check_outside_lens
+from pipeline.scene.targets import read_target
+from pipeline.scene.usd.poses import (
+    ancestry,
     camera_from_world,
     camera_name,
     frame_numbers,
-    read_prescription,
+    is_orient,
+    product,
+    quaternion,
     stage_mm_per_unit,
+    world_from,
+    xform_ops,
 )
-from pipeline.scene.read.targets import read_target
-from pipeline.scene.usd.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, targets

@@ -10,8 +10,8 @@ from pathlib import Path
 from pxr import Ar, Sdf, Tf, Usd
 
 from pipeline.roots import real_path
-from pipeline.scene.read.pictures import NAMES, OUTSIDE_HINT, is_picture, picture_of
-from pipeline.scene.read.targets import is_in_preview
+from pipeline.scene.pictures import NAMES, OUTSIDE_HINT, is_picture, picture_of
+from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import text_map

@@ -1,10 +1,13 @@
 """Meshes of USD, split into triangles."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import plain, take
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
@@ -70,3 +73,11 @@ def is_skinned(prim: Usd.Prim) -> bool:
 
 def _value(mesh: UsdGeom.Mesh, name: str) -> Any:
     return plain(mesh.GetPrim().GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) or ())
+
+
+def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
+    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
+    if is_skinned(prim):
+        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
+        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
+        yield problem(prim, "not-yet-supported", message, hint=hint)

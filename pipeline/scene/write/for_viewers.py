@@ -15,7 +15,7 @@ from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
-from pipeline.scene.read.targets import PREVIEW
+from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS
 from pipeline.scene.write.boards import write_board
 from pipeline.targets.preview import preview_faces

@@ -1,20 +1,51 @@
-"""Checks of occluders: they must be valid meshes, keep their shape, and stay outside the lens."""
+"""Occluders: valid meshes that keep their shape and stay outside the lens."""
 
 from collections.abc import Iterator, Set
 
 import numpy as np
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.frames import apply
-from pipeline.scene.read.finishes import seen_meshes
-from pipeline.scene.read.occluders import is_visible, read_occluder
-from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
-from pipeline.scene.usd.meshes import SHAPE, is_skinned
-from pipeline.scene.usd.poses import product, world_from, xform_ops
+from pipeline.scene.dataset import OccluderEntry
+from pipeline.scene.lens import read_prescription
+from pipeline.scene.materials import read_finish, seen_meshes
+from pipeline.scene.usd.meshes import SHAPE, check_skin, fans
+from pipeline.scene.usd.poses import camera_from_world, camera_name, product, stage_mm_per_unit, world_from, xform_ops
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, targets
+from pipeline.scene.usd.values import read, read_once, take, target, targets
 from pipeline.targets.errors import TargetError
+from pipeline.targets.occluder import Occluder
+from pipeline.units import mm_per_unit
+
+
+def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
+    """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
+    finish = read_finish(prim) if lit else None
+    return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
+
+
+@read_once
+def read_occluder(prim: Usd.Prim) -> Occluder:
+    """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI.
+
+    Raises
+    ------
+    TargetError, ValueError
+        Its faces do not match its points or each other.
+    """
+    mesh, scale_mm = fans(UsdGeom.Mesh(prim)), mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    return Occluder(
+        vertices_mm=tuple((x * scale_mm, y * scale_mm, z * scale_mm) for x, y, z in mesh.points),
+        triangles=mesh.triangles,
+        radiance=read(prim, "plen:radiance") or 0.0,
+    )
+
+
+def is_visible(prim: Usd.Prim, time: float) -> bool:
+    """Whether USD shows a prim in a frame."""
+    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
 
 
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -44,14 +75,6 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
     except ValueError:
         message = "the faces of the mesh contradict each other"
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
-
-
-def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
-    if is_skinned(prim):
-        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
-        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
-        yield problem(prim, "not-yet-supported", message, hint=hint)
 
 
 def check_outside_lens(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.export_formats import EXACT, FORMATS, Format, Targets
-from pipeline.scene.read.channels import channel_prims
+from pipeline.scene.channels import channel_prims
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, target_paths, targets

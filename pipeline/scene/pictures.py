@@ -12,7 +12,7 @@ from pxr import Ar, Sdf, Usd, UsdShade
 
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import PictureEntry
-from pipeline.scene.read.targets import is_in_preview
+from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.layer_files import read_file
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 

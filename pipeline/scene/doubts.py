@@ -9,10 +9,10 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
-from pipeline.scene.check.camera.losses import check_angles
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.read.media import ordered_surfaces
-from pipeline.scene.read.prims import read_sensor
+from pipeline.scene.glass import ordered_surfaces
+from pipeline.scene.losses import check_angles
+from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
