@@ -13,7 +13,7 @@ from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp, Rgb
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
-from pipeline.scene.usd.poses import frame_numbers, world_from
+from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, world_from
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, need, take, target_paths
@@ -29,6 +29,8 @@ KINDS = {
     "DomeLight_1": ("dome", (), ()),
 }
 """Kind of the record, attributes of its size, and factors of these, by type of prim."""
+_ANY_TIME = 0.0
+"""Time code at which a visibility is read that never changes."""
 _BRIGHTEST = 1e30
 """Largest radiance of a lamp [1]: images are single precision, and sums of many rays must fit."""
 _SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
@@ -71,7 +73,7 @@ def is_light(prim: Usd.Prim) -> bool:
 
 def is_in_images(prim: Usd.Prim) -> bool:
     """Whether a prim has a purpose with which it is in images, and is not invisible for ever."""
-    return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and not _is_off(prim)
+    return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
 def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
@@ -79,13 +81,6 @@ def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     invisible and stay so.
     """
     return [prim for prim in stage.Traverse() if is_light(prim) and is_in_images(prim)]
-
-
-def _is_off(prim: Usd.Prim) -> bool:
-    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
-    if any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above):
-        return False
-    return UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible
 
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:

@@ -16,7 +16,7 @@ from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
+from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 APERTURE_VALUES = {
     "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
@@ -68,6 +68,11 @@ def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Pre
     surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
     groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
     return Prescription(surfaces=surfaces, groups=tuple(sorted(groups, key=lambda group: group.first)))
+
+
+def prescription_of(camera: Usd.Prim) -> Prescription:
+    """The prescription of the lens of a Camera with PlenCameraAPI, at its wavelength."""
+    return read_prescription(target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength"))
 
 
 def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:

@@ -1,7 +1,7 @@
 """Materials of the meshes of a lit scene, with their normals and texture coordinates, and which meshes these are."""
 
 import math
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -314,19 +314,13 @@ def _at_corners(
     """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
     if not values:
         return ()
-    place: dict[str, Callable[[int, int], int]] = {
-        UsdGeom.Tokens.constant: lambda face, corner: 0,
-        UsdGeom.Tokens.uniform: lambda face, corner: face,
-        UsdGeom.Tokens.faceVarying: lambda face, corner: corner,
-    }
-    index = place.get(interpolation, lambda face, corner: shape.indices[corner])
     try:
         found = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
         raise UnreadableValue(
             f'"{attribute.GetName()}" holds something else than {size} numbers each', attribute
         ) from None
-    rows = [[index(face, corner) for corner in fan] for face, fan in zip(shape.faces, shape.corners, strict=True)]
+    rows = shape.places(interpolation)
     if not np.isfinite(found).all() or (len(rows) and np.max(rows) >= len(found)):
         raise UnreadableValue(f'"{attribute.GetName()}" has {len(found)} values, too few for the faces', attribute)
     return tuple(map(tuple, (found[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))

@@ -7,13 +7,21 @@ from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.frames import apply
 from pipeline.scene.dataset import OccluderEntry
-from pipeline.scene.lens import read_prescription
+from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
 from pipeline.scene.usd.meshes import SHAPE, check_skin, fans
-from pipeline.scene.usd.poses import camera_from_world, camera_name, product, stage_mm_per_unit, world_from, xform_ops
+from pipeline.scene.usd.poses import (
+    camera_from_world,
+    camera_name,
+    is_visible,
+    moving_op,
+    product,
+    stage_mm_per_unit,
+    world_from,
+)
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, read_once, take, target, targets
+from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.errors import TargetError
 from pipeline.targets.occluder import Occluder
 from pipeline.units import mm_per_unit
@@ -40,12 +48,6 @@ def read_occluder(prim: Usd.Prim) -> Occluder:
         triangles=mesh.triangles,
         radiance=read(prim, "plen:radiance") or 0.0,
     )
-
-
-def is_visible(prim: Usd.Prim, time: float) -> bool:
-    """Whether USD shows a prim in a frame."""
-    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
-    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
 
 
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -83,8 +85,7 @@ def check_outside_lens(
     """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
     if not occluders:
         return
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
+    prescription = prescription_of(camera)
     ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
     radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
     scale_mm = stage_mm_per_unit(root)
@@ -103,7 +104,7 @@ def _inside(occluder: Usd.Prim, camera: str, number: int, ends_mm: tuple[float, 
         f'"{occluder.GetName()}" reaches into the lens of "{camera}" at time code {number},'
         f" z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
     )
-    moving = next((op.GetAttr() for op in xform_ops(occluder) if op.GetAttr().GetTimeSamples()), None)
+    moving = moving_op(occluder)
     hint = "the camera looks along its -Z; its origin is the aperture stop"
     return problem(moving or occluder, "inside-lens", message, hint=hint, time=float(number) if moving else None)
 

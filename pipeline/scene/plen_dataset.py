@@ -15,20 +15,21 @@ from pipeline.scene.dataset import Dataset, Frame, Matrix
 from pipeline.scene.exports import read_exports
 from pipeline.scene.lamps import check_lamps, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
-from pipeline.scene.occluders import check_occluders, is_visible, read_occluder_entry
+from pipeline.scene.occluders import check_occluders, read_occluder_entry
 from pipeline.scene.pictures import read_pictures
 from pipeline.scene.targets import is_preview, read_target_entry
 from pipeline.scene.usd.poses import (
     LAST_FRAME,
     camera_from_world,
     camera_name,
+    comes_and_goes,
     frame_numbers,
+    is_visible,
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, shortened, shown_path
-from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.usda_lines import line_of_metadata
+from pipeline.scene.usd.problems import Problem, shortened
+from pipeline.scene.usd.source_locations import metadata_problem, problem
 from pipeline.scene.usd.values import (
     Sources,
     need,
@@ -180,9 +181,8 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
         if both:
             message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
         hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
-        file = stage.GetRootLayer().realPath
-        line, file = line_of_metadata(file, "endTimeCode"), shown_path(file)
-        yield Problem(code="no-frames", message=message, file=file, line=line, at=str(root.GetPath()), hint=hint)
+        layer, at = stage.GetRootLayer(), str(root.GetPath())
+        yield metadata_problem(layer, "endTimeCode", "no-frames", message, hint=hint, at=at)
 
 
 def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
@@ -228,7 +228,7 @@ def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
     """A warning for each target that is invisible in USD in some frames, although images and truth have it in all."""
     frames = frame_numbers(root)
     for prim in targets(root, "plen:targets", "PlenTarget"):
-        if _comes_and_goes(prim):
+        if comes_and_goes(prim):
             hidden = [number for number in frames if not is_visible(prim, float(number))]
         else:
             hidden = [] if all(is_visible(prim, float(number)) for number in frames[:1]) else list(frames)
@@ -266,10 +266,4 @@ def _is_geometry(prim: Usd.Prim) -> bool:
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
     if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
         return False
-    return any(is_visible(prim, float(number)) for number in (frames if _comes_and_goes(prim) else frames[:1]))
-
-
-def _comes_and_goes(prim: Usd.Prim) -> bool:
-    """Whether a prim may be visible in some frames and invisible in others."""
-    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
-    return any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above)
+    return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes(prim) else frames[:1]))

@@ -199,16 +199,7 @@ def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
     values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
     if not values:
         return [(1.0, 1.0, 1.0)] * len(shape.corners)
-    shades = [value[0] for value in values]
-    place = {
-        UsdGeom.Tokens.constant: lambda face, corner: 0,
-        UsdGeom.Tokens.uniform: lambda face, corner: face,
-        UsdGeom.Tokens.faceVarying: lambda face, corner: corner,
-    }.get(colour.GetInterpolation(), lambda face, corner: shape.indices[corner])
-    return [
-        tuple(shades[place(face, corner)] for corner in fan)
-        for face, fan in zip(shape.faces, shape.corners, strict=True)
-    ]
+    return [tuple(values[place][0] for place in places) for places in shape.places(colour.GetInterpolation())]
 
 
 def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:

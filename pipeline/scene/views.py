@@ -61,21 +61,10 @@ _REASONS = {
 class View:
     """The part of a target that a camera sees.
 
-    Attributes
-    ----------
-    numbers : tuple of int
-        The frames.
-    share : (frames,) float64
-        Points that are seen over those that face the camera.
-    fates : list of int or None
-        Per frame the fate of most points that are not seen, among those that face the camera if any is seen; None if
-        all are seen.
-    points_mm, front : (frames, n, 3) float64
-        Positions and normals, vision frame.
-    spacing_px : (frames,) float64
-        Distance of neighbouring points of one kind that are seen, of the kind where it is largest.
-    outlook : Outlook
-        Outlook of all frames and points.
+    By frame, `share` has the points that are seen over those that face the camera; `fates` the fate of most points that
+    are not seen, among those that face the camera if any is seen, and None if all are seen; `points_mm` and `front`,
+    (frames, n, 3), positions and normals in the vision frame; `spacing_px` the distance of neighbouring points of one
+    kind that are seen, of the kind where it is largest.
     """
 
     numbers: tuple[int, ...]

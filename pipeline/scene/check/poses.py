@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from pipeline.ranges import frames_in_words
 from pipeline.scene.lamps import lamp_prims
-from pipeline.scene.lens import read_prescription
+from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.occluders import check_outside_lens
 from pipeline.scene.targets import read_target
@@ -18,6 +18,7 @@ from pipeline.scene.usd.poses import (
     camera_name,
     frame_numbers,
     is_orient,
+    moving_op,
     product,
     quaternion,
     stage_mm_per_unit,
@@ -26,7 +27,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, targets
+from pipeline.scene.usd.values import targets
 
 # Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
 _ROUNDING = {
@@ -135,9 +136,7 @@ def _check_before_camera(
     camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """Problems of targets that are not entirely, margins included, in front of the first vertex of the lens."""
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
-    first_mm = -prescription.vertices_from_stop_mm[0]
+    first_mm = -prescription_of(camera).vertices_from_stop_mm[0]
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
     for board, corners in zip(boards, hulls, strict=True):
@@ -161,7 +160,7 @@ def _too_near(board: Usd.Prim, camera: str, near_mm: dict[int, float], first_mm:
         f'"{board.GetName()}" reaches {where} "{camera}" in {frames} its nearest corner lies {abs(nearest_mm):.6g} mm'
         f" {side} the stop, and the first vertex {first_mm:.6g} mm before it"
     )
-    moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
+    moving = moving_op(board)
     hint = "the camera looks along its -Z: what it sees has a negative z"
     if away_mm < _METRES_MM:
         hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"

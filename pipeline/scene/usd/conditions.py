@@ -12,14 +12,8 @@ _LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A line `Needed with:` or `Only with:` of an attribute's documentation.
-
-    Attributes
-    ----------
-    name : str
-        The property that decides.
-    tokens : tuple of str
-        Its values for which the condition holds; empty: any authored value.
+    """A line `Needed with:` or `Only with:` of an attribute's documentation: the property that decides, and its values
+    for which the condition holds; empty: any authored value.
     """
 
     name: str
@@ -35,15 +29,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """All conditions of an attribute.
-
-    Attributes
-    ----------
-    needed : tuple of Condition
-        If any of them holds, the attribute is needed.
-    only : tuple of Condition
-        Unless all of them hold, the attribute has no meaning.
-    """
+    """All conditions of an attribute: needed if any of one kind holds, without meaning unless all of the other do."""
 
     needed: tuple[Condition, ...] = ()
     only: tuple[Condition, ...] = ()

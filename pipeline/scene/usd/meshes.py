@@ -18,16 +18,9 @@ SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
 class Fans:
     """Faces as fans of triangles, as viewers of USD draw them.
 
-    Attributes
-    ----------
-    points : tuple of triples
-        Vertices in the frame of the mesh, in the unit of the stage.
-    indices : tuple of int
-        Vertex of every face corner.
-    corners : list of triples of int
-        Per triangle the indices of its corners in the list of face corners, anticlockwise as seen from the front.
-    faces : list of int
-        Per triangle the index of its face.
+    `points` are vertices in the frame of the mesh, in the unit of the stage, and `indices` has the vertex of every face
+    corner. Of each triangle, `corners` has its three face corners, anticlockwise as seen from the front, and `faces`
+    its face.
     """
 
     points: tuple[tuple[float, float, float], ...]
@@ -39,6 +32,14 @@ class Fans:
     def triangles(self) -> tuple[tuple[int, int, int], ...]:
         """Vertices of the triangles."""
         return tuple((self.indices[a], self.indices[b], self.indices[c]) for a, b, c in self.corners)
+
+    def places(self, interpolation: str) -> list[tuple[int, ...]]:
+        """Places of the corners of all triangles among the values of a primvar, (n, 3)."""
+        if interpolation == UsdGeom.Tokens.constant:
+            return [(0, 0, 0)] * len(self.corners)
+        if interpolation == UsdGeom.Tokens.uniform:
+            return [(face, face, face) for face in self.faces]
+        return list(self.corners if interpolation == UsdGeom.Tokens.faceVarying else self.triangles)
 
 
 def fans(mesh: UsdGeom.Mesh) -> Fans:

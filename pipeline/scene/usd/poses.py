@@ -35,6 +35,23 @@ def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     return ops
 
 
+def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:
+    """The first animated operation of a prim's own transform."""
+    return next((op.GetAttr() for op in xform_ops(prim) if op.GetAttr().GetTimeSamples()), None)
+
+
+def is_visible(prim: Usd.Prim, time: float) -> bool:
+    """Whether USD shows a prim in a frame."""
+    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
+
+
+def comes_and_goes(prim: Usd.Prim) -> bool:
+    """Whether a prim may be visible in some frames and invisible in others."""
+    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
+    return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
+
+
 def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
     """Transforms from the frame of a prim to the world.
 

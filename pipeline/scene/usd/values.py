@@ -89,13 +89,7 @@ def read_once(reader: F) -> F:
 
 
 class UnreadableValue(PipelineError):
-    """A reader met a missing or wrong value; it is reported unless another error names its prim.
-
-    Attributes
-    ----------
-    thing : Usd.Prim or Usd.Property
-        The place to mend it.
-    """
+    """A reader met a missing or wrong value; it is reported at `thing`, unless another error names its prim."""
 
     code = "unreadable-value"
 
@@ -118,18 +112,8 @@ class NotSupported(UnreadableValue):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """An interval, from the line `Range:` of an attribute's documentation.
-
-    Attributes
-    ----------
-    low, high : float
-        Its ends.
-    low_open, high_open : bool
-        Whether the end itself is outside.
-    or_inf : bool
-        Whether infinity is also allowed.
-    gap : float
-        Numbers nearer to zero than this are outside.
+    """An interval, from the line `Range:` of an attribute's documentation: with open ends, with infinity, and without
+    numbers nearer to zero than `gap`.
     """
 
     low: float
@@ -235,20 +219,8 @@ def bad_text(value: Any) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """Rules of the schemas about the values of an attribute.
-
-    Attributes
-    ----------
-    kind : type or None
-        Python type of the value as read by USD; None: any.
-    span : Range or None
-        Range of every number.
-    entries : (int, int) or None
-        Fewest and most entries of an array.
-    tokens : frozenset of str
-        Allowed tokens; empty: all.
-    fallback : Any
-        Fallback value of the schema, as a Python object.
+    """Rules of the schemas about the values of an attribute: type as read by USD, range of every number, fewest and
+    most entries of an array, allowed tokens, and the fallback as a Python object. None and empty: anything is allowed.
     """
 
     kind: type | None = None
