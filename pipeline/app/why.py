@@ -6,8 +6,9 @@ one, else, for a derived number, all of them that no other parameter shows.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -69,13 +70,16 @@ class _Since:
             for part in before | now
         }
         reasons = [(task, reason) for task in tasks for reason in task.reasons if _is_open(reason)]
+        self._of_parts = cache(self._collected)  # thousands of reasons are about the same parts
         self._shown = {id(edit) for task, reason in reasons for edit in self._showing(task, reason)}
 
     def behind(self, task: PlannedTask, reason: Reason) -> tuple[Edit, ...]:
         """The edits behind a reason; none if it is not about the stage."""
         if not _is_open(reason):
             return ()
-        edits = next(filter(None, self._candidates(task, reason)), None) or self._of(task, reason, self._edits)
+        edits = next(filter(None, self._candidates(task, reason)), None) or self._of_parts(
+            "", frame=frame_of(self._graph[task.name], reason.field)
+        )
         derived = [edit for edit in edits if id(edit) not in self._shown]
         return tuple(self._showing(task, reason) or derived or edits)
 
@@ -88,28 +92,27 @@ class _Since:
         )
         return next(filter(None, showing), [])
 
-    def _candidates(self, task: PlannedTask, reason: Reason) -> list[list[Edit]]:
+    def _candidates(self, task: PlannedTask, reason: Reason) -> Iterator[list[Edit]]:
         """Edits of what the parameter of a reason, or the task, is made of, and those of the dataset itself."""
         field = reason.field or ""
-        words = set(re.findall(r"[a-z_]+", field))
+        frame, words = frame_of(self._graph[task.name], field), set(re.findall(r"[a-z_]+", field))
         parts = [kind for kind, names in _PARTS.items() if words & names]
-        is_pose = _POSE.search(field) is not None
+        pose = "poses/" if _POSE.search(field) else ""
         if match := _TARGET.search(field):
             number, name = match.groups()
             parts = [f"targets/{name or self._targets[int(number)]}"]
-        if is_pose or not parts:
+        if pose or not parts:
             owner = (*task.name.split("@")[0].split("/"), "")[1]
             owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits]
             parts += owners or ["cameras"]
-        if is_pose:
-            return [self._of(task, reason, [f"poses/{part}" for part in parts])]
-        return [self._of(task, reason, parts), self._of(task, reason, [f"{task.kind}s", "dataset"])]
+        yield self._of_parts(*(pose + part for part in parts), frame=frame)
+        if not pose:
+            yield self._of_parts(f"{task.kind}s", "dataset", frame=frame)
 
-    def _of(self, task: PlannedTask, reason: Reason, parts: Iterable[str]) -> list[Edit]:
-        """Edits of some parts on which the frame of a reason depends."""
-        frame = frame_of(self._graph[task.name], reason.field)
-        within = [part for part in self._edits if any(is_below(part, whole) for whole in parts)]
-        edits = {id(edit): edit for part in within for edit in self._edits[part]}
+    def _collected(self, *parts: str, frame: int | None) -> list[Edit]:
+        """Edits of some parts at a frame; "" has all of them."""
+        within = [edits for part, edits in self._edits.items() if any(is_below(part, whole or part) for whole in parts)]
+        edits = {id(edit): edit for some in within for edit in some}
         return [edit for edit in edits.values() if frame is None or edit.time in (None, frame)]
 
 
