@@ -275,9 +275,9 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         return
     if any(_check_groups(camera)) or _bad_type(record):
         return
-    found = _out_of_reach(record)
-    if found:
-        name, reason = found
+    out_of_reach = _out_of_reach(record)
+    if out_of_reach:
+        name, reason = out_of_reach
         yield problem(camera.GetAttribute(name), "out-of-reach", reason.what, hint=reason.hint)
         return
     try:

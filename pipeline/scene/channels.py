@@ -216,8 +216,8 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     if None in (camera_nm, lens_nm):
         return
     if says_catalogue(lens):
-        media, found = media_behind(lens, ordered_surfaces(lens))
-        yield from found
+        media, problems = media_behind(lens, ordered_surfaces(lens))
+        yield from problems
         # Several elements of one glass are one problem of the camera.
         for medium in {medium.label: medium for medium in media.values()}.values():
             try:
@@ -240,18 +240,18 @@ def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     for prim in ordered_surfaces(lens):
         try:
             medium = medium_behind(prim, lens)
-            found = next(filter(None, (doubt_of(medium, wavelength_nm) for wavelength_nm in seen_nm)), None)
+            doubt = next(filter(None, (doubt_of(medium, wavelength_nm) for wavelength_nm in seen_nm)), None)
         except (GlassError, UnreadableValue):
             continue  # reported where the glass or the wavelength is checked
-        if found:
-            yield problem(attribute_of_medium(prim), "glass-resonance", found.what, hint=found.hint, severity="warning")
+        if doubt:
+            yield problem(attribute_of_medium(prim), "glass-resonance", doubt.what, hint=doubt.hint, severity="warning")
 
 
 def _wavelengths_nm(camera: Usd.Prim) -> list[float]:
     """Wavelengths at which a camera asks its lens; those that cannot be read are reported where they are checked."""
-    found = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
+    seen_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     for channel in channel_prims(sensor) if sensor else []:
         with contextlib.suppress(SpectrumError, UnreadableValue):
-            found += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
-    return found
+            seen_nm += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
+    return seen_nm

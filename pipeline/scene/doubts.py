@@ -56,9 +56,11 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
         if part == "image":
             return sensor
         # An override of the stage itself is more likely to be wrong than a file of the library.
-        said = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
+        attributes = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
         root = prim.GetStage().GetRootLayer()
-        return next((one for one in said if one.GetPropertyStack()[0].layer == root), said[0])
+        return next(
+            (attribute for attribute in attributes if attribute.GetPropertyStack()[0].layer == root), attributes[0]
+        )
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     if part == "microlenses":
         return array

@@ -58,8 +58,8 @@ def with_indices(
 ) -> tuple[Surface, ...]:
     """Surfaces with their indices at a wavelength; the printed ones know only their own and stay as they are."""
     light_nm = need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm
-    found = zip(surfaces, indices(lens, prims, light_nm), strict=True)
-    return tuple(replace(surface, index=index) for surface, index in found)
+    pairs = zip(surfaces, indices(lens, prims, light_nm), strict=True)
+    return tuple(replace(surface, index=index) for surface, index in pairs)
 
 
 def indices(lens: Usd.Prim, prims: Sequence[Usd.Prim], wavelength_nm: float) -> tuple[float, ...]:
@@ -90,8 +90,8 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
     its vendor identifies an entry and is always compared with the printed index.
     """
     prims = ordered_surfaces(lens)
-    media, found = media_behind(lens, [prim for prim in prims if _counts(prim, lens)])
-    yield from found
+    media, problems = media_behind(lens, [prim for prim in prims if _counts(prim, lens)])
+    yield from problems
     last = media.get(prims[-1].GetPath()) if prims and says_catalogue(lens) else None
     if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens has said so
         message = f"the medium behind the last surface is {last.label}, and only air is supported yet"
@@ -108,15 +108,15 @@ def _counts(surface: Usd.Prim, lens: Usd.Prim) -> bool:
 
 def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:
     """The media behind surfaces of a lens, by their paths, and the problems of those that are not there."""
-    media, found = dict[Sdf.Path, Medium](), list[Problem]()
+    media, problems = dict[Sdf.Path, Medium](), list[Problem]()
     for prim in prims:
         try:
             media[prim.GetPath()] = medium_behind(prim, lens)
         except GlassError as error:
-            found.append(problem(attribute_of_medium(prim), error.code, error.what, hint=error.hint))
+            problems.append(problem(attribute_of_medium(prim), error.code, error.what, hint=error.hint))
         except UnreadableValue as error:
-            found.append(of_reader(prim, error))
-    return media, found
+            problems.append(of_reader(prim, error))
+    return media, problems
 
 
 def attribute_of_medium(surface: Usd.Prim) -> Usd.Property:

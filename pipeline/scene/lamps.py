@@ -157,9 +157,9 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     lamps, skies = lamp_prims(root.GetStage()), []
     frames = frame_numbers(root)
     for prim in lamps:
-        found = [*_check_kind(prim), *_check_features(prim), *_check_still(prim)]
-        yield from found
-        if found or prim.GetPath() in wrong or not len(frames):
+        problems = [*_check_kind(prim), *_check_features(prim), *_check_still(prim)]
+        yield from problems
+        if problems or prim.GetPath() in wrong or not len(frames):
             continue
         yield from _check_scale(prim, frames)
         try:
@@ -270,14 +270,14 @@ def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
     """Cameras whose aperture stop, the origin of their frame, lies in a lamp in any frame."""
     if lamp.kind not in ("sphere", "cylinder"):
         return []
-    found = dict[str, None]()
+    names = dict[str, None]()
     for frame in dataset.frames:
         for name, pose in frame.camera_from_world.items() if path in frame.world_from_lamp else ():
             x, y, z = (np.linalg.inv(np.array(pose) @ np.array(frame.world_from_lamp[path])))[:3, 3]
             a, b = lamp.size
             if math.hypot(x, y, z) < a if lamp.kind == "sphere" else abs(x) < a and math.hypot(y, z) < b:
-                found[name] = None
-    return list(found)
+                names[name] = None
+    return list(names)
 
 
 def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bool:

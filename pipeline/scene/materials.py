@@ -81,11 +81,11 @@ def read_material(material: UsdShade.Material) -> Shaded:
         fields["specular_color"] = reader.read("specularColor", (0.0, 0.0, 0.0))
     threshold, ior = (_number(surface, name, value) for name, value in (("opacityThreshold", 0.0), ("ior", 1.5)))
     _require_opaque(surface, fields["opacity"], threshold)
-    found = Material(**fields, ior=ior, opacity_threshold=threshold)
+    record = Material(**fields, ior=ior, opacity_threshold=threshold)
     if len(reader.primvars) > 1:
         what = f"its textures read coordinates from {' and '.join(sorted(reader.primvars))}"
         raise NotSupported(what, material.GetPrim(), hint="use one set of texture coordinates")
-    return Shaded(found, next(iter(reader.primvars), ""))
+    return Shaded(record, next(iter(reader.primvars), ""))
 
 
 def _require_opaque(surface: UsdShade.Shader, opacity: Input, threshold: float) -> None:
@@ -160,10 +160,10 @@ def _source(shader: UsdShade.Shader, name: str) -> Any:
     given = shader.GetInput(name)
     if not given:
         return None
-    found = given.GetValueProducingAttributes()
-    if not found:
+    attributes = given.GetValueProducingAttributes()
+    if not attributes:
         return None
-    attribute = found[0]
+    attribute = attributes[0]
     if UsdShade.Output.IsOutput(attribute):
         return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
     if attribute.ValueMightBeTimeVarying():
@@ -182,8 +182,8 @@ def _wanted(shader_id: str, name: str, value: Any) -> str | None:
         return None if value in tokens else f"one of {', '.join(tokens)}"
     if not count:
         return None if isinstance(value, str) else "a text"
-    found, span = numbers(value), _RANGES.get(name, _ANY)
-    return None if len(found) == count and span.holds(found).all() else f"{count} in {span}"
+    values, span = numbers(value), _RANGES.get(name, _ANY)
+    return None if len(values) == count and span.holds(values).all() else f"{count} in {span}"
 
 
 @cache
@@ -247,18 +247,18 @@ def read_finish(prim: Usd.Prim) -> Finish:
     """
     mesh = UsdGeom.Mesh(prim)
     shape = fans(mesh)
-    found = [_material_of(prim)]
+    shaded = [_material_of(prim)]
     of_face = dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
         take(subset.GetPath())
-        of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get() or ()), len(found))
-        found.append(_material_of(subset.GetPrim()))
-    materials = tuple(one.material for one in found)
+        of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get() or ()), len(shaded))
+        shaded.append(_material_of(subset.GetPrim()))
+    materials = tuple(one.material for one in shaded)
     return Finish(
         materials=materials,
         material_of=tuple(of_face.get(face, 0) for face in shape.faces) if of_face else (),
         normals=_normals(mesh, shape),
-        st=_st(mesh, shape, found) if all_of(materials) else (),
+        st=_st(mesh, shape, shaded) if all_of(materials) else (),
     )
 
 
@@ -290,9 +290,9 @@ def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
     return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
 
 
-def _st(mesh: UsdGeom.Mesh, shape: Fans, found: list[Shaded]) -> tuple[Numbers, ...]:
+def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[Shaded]) -> tuple[Numbers, ...]:
     """Texture coordinates at the corners of all triangles."""
-    names = list(dict.fromkeys(one.primvar for one in found if all_of([one.material])))
+    names = list(dict.fromkeys(one.primvar for one in shaded if all_of([one.material])))
     if len(names) > 1:
         raise NotSupported(
             f"its materials read texture coordinates from {' and '.join(names)}",
@@ -315,15 +315,17 @@ def _at_corners(
     if not values:
         return ()
     try:
-        found = np.array(values, float).reshape(len(values), size)
+        table = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
         raise UnreadableValue(
             f'"{attribute.GetName()}" holds something else than {size} numbers each', attribute
         ) from None
     rows = shape.places(interpolation)
-    if not np.isfinite(found).all() or (len(rows) and np.max(rows) >= len(found)):
-        raise UnreadableValue(f'"{attribute.GetName()}" has {len(found)} values, too few for the faces', attribute)
-    return tuple(map(tuple, (found[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))
+    if not np.isfinite(table).all() or (len(rows) and np.max(rows) >= len(table)):
+        raise UnreadableValue(
+            f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute
+        )
+    return tuple(map(tuple, (table[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))
 
 
 def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:

@@ -83,8 +83,8 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     poses = np.array([_pose(frame, name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
-    found = outlook(camera, places, fronts)
-    fate = found.fate
+    outlooks = outlook(camera, places, fronts)
+    fate = outlooks.fate
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
             seen = np.flatnonzero(fate[index] == Fate.SEEN)
@@ -97,11 +97,11 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
         if seen.any():
             alike = (places[index, seen & (kinds == kind)] for kind in set(kinds[seen]))
             spacing[index] = max(_spacing_px(camera, points) for points in alike)
-            if spacing[index] < max(_LEAST_PX, np.median(found.blur_px[index, seen]) / _WIDEST_BLUR):
+            if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, seen]) / _WIDEST_BLUR):
                 fate[index, seen] = MERGED
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
     fates = [_missed(row) for row in fate]
-    return View(tuple(frame.number for frame in frames), share, fates, places, fronts, spacing, found)
+    return View(tuple(frame.number for frame in frames), share, fates, places, fronts, spacing, outlooks)
 
 
 def _missed(fate: np.ndarray) -> int | None:
@@ -180,8 +180,8 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             prim = stage.GetPrimAtPath(target.prim_path)
             fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             is_few = (view.share > 0) & (view.share < _FEW)
-            told = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
-            for code, (sees, which) in zip(NOT_SEEN, told, strict=True):
+            kinds = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
+            for code, (sees, which) in zip(NOT_SEEN, kinds, strict=True):
                 missed = {frame: fates[frame] for frame in np.array(view.numbers)[which].tolist()}
                 if missed:
                     whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'

@@ -113,16 +113,16 @@ def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
     for other in others:
         kept = _names(other) - _names(first)
         if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
-            told = f"{', '.join(rest[:_TOLD])}{f' and {len(rest) - _TOLD} more' if len(rest) > _TOLD else ''}"
-            message = f'"{prim.GetName()}" is {_file(first)} laid over {_file(other)}, of which it keeps {told}'
+            names = f"{', '.join(rest[:_TOLD])}{f' and {len(rest) - _TOLD} more' if len(rest) > _TOLD else ''}"
+            message = f'"{prim.GetName()}" is {_file(first)} laid over {_file(other)}, of which it keeps {names}'
             hint = f"a reference replaces nothing: define another prim beside it, and name that one in {link}"
             yield problem(prim, "merged", message, hint=hint)
 
 
 def _origins(node: Pcp.NodeRef) -> list[Pcp.NodeRef]:
     """Nodes that define a part without building on another definition, strongest first."""
-    found = [origin for child in node.children for origin in _origins(child)]
-    return found or [node] * any(spec.typeName for spec in _specs(node) if spec.specifier == Sdf.SpecifierDef)
+    origins = [origin for child in node.children for origin in _origins(child)]
+    return origins or [node] * any(spec.typeName for spec in _specs(node) if spec.specifier == Sdf.SpecifierDef)
 
 
 def _specs(node: Pcp.NodeRef) -> list[Sdf.PrimSpec]:

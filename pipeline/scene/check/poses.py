@@ -52,11 +52,11 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
     moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders, *lamps] for link in ancestry(prim)))
-    found = [bad for link in moved for bad in _check_link(link, frames)]
-    if not _has_error(found):
-        found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
-    yield from found
-    if not _has_error(found):
+    problems = [bad for link in moved for bad in _check_link(link, frames)]
+    if not _has_error(problems):
+        problems += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
+    yield from problems
+    if not _has_error(problems):
         hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, hulls, root, frames)

@@ -279,11 +279,11 @@ def _check_texts(attribute: Usd.Attribute, value: Any, time: float | None) -> It
 
 def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, span: Range | None) -> Iterator[Problem]:
     """A problem for the first number of a value that is not finite or outside the range stated in the schema."""
-    name, found = attribute.GetName(), numbers(value)
-    outside = np.flatnonzero(~(span.holds(found) if span else np.isfinite(found)))
+    name, values = attribute.GetName(), numbers(value)
+    outside = np.flatnonzero(~(span.holds(values) if span else np.isfinite(values)))
     if not len(outside):
         return
-    number = float(found[outside[0]])
+    number = float(values[outside[0]])
     if not math.isfinite(number):
         yield problem(attribute, "not-finite", f'"{name}" is not a finite number: {number}', time=time)
     else:

@@ -37,10 +37,10 @@ class Conditions:
 
 def conditions_in(documentation: str) -> Conditions:
     """The conditions stated in a documentation."""
-    found: dict[str, list[Condition]] = {"Needed": [], "Only": []}
+    stated: dict[str, list[Condition]] = {"Needed": [], "Only": []}
     for which, name, tokens in _LINE.findall(documentation):
-        found[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
-    return Conditions(needed=tuple(found["Needed"]), only=tuple(found["Only"]))
+        stated[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
+    return Conditions(needed=tuple(stated["Needed"]), only=tuple(stated["Only"]))
 
 
 _KNOWN: dict[tuple[str, tuple[str, ...]], dict[str, Conditions]] = {}
@@ -52,8 +52,8 @@ def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
     if key not in _KNOWN:
         definition = prim.GetPrimDefinition()
         names = (name for name in definition.GetPropertyNames() if name.startswith("plen:"))
-        found = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
-        _KNOWN[key] = {name: one for name, one in found.items() if one != Conditions()}
+        stated = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
+        _KNOWN[key] = {name: one for name, one in stated.items() if one != Conditions()}
     return _KNOWN[key]
 
 

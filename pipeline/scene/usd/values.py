@@ -185,10 +185,10 @@ def plain(value: Any) -> Any:
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
     if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
-        found = np.asarray(value)
-        if found.dtype.kind in "if":
-            rows = (found if found.dtype.kind == "i" else found.astype(np.float64) + 0.0).tolist()
-            return tuple(map(tuple, rows)) if found.ndim == 2 else tuple(rows)
+        array = np.asarray(value)
+        if array.dtype.kind in "if":
+            rows = (array if array.dtype.kind == "i" else array.astype(np.float64) + 0.0).tolist()
+            return tuple(map(tuple, rows)) if array.ndim == 2 else tuple(rows)
     return tuple(plain(item) for item in value)
 
 
@@ -199,8 +199,8 @@ def numbers(value: Any) -> np.ndarray:
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return np.array(plain(value))
     try:
-        found = np.asarray(value)
-        return np.asarray(found if found.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
+        array = np.asarray(value)
+        return np.asarray(array if array.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
     except (TypeError, ValueError):  # an array of texts, or a value without numbers
         return np.zeros(0)
 
@@ -241,8 +241,8 @@ class Rule:
             return False
         if bad_text(value) is not None:
             return False
-        found = numbers(value)
-        return bool(np.all(self.span.holds(found) if self.span else np.isfinite(found)))
+        array = numbers(value)
+        return bool(np.all(self.span.holds(array) if self.span else np.isfinite(array)))
 
 
 _RULES: dict[tuple[str, tuple[str, ...], str], Rule | None] = {}
@@ -308,21 +308,21 @@ def need(prim: Usd.Prim, name: str) -> Any:
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
     """Entries under `key` in our plugInfo.json for the type and the applied schemas of a prim."""
     registry = Usd.SchemaRegistry()
-    found = []
+    facts = []
     for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
         identifier, _ = registry.GetTypeNameAndInstance(schema)
         tf_type = registry.GetTypeFromSchemaTypeName(identifier)
         plugin = None if tf_type == Tf.Type.Unknown else Plug.Registry().GetPluginForType(tf_type)
         if plugin and plugin.name == PLUGIN_NAME:
             fact = plugin.GetMetadataForType(tf_type).get(key)
-            found += [fact] if fact is not None else []
-    return found
+            facts += [fact] if fact is not None else []
+    return facts
 
 
 def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
     """The one prim of a type to which a relationship points; None if there is none."""
-    found = targets(prim, name, wanted)
-    return found[0] if len(found) == 1 else None
+    prims = targets(prim, name, wanted)
+    return prims[0] if len(prims) == 1 else None
 
 
 def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:

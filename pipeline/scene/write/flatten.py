@@ -26,9 +26,9 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
 def _leave_out_tables(layer: Sdf.Layer) -> None:
     """Remove attributes of schemas of other renderers that name files."""
-    found = list[Sdf.Path]()
-    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
-    for path in found:
+    paths = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
         if path.IsPropertyPath() and path.name.startswith(LENS_DISTORTION_NAMES):
             attribute = layer.GetAttributeAtPath(path)
             if attribute and attribute.typeName in (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray):
