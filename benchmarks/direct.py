@@ -9,6 +9,7 @@ rays; the tiles alone, 16 positions for each row, are quoted beside it.
 """
 
 import argparse
+import math
 import time
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid import quad_search
 from pipeline.truth.grid.ray_grid import fine_from_image, image_from_fine
 from pipeline.truth.planes import tangent_planes
-from pipeline.units import DEGREE_RAD
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/02_plenoptic/dataset.usda"
 GRIDS = ((1, 1024), (2, 1024), (2, 4096), (4, 1024), (4, 4096), (4, 16_384), (8, 4096))
@@ -65,7 +65,7 @@ def main() -> None:
 
 def facing(distance_mm: float, tilt_deg: float) -> np.ndarray:
     """A board that looks at the camera, turned about the vertical axis."""
-    c, s = np.cos(tilt_deg * DEGREE_RAD), np.sin(tilt_deg * DEGREE_RAD)
+    c, s = np.cos(math.radians(tilt_deg)), np.sin(math.radians(tilt_deg))
     pose = np.eye(4)
     pose[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.diag([1.0, -1.0, -1.0])
     pose[2, 3] = distance_mm
@@ -90,7 +90,7 @@ def tile_errors(
     errors = []
     for tile, label, point, first, truth in zip(image, own.reshape(-1, 4, 4), points, corner, exact, strict=True):
         quads, status, solution = np.array([[0, 1, 1]]), np.zeros(1, np.int64), np.full((1, 9), np.nan)
-        cell, limits = np.where(label, 0, -1), quad_search.Filter(True, 0.15, 10 * DEGREE_RAD)
+        cell, limits = np.where(label, 0, -1), quad_search.Filter(True, 0.15, math.radians(10))
         quad_search.solve_quads(tile, cell, point[None], quads, limits, status, solution)
         if status[0] == quad_search.ACCEPTED:
             errors.append(np.hypot(*(image_from_fine(solution[0, :2] + first, k) - truth)))

@@ -23,6 +23,7 @@ from kept import keeping
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import plan
 from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.records import Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
 
@@ -153,10 +154,11 @@ def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
         store = Store(folder / f"store{size}")
         start = time.process_time()
         graph = TaskGraph()
-        graph.add("first", "pipeline.tasks.focus", {"camera": {}})
+        kind = "pipeline.tasks.camera:focus"
+        graph.add("first", kind, {"camera": {}})
         for n in range(2, size):
-            graph.add(f"image/{n:05d}", "pipeline.tasks.focus", {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})
-        graph.add("last", "pipeline.tasks.focus", {}, {name: name for name in graph})
+            graph.add(f"image/{n:05d}", kind, {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})
+        graph.add("last", kind, {}, {name: name for name in graph})
         graph.priorities()
         made_s = time.process_time() - start
         specs, records = Specs(store), {}
@@ -165,8 +167,7 @@ def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
         for name in graph:
             spec = specs.of(graph[name], records)
             entry = store.put_bytes(name.encode())
-            record = {"outputs": {"a": entry}, "components": spec.components, "made_by": {"seconds": 0}}
-            records[name] = store.put_record(spec.key, record)
+            records[name] = store.put_record(Record(key=spec.key, outputs={"a": entry}, components=spec.components))
         kept_s = time.process_time() - start
         start = time.process_time()
         assert all(task.state == "cached" for task in plan(graph, Store(store.root), {}))

@@ -19,7 +19,7 @@ from pipeline.graph.frame_contents import Things
 from pipeline.graph.frame_tasks import exposure_of
 from pipeline.graph.poses import target_poses
 from pipeline.render.in_lights import pictures_in_lights, white_parts
-from pipeline.tasks.image_tile import scene_of
+from pipeline.tasks.images import scene_of
 from pipeline.tasks.params.placed import PaintedView
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/04_stereo_colour/dataset.usda"

@@ -100,11 +100,11 @@ def durations(graph: TaskGraph, store: Store) -> dict[str, float]:
     for name in graph:
         spec = specs.of(graph[name], records)
         start = time.process_time()
-        reply = perform(spec.to_plain(), store, TASKS)
+        (reply,) = perform([spec], store, TASKS)
         seconds[name] = time.process_time() - start
-        if reply["state"] == "failed":
-            raise SystemExit(f"{name}: {reply['error']}")
-        records[name] = reply["record"]
+        if reply.state == "failed":
+            raise SystemExit(f"{name}: {reply.error}")
+        records[name] = reply.record
     return seconds
 
 

@@ -121,7 +121,7 @@ def read_rows(files: list[Path]) -> dict[Key, tuple[np.ndarray, np.ndarray]]:
 def solve_all(dataset: Dataset, entry: CameraEntry, rays: int) -> tuple[dict[Key, Solution], float]:
     """Reference solutions of all frames and targets, and the largest last Newton step [px]."""
     tracer = Tracer(entry.camera, entry.sampling.seed ^ _OTHER_SEED)
-    solver = Solver(tracer, rays, float(entry.truth["min_hit_fraction"]), entry.sampling.supersampling)
+    solver = Solver(tracer, rays, entry.truth.min_hit_fraction, entry.sampling.supersampling)
     solutions: dict[Key, Solution] = {}
     last_step = 0.0
     for frame in dataset.frames:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from pipeline.app.build import build
-from pipeline.built.output import open_output
+from pipeline.results.output import open_output
 
 ROOT = Path(__file__).resolve().parents[1]
 ROUNDING_PX = 1e-11

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from chromium import Tab, browser, found
 
-from pipeline.built.folder import BuiltFolder
 from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
 from pipeline.report.page.images import picture_of
+from pipeline.results.folder import BuiltFolder
 
 ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "tests/data/tiny_conventional/dataset.usda"

@@ -28,8 +28,8 @@ _HOMES = {
     "Checkerboard": "pipeline.targets.patterns.checkerboard",
     "Target": "pipeline.targets.target",
     "open_dataset": "pipeline.scene.load",
-    "open_output": "pipeline.built.output",
-    "ready": "pipeline.sight.opening",
+    "open_output": "pipeline.results.output",
+    "ready": "pipeline.results.opening",
     "build": "pipeline.app.build",
 }
 __all__ = ["__version__", *_HOMES]

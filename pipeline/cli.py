@@ -5,16 +5,15 @@ Verbs import what they need when they run, so that `--help` is fast.
 
 import atexit
 import gc
-import json
 import os
 import sys
 import traceback
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks, watch
+from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks
 from pipeline.app.verbs.authoring import imports, new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -24,13 +23,13 @@ from pipeline.app.verbs.terminal import (
     ReaderGone,
     Roots,
     StageOrPart,
-    Untrusted,
     Verb,
     library_file,
     new_family,
     note,
     number_of,
     say,
+    say_json,
     written,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
@@ -64,54 +63,33 @@ def check(
     ],
     as_json: Json = False,
     allow_root: Roots = None,
-    untrusted: Untrusted = False,
     fix: Annotated[
         bool, typer.Option("--fix", help="Insert into STAGE what USD viewers without our plug-in need.")
     ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
-    found = [_problems(path, tuple(allow_root or ()), untrusted) for path in stages]
-    rows = [row for rows, _, _ in found for row in rows]
-    texts = [row.pop("text") for row in rows]
-    errors = sum(row["severity"] == "error" for row in rows)
-    if as_json:
-        confined = {"confined": [guards for _, guards, _ in found]} if untrusted else {}
-        say(json.dumps({"errors": errors, "warnings": len(rows) - errors, **confined, "problems": rows}, indent=1))
-    else:
-        for text in texts:
-            say(text)
-        counts = f"{number_of(errors, 'error')}, {number_of(len(rows) - errors, 'warning')}"
-        note(f"{number_of(len(stages), 'stage')} checked: {counts}")
-        for told in dict.fromkeys(guards["told"] for _, guards, _ in found if guards):
-            note(f"read by a process with {told}")
-        for line in (line for _, _, costs in found for line in costs):
-            note(line)
-    if not (errors or untrusted):
-        from pipeline.scene.fix import said_of
-
-        for path in stages:
-            for line in said_of(path, write=fix):
-                note(printable(line))  # it names the file of the stage, which may have any name
-    raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
-
-
-def _problems(
-    path: Path, allow_roots: tuple[Path, ...], untrusted: bool
-) -> tuple[list[dict[str, Any]], dict[str, Any], list[str]]:
-    """Problems of a stage as in `check --json`, each with its `text`; the guards of the process that read it; its cost
-    in words.
-    """
-    if untrusted:
-        from pipeline.app.sandbox import problems_of_untrusted
-
-        rows, guards = problems_of_untrusted(path, allow_roots)
-        return [{"stage": str(path), **row} for row in rows], {"stage": str(path), **guards.to_dict()}, []
     from pipeline.graph.sizes import cost_lines
+    from pipeline.scene.fix import said_of
     from pipeline.scene.load import load
 
-    loaded = load(path, allow_roots, look=True)
-    rows = [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in loaded.problems]
-    return rows, {}, cost_lines(loaded.dataset, loaded.cameras)
+    stages_read = [(path, load(path, tuple(allow_root or ()), look=True)) for path in stages]
+    problems = [(path, problem) for path, loaded in stages_read for problem in loaded.problems]
+    errors = sum(problem.is_error for _, problem in problems)
+    if as_json:
+        rows = [{"stage": str(path), **problem.to_dict()} for path, problem in problems]
+        say_json({"errors": errors, "warnings": len(rows) - errors, "problems": rows})
+    else:
+        for _, problem in problems:
+            say(str(problem))
+        counts = f"{number_of(errors, 'error')}, {number_of(len(problems) - errors, 'warning')}"
+        note(f"{number_of(len(stages), 'stage')} checked: {counts}")
+        for _, loaded in stages_read:
+            for line in cost_lines(loaded.dataset, loaded.cameras):
+                note(line)
+    for path in stages if not errors else ():
+        for line in said_of(path, write=fix):
+            note(printable(line))  # it names the file of the stage, which may have any name
+    raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
 def show(
@@ -217,7 +195,7 @@ def verify(
 
     verdict = verdict_on(out, seed)
     if as_json:
-        say(json.dumps({"out": str(out.absolute()), **verdict.to_dict()}, indent=1))
+        say_json({"out": str(out.absolute()), **verdict.to_dict()})
     else:
         for line in lines(verdict.to_dict()):
             say(line)
@@ -226,7 +204,7 @@ def verify(
 
 def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""
-    from pipeline.share import share
+    from pipeline.folders import share
 
     say(str(share("schemas")))
     say(str(share("stages")))
@@ -239,7 +217,6 @@ _VERBS = (
     (WRITE, "target", print_target),
     (BUILD, "build", building.build),
     (BUILD, "plan", planning.plan),
-    (BUILD, "watch", watch.watch),
     (BUILD, "run-task", tasks.run_task),
     (LOOK, "status", planning.status),
     (LOOK, "explain", planning.explain),
@@ -316,7 +293,7 @@ def _print_version() -> None:
     from importlib.metadata import PackageNotFoundError, version
 
     from pipeline import __version__
-    from pipeline.share import share
+    from pipeline.folders import share
 
     try:
         usd = version("usd-core")

@@ -60,19 +60,6 @@ class UsageError(PipelineError):
     exit_code = Exit.USAGE
 
 
-class Interrupted(PipelineError):
-    """A signal ended the command; the exit code says which one."""
-
-    def __init__(self, exit_code: int) -> None:
-        super().__init__("interrupted")
-        self.exit_code = Exit(exit_code)
-
-    @property
-    def told(self) -> str:
-        """Text as the command prints it; it is not called an error."""
-        return self.what
-
-
 class EnvironmentFault(PipelineError):
     """The machine prevents the work: full disk, read-only folder, other versions (exit code 5)."""
 

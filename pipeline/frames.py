@@ -1,4 +1,4 @@
-"""Rigid transforms named a_from_b, and the frames they join. The list of frames: CONVENTIONS.md.
+"""Rigid transforms named a_from_b, the frames they join, and the unit of a stage. The list of frames: CONVENTIONS.md.
 
 A transform is a (4, 4) float64 array that acts on column vectors, lengths in mm.
 """
@@ -50,3 +50,8 @@ def rotation_vector(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     angle = 2 * math.atan2(math.sqrt(x * x + y * y + z * z), w)
     scale = angle / math.sin(angle / 2) if angle > 1e-3 else 2 + angle * angle / 12 + 7 * angle**4 / 2880
     return np.array([x * scale, y * scale, z * scale])
+
+
+def mm_per_unit(meters_per_unit: float) -> float:
+    """Millimetres in one unit of a stage whose `metersPerUnit` is given."""
+    return meters_per_unit * 1000.0

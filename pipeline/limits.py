@@ -35,16 +35,8 @@ class Limits:
         Triangles of one mesh.
     f_numbers : int
         Further white images of a camera.
-    layers : int
-        Files that a stage is composed of.
-    layer_bytes : int
-        Size of one of these files.
     picture_bytes, picture_pixels : int
         Size of one picture on a surface or in the sky, and its pixels.
-    prims : int
-        Upper bound of the prims of a stage, in all variants.
-    task_bytes, task_s : int
-        Memory, in addresses, and time [s] that a task of a stage read with `--untrusted` may take.
     """
 
     frames: int = 5_000
@@ -54,13 +46,8 @@ class Limits:
     points: int = 200_000
     triangles: int = 1_000_000
     f_numbers: int = 100
-    layers: int = 1_000
-    layer_bytes: int = 256 * 2**20
     picture_bytes: int = 256 * 2**20
     picture_pixels: int = 40_000_000
-    prims: int = 1_000_000
-    task_bytes: int = 16 * 2**30
-    task_s: int = 3600
 
 
 def limits() -> Limits:

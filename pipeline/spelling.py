@@ -1,4 +1,4 @@
-"""Suggestions for misspelt names, and texts as messages show them."""
+"""Words of messages: suggestions for misspelt names, texts without control characters, and sets of numbers."""
 
 import re
 from collections.abc import Iterable
@@ -6,6 +6,8 @@ from difflib import SequenceMatcher
 
 _LONGEST = 200
 """Longest name that is compared: the time grows with the square of the length."""
+_RUNS = 12
+"""Number of runs in a text: about a line of a terminal."""
 
 
 def nearest(name: str, choices: Iterable[str]) -> str | None:
@@ -36,6 +38,25 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
 def printable(text: str) -> str:
     """A text with escapes for control characters, including line breaks."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """`2-3, 7` for 2, 3 and 7; of very many runs the first ones and the count of all other numbers."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    shown = [str(first) if first == last else f"{first}-{last}" for first, last in runs[:_RUNS]]
+    rest = sum(last - first + 1 for first, last in runs[_RUNS:])
+    return ", ".join(shown) + (f" and {rest} more" if rest else "")
+
+
+def frames_in_words(numbers: Iterable[int]) -> str:
+    """`frame 7`, or `frames 2-3, 7`."""
+    numbers = list(numbers)
+    return f"frame{'s' if len(numbers) > 1 else ''} {ranges(numbers)}"
 
 
 def _tails(name: str, choice: str) -> tuple[str, str]:

@@ -48,7 +48,7 @@ class View:
     image: np.ndarray
 
 
-def built(stage: Path, text: str) -> "pipeline.built.output.Output":
+def built(stage: Path, text: str) -> "pipeline.results.output.Output":
     """Write a stage, and build it."""
     stage.parent.mkdir(parents=True, exist_ok=True)
     stage.write_text(text, encoding="utf-8")
@@ -65,7 +65,7 @@ def views(condition: Condition, board: str, folder: Path) -> list[View]:
     return [view_of(view, board == "checkerboard") for view in output.camera.views]
 
 
-def view_of(view: "pipeline.built.records.BuiltView", has_card: bool) -> View:
+def view_of(view: "pipeline.results.records.BuiltView", has_card: bool) -> View:
     """The view of a build."""
     rows = view.correspondences
     rows = rows[rows.point_id % (ACROSS + 1) != ACROSS] if has_card else rows
@@ -192,7 +192,7 @@ def _boards(stage: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float
     )
 
 
-def _seen(ready: "pipeline.sight.ready_camera.ReadyCamera", poses: np.ndarray) -> Rows:
+def _seen(ready: "pipeline.results.ready_camera.ReadyCamera", poses: np.ndarray) -> Rows:
     parts = []
     for number, pose in enumerate(poses):
         found = ready.project(object_mm() @ pose[:3, :3].T + pose[:3, 3], normals=-pose[:3, 2])
@@ -203,7 +203,7 @@ def _seen(ready: "pipeline.sight.ready_camera.ReadyCamera", poses: np.ndarray) -
 
 
 def exact_rays(
-    ready: "pipeline.sight.ready_camera.ReadyCamera", fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]
+    ready: "pipeline.results.ready_camera.ReadyCamera", fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]
 ) -> ExactRays:
     """True rays of a grid of positions over the image."""
     columns, rows = _QUERY

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pipeline
-from pipeline.app.sandbox import project_of_untrusted
-from pipeline.engine.events import Emit, silent
+from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, TaskGraph
 from pipeline.engine.planning.libraries import installed_version
 from pipeline.engine.project import Project
 from pipeline.engine.running import session
-from pipeline.engine.running.engines import Engine, Processes
+from pipeline.engine.running.engines import Engine
 from pipeline.engine.running.result import Result
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
@@ -26,7 +25,6 @@ from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.devices import on_device
 from pipeline.graph.preview import folder_of, only_images, preview_of
 from pipeline.jit.files import make_folder, read, say, write
-from pipeline.limits import limits
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import level, settings
 from pipeline.records.declared import arguments_settled
@@ -34,7 +32,7 @@ from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
-from pipeline.tasks.params.figures import CONVENTIONS
+from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 
@@ -61,20 +59,14 @@ def project(
     out: str | Path | None = None,
     allow_roots: Iterable[str | Path] = (),
     *,
-    untrusted: bool = False,
     preview: bool = False,
-    warn: Callable[[str], None] = say,
 ) -> Project:
     """The parts of a build of a stage: tasks, files and options. Nothing is run or written.
 
     Parameters
     ----------
-    untrusted : bool
-        Read the stage in a confined process, see `sandbox`.
     preview : bool
         Plan small pictures only, a quarter of the size (see `graph.preview`), by default for another output folder.
-    warn : callable
-        Called with a text for each guard of the confined process that this machine lacks.
 
     Raises
     ------
@@ -83,8 +75,6 @@ def project(
     """
     place = Path(out) if out else default_out(Path(path))
     place = folder_of(place) if preview and not out else place
-    if untrusted:
-        return project_of_untrusted(Path(path), place, allow_roots, preview=preview, warn=warn)
     return project_from(load(path, allow_roots), Path(path), place, preview=preview)
 
 
@@ -132,7 +122,7 @@ def build(
     path: str | Path,
     out: str | Path | None = None,
     *,
-    on_event: Callable[[dict[str, Any]], None] | None = None,
+    on_event: Emit | None = None,
     **options: Any,
 ) -> Result:
     """Build a dataset stage: run the missing tasks and fill the output folder.
@@ -144,10 +134,10 @@ def build(
     out : str or Path, optional
         Output folder; see `default_out`.
     on_event : callable, optional
-        Called with a dict at every start and end of a task.
+        Called with an event of `engine.events` at every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
-        check_percent, engine, device, allow_roots, untrusted, preview.
+        check_percent, engine, device, allow_roots, preview.
 
     Returns
     -------
@@ -172,38 +162,28 @@ def build(
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
     """Build a dataset stage as `build` does, with the options in one record."""
 
-    def warn(text: str) -> None:
-        on_event({"event": "warning", "text": text})
-
-    roots, untrusted = options.allow_roots, options.untrusted
-    dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
+    warn = warner(on_event)
+    dataset = project(path, out, options.allow_roots, preview=options.preview)
     if options.device is not None:
         dataset = on_device(dataset, options)
 
     def prepare() -> None:
         compile_once(warn, dataset.graph, options.workers)
-        for problem in load(path, roots, look=True).problems if not untrusted else ():
+        for problem in load(path, options.allow_roots, look=True).problems:
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")
 
     caller = Caller(on_event=on_event, prepare=prepare)
-    return session.build(dataset, options, engine=_place(options), caller=caller)
+    return session.build(dataset, options, engine=_cluster(options), caller=caller)
 
 
-def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
-    """The place where tasks run if not in ordinary workers: a cluster, or workers with limits of time and memory."""
-    most, timeout_s = limits(), options.timeout_s
-    if options.untrusted and timeout_s is None:
-        timeout_s = most.task_s
-    if options.engine:
-        from pipeline.engine.running.cluster import engine_of
-
-        return engine_of(options.engine, timeout_s)
-    if not options.untrusted:
+def _cluster(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
+    """The cluster where tasks run if not in workers of this machine."""
+    if not options.engine:
         return None
-    return lambda store, packages: Processes(
-        store, packages, options.workers, timeout_s=timeout_s, memory_bytes=most.task_bytes
-    )
+    from pipeline.engine.running.cluster import engine_of
+
+    return engine_of(options.engine, options.timeout_s)
 
 
 def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:

@@ -25,7 +25,6 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
@@ -57,7 +56,6 @@ def compile_apart() -> NoReturn:
     there, and the other from the end; each loads what the other compiled. The process ends at once: to free one by
     one what the compiler has left takes seconds.
     """
-    prctl(END_WITH_PARENT, signal.SIGKILL)
     first, *others = _parts(sys.argv[1:])
     gc.disable()
     with contextlib.ExitStack() as last:
@@ -76,7 +74,6 @@ def compile_apart() -> NoReturn:
 def _help(parts: Iterable[Callable[[], None]]) -> NoReturn:
     """Compile these parts. Errors are ignored here: the other process meets and reports them."""
     with contextlib.suppress(BaseException):
-        prctl(END_WITH_PARENT, signal.SIGKILL)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
         _call(parts)
     os._exit(0)

@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.records import BuiltCamera, pinholes
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.files import chosen_place
@@ -22,10 +20,12 @@ from pipeline.fits.omniverse import Lut, seen_by_omniverse
 from pipeline.fits.page import page
 from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera
 from pipeline.graph.dataset_graph import labels_of
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.opening import Opened, opened
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.results.records import BuiltCamera
 from pipeline.scene.write.lens_distortion import distortion_layer
-from pipeline.sight.opening import Opened, opened
-from pipeline.sight.ready_camera import ReadyCamera
-from pipeline.tasks.first_order import document as first_order_document
+from pipeline.tasks.camera import document as first_order_document
 
 _DEFAULT = "brown"
 """Model that is fitted where none is named: what OpenCV fits by default."""
@@ -96,18 +96,10 @@ class Found:
 def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
     """The record of a camera that a build would write, as far as maps need it."""
     record = first_order_document(labels_of(there.entry), camera, pinhole(camera))
-    plain, with_distortion = pinholes(record)
     return BuiltCamera(
         name=there.entry.full_name,
-        is_plenoptic=False,
-        size_px=(camera.sensor.width_px, camera.sensor.height_px),
-        pitch_mm=camera.sensor.pitch_mm,
         record=record,
-        pinhole=plain,
-        pinhole_with_distortion=with_distortion,
         views=(),
-        white_path=None,
-        rays_path=None,
         _folder=BuiltFolder(path=there.stage.parent, stage=str(there.stage), digests={}),
     )
 

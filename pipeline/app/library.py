@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
+from pipeline.files.jsonfile import Json
+from pipeline.folders import share
 from pipeline.scene.library import array_figures, sensor_figures, title_of
 from pipeline.scene.load import load
-from pipeline.share import share
 from pipeline.spelling import did_you_mean
 
 KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")
@@ -30,9 +30,9 @@ class Part:
 
     name: str
     title: str
-    figures: dict[str, Any]
+    figures: Json
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Plain data, as in `library --json`."""
         return {"name": self.name, "title": self.title, **self.figures}
 
@@ -74,14 +74,14 @@ def _part(path: Path) -> Part:
     return Part(name=f"{kind}/{path.name}", title=title_of(path), figures=_FIGURES[kind](path))
 
 
-def _of_lens(path: Path) -> dict[str, Any]:
+def _of_lens(path: Path) -> Json:
     lens = load(path).lens
     assert lens is not None, path
     report = lens_report(lens.prescription)
     return {name: report[name] for name in ("efl_mm", "f_number", "bfd_mm", "length_mm", "surfaces")}
 
 
-def _of_rig(path: Path) -> dict[str, Any]:
+def _of_rig(path: Path) -> Json:
     entry = load(path).cameras[0]
     camera = entry.asked
     report, sensor = lens_report(camera.prescription), camera.sensor
@@ -91,7 +91,7 @@ def _of_rig(path: Path) -> dict[str, Any]:
     return {**figures, "microlens_types": None if array is None else len(array.focal_lengths_mm)}
 
 
-def _of_target(path: Path) -> dict[str, Any]:
+def _of_target(path: Path) -> Json:
     target = load(path).targets[0].target
     return {"kind": target.kind, "points": len(target.points().kinds)}
 

@@ -8,25 +8,16 @@ import shlex
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from typing import Any, Protocol
 
-Event = dict[str, Any]
-
-
-class Display(Protocol):
-    """A listener of events; while its context is open it may own part of the screen."""
-
-    def __call__(self, event: Event) -> None: ...
-
-    def __enter__(self) -> "Display": ...
-
-    def __exit__(self, *error: object) -> None: ...
+from pipeline.engine.events import Begun, Done, Event, Retried, Started, Warned
+from pipeline.engine.records import TaskResult
+from pipeline.engine.running.result import Ended, Result
 
 
-def display(verbosity: int) -> Display:
+def display(verbosity: int) -> "Lines":
     """A progress bar on a terminal, else lines. A negative verbosity shows failures and warnings only."""
-    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    return Bar() if terminal and verbosity == 0 else Lines(verbosity)
+    is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    return Bar() if is_terminal and verbosity == 0 else Lines(verbosity)
 
 
 class Tally:
@@ -41,14 +32,14 @@ class Tally:
 
     def add(self, event: Event) -> None:
         """Update the counts after an event."""
-        if event["event"] == "begin":
-            self.total, self._jobs = len(event["tasks"]), event["jobs"]
-            self._left = Counter(event["tasks"].values())
-        elif event["event"] == "done":
-            self.counts[event["state"]] += 1
-            self._left[event["kind"]] -= 1
-            if event["usual_seconds"] is not None:
-                self._usual[event["kind"]].append(event["usual_seconds"])
+        if isinstance(event, Begun):
+            self.total, self._jobs = len(event.tasks), event.jobs
+            self._left = Counter(event.tasks.values())
+        elif isinstance(event, Done):
+            self.counts[event.result.state] += 1
+            self._left[event.result.kind] -= 1
+            if event.usual_seconds is not None:
+                self._usual[event.result.kind].append(event.usual_seconds)
 
     def line(self) -> str:
         """`[412/1003 hit 380 run 31 fail 1]`."""
@@ -84,15 +75,21 @@ class Lines:
     def __call__(self, event: Event) -> None:
         """Print a line if the event deserves one at this verbosity."""
         self._tally.add(event)
-        if event["event"] == "warning":
-            self._say(f"warning: {event['text']}")
-        elif event["event"] == "retry":
-            self._say(f"{event['task']} tried again: {event['error'].splitlines()[0]}")
-        elif event["event"] == "started" and self._verbosity > 0:
-            self._say(f"{self._tally.line()} {event['task']} started")
-        elif event["event"] == "done" and self._is_shown(event["state"]):
-            news = f": {event['news']}" if "news" in event else ""
-            self._say(f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s{news}")
+        if text := self._line(event):
+            self._say(text)
+
+    def _line(self, event: Event) -> str | None:
+        match event:
+            case Warned():
+                return f"warning: {event.text}"
+            case Retried():
+                return f"{event.task} tried again: {event.error.splitlines()[0]}"
+            case Started() if self._verbosity > 0:
+                return f"{self._tally.line()} {event.task} started"
+            case Done() if self._is_shown(event.result.state):
+                task, news = event.result, f": {event.news}" if event.news else ""
+                return f"{self._tally.line()} {task.name} {task.state} {task.seconds:.1f} s{news}"
+        return None
 
     def _is_shown(self, state: str) -> bool:
         return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
@@ -101,7 +98,7 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
 
-class Bar:
+class Bar(Lines):
     """A bar with the counts, the last finished task, the estimate, and the last news of a task. Warnings and failures
     remain above it.
     """
@@ -110,38 +107,32 @@ class Bar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self._tally, self._news = Tally(), ""
+        super().__init__(verbosity=-1)
+        self._news = ""
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        # The original stream: while a task runs in this process, sys.stderr is a log file.
-        console = Console(file=sys.stderr)
+        console = Console(file=self._stream)
         self._progress = Progress(
             *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
         self._bar = self._progress.add_task("", total=None)
-
-    def __enter__(self) -> "Bar":
-        return self  # the bar starts with the first event, so a process that ends before leaves the cursor alone
 
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
     def __call__(self, event: Event) -> None:
         """Redraw the bar after an event."""
-        self._progress.start()
-        self._tally.add(event)
-        if event["event"] == "warning":
-            self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)
-        elif event["event"] == "retry":
-            text = f"{event['task']} tried again: {event['error'].splitlines()[0]}"
-            self._progress.console.print(text, markup=False, highlight=False)
-        elif event["event"] == "done" and event["state"] == "failed":
-            self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
-        if "news" in event:
-            self._news = f"  ({event['task']}: {event['news']})"
+        self._progress.start()  # at the first event: a process that ends before leaves the cursor alone
+        super().__call__(event)
+        if isinstance(event, Done) and event.news:
+            self._news = f"  ({event.result.name}: {event.news})"
+        name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""
         done, left = self._tally.counts.total(), self._tally.seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
-        text = f"{self._tally.line()} {event.get('task', '')}{eta}{self._news}"
+        text = f"{self._tally.line()} {name}{eta}{self._news}"
         self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
+
+    def _say(self, text: str) -> None:
+        self._progress.console.print(text, markup=False, highlight=False)
 
 
 class Ending:
@@ -155,71 +146,69 @@ class Ending:
 
     def __init__(self, verbosity: int, again: str) -> None:
         self._verbosity, self._again = verbosity, again
-        self._bad: dict[str, Event] = {}
-        self._end: Event | None = None
+        self._bad: dict[str, TaskResult] = {}
+        self._result: Result | None = None
 
     def __call__(self, event: Event) -> None:
         """Keep the event if the ending reports it."""
-        if event["event"] == "done" and (event["state"] == "failed" or event.get("differs")):
-            self._bad[event["task"]] = event
-        elif event["event"] == "done":
-            self._bad.pop(event["task"], None)
-        elif event["event"] == "end":
-            self._end = event
+        if isinstance(event, Done):
+            self._bad.pop(event.result.name, None)
+            if event.result.state == "failed" or event.result.differs:
+                self._bad[event.result.name] = event.result
+        elif isinstance(event, Ended):
+            self._result = event.result
 
     def show(self) -> None:
         """Print the lines to stderr."""
-        alike: dict[object, list[Event]] = {}
-        for event in self._bad.values():
-            same = (event["error"], event["place"]) if event["state"] == "failed" else event["task"]
-            alike.setdefault(same, []).append(event)
-        for events in alike.values():
-            for line in self._failure(*events) if events[0]["state"] == "failed" else self._difference(events[0]):
+        alike: dict[object, list[TaskResult]] = {}
+        for task in self._bad.values():
+            same = (task.error, task.place) if task.state == "failed" else task.name
+            alike.setdefault(same, []).append(task)
+        for tasks in alike.values():
+            for line in self._failure(*tasks) if tasks[0].state == "failed" else self._difference(tasks[0]):
                 print(line, file=sys.stderr, flush=True)
         for line in self._summary():
             print(line, file=sys.stderr, flush=True)
 
-    def _difference(self, event: Event) -> Iterator[str]:
-        outputs = ", ".join(event["differs"])
-        yield f"NON-DETERMINISM: {event['task']} (key {event['key'][:12]}) gave other bytes than before: {outputs}"
+    def _difference(self, task: TaskResult) -> Iterator[str]:
+        outputs = ", ".join(task.differs)
+        yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"
 
-    def _failure(self, event: Event, *others: Event) -> Iterator[str]:
+    def _failure(self, task: TaskResult, *others: TaskResult) -> Iterator[str]:
         """One error, reported once for all tasks that met it: what is wrong, where in the stage, how to mend it, how to
         look closer.
         """
-        file, _, prim = (event["place"] or "").partition(": ")
-        what, *more = event["error"].splitlines() or ["?"]
+        file, _, prim = (task.place or "").partition(": ")
+        what, *more = (task.error or "").splitlines() or ["?"]
         yield f"{file}{': ' if file else ''}error: {what}"
         yield from (f"    {line}" for line in filter(None, [prim]))
         yield from (line if line.startswith("    ") else f"    {line}" for line in more)
-        yield f"    task {event['task']} failed (key {event['key'][:12]})"
+        yield f"    task {task.name} failed (key {str(task.key)[:12]})"
         if others:
-            yield f"    so did, alike: {', '.join(other['task'] for other in others)}"
-        yield f"    log: {event['log']}"
-        spec = event.get("spec")
-        again = f"run-task {shlex.quote(spec)}" if spec else f"build {self._again} --until {event['task']} -j1"
+            yield f"    so did, alike: {', '.join(other.name for other in others)}"
+        yield f"    log: {task.log}"
+        again = f"run-task {shlex.quote(task.spec)}" if task.spec else f"build {self._again} --until {task.name} -j1"
         yield f"    again: pipeline {again}"
 
     def _summary(self) -> Iterator[str]:
-        if self._end is None:
+        result = self._result
+        if result is None:
             return
-        whole = self._end["summary"]
-        if "error" in whole:
-            yield f"error: {whole['error']}"
+        if result.error is not None:
+            yield f"error: {result.error}"
         if self._verbosity < 0:
             return
-        counts = ", ".join(f"{whole[state]} {state}" for state in ("executed", "cached", "failed", "skipped"))
-        yield f"{counts} in {whole['seconds']:.1f} s; store {self._end['store']} ({human(self._end['store_bytes'])})"
-        if self._end["checked"]:
-            different = sum(bool(task.get("differs")) for task in whole["tasks"])
-            yield f"{len(self._end['checked'])} tasks computed twice, {different} with other bytes"
-        if self._end["untouched"]:
-            yield f"{whole['out']} was not touched: {self._end['untouched']}"
-        if partial := self._end["partial"]:
-            count = len(partial["files"])
+        counts = ", ".join(f"{result.count(state)} {state}" for state in ("executed", "cached", "failed", "skipped"))
+        yield f"{counts} in {result.seconds:.1f} s; store {result.store} ({human(result.store_bytes)})"
+        if result.checked:
+            yield f"{len(result.checked)} tasks computed twice, {len(result.different)} with other bytes"
+        if result.untouched:
+            yield f"{result.out} was not touched: {result.untouched}"
+        if result.asked is not None:
+            count = len(result.asked)
             whole_one = "a build without TARGET brings the rest and a manifest"
-            state = "its manifest still holds" if partial["finished"] else whole_one
-            yield f"{count} file{'s' * (count != 1)} of {whole['out']} delivered; {state}"
+            state = "its manifest still holds" if result.is_finished else whole_one
+            yield f"{count} file{'s' * (count != 1)} of {result.out} delivered; {state}"
 
 
 def human(size: float) -> str:

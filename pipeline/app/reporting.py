@@ -97,15 +97,15 @@ def _history(out: Path, loaded: Loaded | None, diary: Diary | None) -> History:
 
 def _run(store: Store, name: str, key: str, noted: TaskRun | None) -> TaskRun:
     record = store.peek(key)
-    made = record["made_by"] if record else {}
+    made_by = record.made_by if record else None
     return TaskRun(
         name=name,
         kind=name.split("/")[0],
         state=noted.state if noted else "made before",
         start_s=noted.start_s if noted else None,
         end_s=noted.end_s if noted else None,
-        cpu_s=made.get("cpu_seconds"),
-        peak_bytes=made.get("peak_bytes"),
+        cpu_s=made_by.cpu_seconds if made_by else None,
+        peak_bytes=made_by.peak_bytes if made_by else None,
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pipeline.app.chosen import chosen
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -19,16 +19,17 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
-from pipeline.files.jsonfile import json_bytes
+from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
-from pipeline.report import drawing, text
 from pipeline.report import point_images as point_report
+from pipeline.report import text
+from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path
-from pipeline.tasks.first_order import document
-from pipeline.tasks.params.figures import CONVENTIONS
+from pipeline.tasks.camera import document
+from pipeline.tasks.params.cameras import CONVENTIONS
 
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
 """The square sensor with which a bare lens is shown. Its half diagonal over the focal length: the first of these whose
@@ -61,7 +62,7 @@ class Shown:
         return self.entry.camera
 
     @cached_property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """Contents of camera.json."""
         return document(labels_of(self.entry), self.camera, pinhole(self.camera))
 
@@ -118,7 +119,7 @@ class ShownLens:
         lens = first_order(self.entry.prescription)
         if not (0 < lens.efl_mm < math.inf and lens.bfd_mm > 0):
             return None, None
-        parts: dict[str, Any] = {
+        parts: Json = {
             "prescription": self.entry.prescription,
             "sensor_distance_mm": -lens.rear_focus_mm,
         }
@@ -132,7 +133,7 @@ class ShownLens:
         return None, None
 
     @cached_property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """First-order figures of the lens."""
         head = {"name": self.entry.lens_name, "index_source": self.entry.index_source}
         lens = {**head, **lens_report(self.entry.prescription)}
@@ -186,7 +187,7 @@ class DrawnPoints(NamedTuple):
     """Images of points, as lines for a terminal and as plain values."""
 
     lines: list[str]
-    plain: list[dict[str, Any]]
+    plain: list[Json]
 
 
 def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> DrawnPoints:
@@ -201,7 +202,7 @@ def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> DrawnPoin
     if not isinstance(one, Shown):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
     found, pitch_mm = one.points(asked), one.camera.sensor.pitch_mm
-    rows, told, plain = [], list[str](), list[dict[str, Any]]()
+    rows, told, plain = [], list[str](), list[Json]()
     for entry, images in found:
         light = f"{entry.wavelength_nm:.1f} nm" + ("" if entry.channel is None else f" ({entry.channel.name})")
         rows += [(light, image) for image in images]

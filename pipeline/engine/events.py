@@ -1,22 +1,98 @@
-"""Events of a build, as a stream of plain dicts; progress, event files and reports read nothing else.
-
-`{"event": "begin", "tasks": {name: kind}}`, then per task `started` and `done` (with the fields of a task's result
-`usual_seconds`, and `news` if it has any), `warning` with a text, and `end` with the summary of the build.
-"""
+"""Events of a build; progress, event files and reports read nothing else."""
 
 import contextlib
 import json
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, ClassVar, TextIO
 
 from pipeline.engine.files import chosen_place
+from pipeline.engine.records import TaskResult, fields_of
 from pipeline.errors import UsageError
 
 _HEAD = b'{"event": "'
 
-Event = dict[str, Any]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Anything that happens in a build, with its time in seconds since 1970."""
+
+    name: ClassVar[str]
+    time: float = field(default_factory=lambda: round(time.time(), 3))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event as a line of an event file."""
+        return {"event": self.name, **fields_of(self)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Begun(Event):
+    """A build begins: kinds of its tasks by name, number of workers, and the files that the stage was read from."""
+
+    name: ClassVar[str] = "begin"
+    tasks: dict[str, str]
+    jobs: int
+    reads: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Started(Event):
+    """A task was given to a worker."""
+
+    name: ClassVar[str] = "started"
+    task: str
+    kind: str
+    key: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Retried(Event):
+    """A task failed and is tried again."""
+
+    name: ClassVar[str] = "retry"
+    task: str
+    error: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done(Event):
+    """A task has ended."""
+
+    name: ClassVar[str] = "done"
+    result: TaskResult
+
+    @property
+    def usual_seconds(self) -> float | None:
+        """What its run took, now or earlier, for estimates [s]."""
+        return self.result.made_by.seconds if self.result.made_by else None
+
+    @property
+    def peak_bytes(self) -> int | None:
+        """Peak memory of its process, if it ran now."""
+        return self.result.made_by.peak_bytes if self.result.made_by and self.result.state == "executed" else None
+
+    @property
+    def news(self) -> str:
+        """What it tells people; often nothing."""
+        return self.result.made_by.news if self.result.made_by else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event as a line of an event file."""
+        facts = {"event": self.name, "time": self.time, "task": self.result.name, **self.result.to_dict()}
+        facts |= {"usual_seconds": self.usual_seconds, "peak_bytes": self.peak_bytes}
+        return {**facts, "news": self.news} if self.news else facts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Warned(Event):
+    """Something that a user should know."""
+
+    name: ClassVar[str] = "warning"
+    text: str
+
+
 Emit = Callable[[Event], None]
 
 
@@ -26,17 +102,16 @@ def silent(event: Event) -> None:
 
 def warner(on_event: Emit) -> Callable[[str], None]:
     """A function that turns texts into warnings for a listener."""
-    return lambda text: on_event({"event": "warning", "text": text})
+    return lambda text: on_event(Warned(text=text))
 
 
 def fan_out(listeners: Iterable[Emit]) -> Emit:
-    """A listener that adds the time to every event and passes it on to several listeners."""
+    """A listener that passes every event on to several listeners."""
     everyone = list(listeners)
 
     def emit(event: Event) -> None:
-        stamped = {**event, "time": round(time.time(), 3)}
         for listener in everyone:
-            listener(stamped)
+            listener(event)
 
     return emit
 
@@ -62,7 +137,7 @@ class EventFile:
         """Append an event."""
         with chosen_place("write events to", self._path):
             self._stream = self._stream or self._path.open("w", encoding="utf-8", buffering=1)
-            self._stream.write(json.dumps(event, sort_keys=True) + "\n")
+            self._stream.write(json.dumps(event.to_dict(), sort_keys=True) + "\n")
 
     def close(self) -> None:
         """Flush and close."""

@@ -16,9 +16,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from pipeline.engine.interrupts import impatient
 
 _POLL_S = 0.02
 """Time between two tries for a lock [s]: the system can wait for ever or not at all, so a wait with a timeout must
@@ -96,7 +93,7 @@ def _opened(path: Path) -> int:
     too.
     """
     try:
-        return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644)
+        return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
     except PermissionError:
         return os.open(path, os.O_RDONLY | _NO_LINK)
 
@@ -107,8 +104,7 @@ def _held(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: 
     try:
         held = try_lock(handle, shared=shared)
         if held is False:
-            with impatient():
-                held = _waited(handle, timeout_s, path, errand, shared=shared)
+            held = _waited(handle, timeout_s, path, errand, shared=shared)
         if held and not shared:
             _sign(handle, errand.doing)
         yield bool(held)
@@ -143,16 +139,6 @@ def _holder(handle: int, path: Path) -> str:
     """Description of the holder of a lock: the last process that signed it."""
     try:
         note = json.loads(os.pread(handle, 4096, 0))
-        who = f"process {int(note['pid'])} on {note['host']}, which {note['doing']} since {note['since']}"
+        return f"process {int(note['pid'])} on {note['host']}, which {note['doing']} since {note['since']}"
     except (OSError, ValueError, KeyError, TypeError):
         return f"another process, which holds {path}"
-    return f"{who}{_if_stopped(note)}"
-
-
-def _if_stopped(note: dict[str, Any]) -> str:
-    """Advice about a holder on this machine that was stopped, as by Ctrl-Z; empty if it was not."""
-    with contextlib.suppress(OSError, IndexError):
-        state = Path(f"/proc/{note['pid']}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
-        if state == "T" and note["host"] == socket.gethostname():
-            return f"; it is stopped, and `kill -CONT {note['pid']}` lets it go on"
-    return ""

@@ -3,17 +3,17 @@
 Nothing here can make a result wrong: a removed or damaged entry is a miss afterwards, and is computed again.
 """
 
+import contextlib
 import os
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.files import is_unreadable
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.output_index import Seen
-from pipeline.engine.store import quarantine
+from pipeline.engine.records import Blob
 from pipeline.engine.store.store import Store
 from pipeline.engine.store.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
@@ -45,10 +45,6 @@ class Contents:
     quarantined: int
     quarantine_bytes: int
 
-    def to_dict(self) -> dict[str, int]:
-        """Plain data, as in `cache info --json`."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
@@ -62,10 +58,6 @@ class Collected:
     quarantined: int = 0
     busy: bool = False
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in `cache gc --json`."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
@@ -73,7 +65,7 @@ class Checked:
     folder.
 
     Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
-    records that refer to them or to a store below.
+    records that refer to them.
     """
 
     records: int
@@ -81,10 +73,6 @@ class Checked:
     bytes: int
     damaged: tuple[str, ...]
     incomplete: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in `cache fsck --json`."""
-        return asdict(self)
 
 
 def limit_from_environment() -> int:
@@ -105,7 +93,7 @@ def info(store: Store, limit_bytes: int | None = None) -> Contents:
     """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     kept = _blobs_of(store, pinned_keys(store))
-    damaged = list(quarantine.entries(store.root))
+    damaged = store.quarantined()
     return Contents(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
@@ -131,7 +119,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         keys, blobs = _to_keep(store, sizes, limit_bytes)
         drop_records = [name for name, _ in store.entries("record") if name not in keys]
         drop_blobs = [name for name in sizes if name not in blobs]
-        damaged = sum(1 for _ in quarantine.entries(store.root))
+        damaged = len(store.quarantined())
         freed = sum(sizes[name] for name in drop_blobs)
         if not dry_run:
             _remove(store, drop_records, drop_blobs)
@@ -152,7 +140,7 @@ def check(store: Store) -> Checked:
     blobs = list(store.entries("blob"))
     for name, facts in blobs:
         sizes += facts.st_size
-        if not store.is_whole({"sha256": name, "size": facts.st_size}):
+        if not store.is_whole(Blob(sha256=name, size=facts.st_size)):
             damaged.append(name)
             if _stays(store, "blob", name):
                 unreadable.add(name)
@@ -162,9 +150,9 @@ def check(store: Store) -> Checked:
         if record is None:
             damaged.append(key)
             _stays(store, "record", key)
-        elif store.complete(key, record) is None:
+        elif store.complete(record) is None:
             incomplete.append(key)
-            if not unreadable & {entry["sha256"] for entry in record["outputs"].values()}:
+            if not unreadable & {blob.sha256 for blob in record.outputs.values()}:
                 store.give_up(key)
     return Checked(
         records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
@@ -207,8 +195,8 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
             raise EnvironmentFault(f"cannot read {path}, so nothing was removed", hint="try again, or remove that file")
         if record is None:
             continue
-        names = {entry["sha256"] for entry in record["outputs"].values()}
-        need = sum(sizes.get(str(name), 0) for name in names - blobs)
+        names = {blob.sha256 for blob in record.outputs.values()}
+        need = sum(sizes.get(name, 0) for name in names - blobs)
         if key not in pinned and need > room:
             room = 0  # strictly by use: a small old entry does not outlive a large newer one
             continue
@@ -228,14 +216,16 @@ def _stays(store: Store, table: str, name: str) -> bool:
 
 def _blobs_of(store: Store, keys: set[str]) -> set[str]:
     records = filter(None, (store.peek(key) for key in keys))
-    return {entry["sha256"] for record in records for entry in record["outputs"].values()}
+    return {blob.sha256 for record in records for blob in record.outputs.values()}
 
 
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
     for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
         for name in names:
             _unlink(store, table, name)
-    quarantine.empty(store.root)
+    for path in store.quarantined():
+        with contextlib.suppress(OSError):  # a folder that is not empty was not made by the store and stays
+            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
     store.sweep(older_than_s=ABANDONED_S)
 
 

@@ -45,8 +45,6 @@ class BuildOptions:
         `cuda`: trace images and position images on a CUDA device, whose name enters their keys. See `graph.devices`.
     allow_roots : tuple of str or Path
         Further folders that the stage may reference.
-    untrusted : bool
-        Read the stage in a confined process, and limit memory and time of each task by `limits`.
     preview : bool
         Make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
 
@@ -67,7 +65,6 @@ class BuildOptions:
     engine: str | None = None
     device: str | None = None
     allow_roots: tuple[str | Path, ...] = ()
-    untrusted: bool = False
     preview: bool = False
 
     def __post_init__(self) -> None:

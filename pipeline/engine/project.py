@@ -1,6 +1,5 @@
-"""Projects: a graph and the destination of its results. They are plain data, so one may come from another process."""
+"""Projects: a graph and the destination of its results."""
 
-import base64
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning import near
-from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.near import unpadded
 from pipeline.errors import UsageError
 
@@ -33,12 +32,12 @@ class Project:
     stage_id : str
         Identity of the stage. `plan` compares with the last build of the same stage into the same folder.
     reads : tuple of Path
-        Files from which the project was read; `watch` looks at them.
+        Files from which the project was read; the output folder must not hold them.
     places : dict
         Second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage, for messages.
     source : plain data or None
         What the project was read from. The store keeps it, so that a later plan can name the edits, see `app.why`.
-        None (always if the project came from another process): nothing is kept.
+        None: nothing is kept.
     """
 
     graph: TaskGraph
@@ -50,48 +49,6 @@ class Project:
     reads: tuple[Path, ...] = ()
     places: dict[str, str] = field(default_factory=dict)
     source: Any = None
-
-    def to_plain(self) -> dict[str, Any]:
-        """The project as JSON values."""
-        files = {
-            path: {"base64": base64.b64encode(source).decode()} if isinstance(source, bytes) else list(source)
-            for path, source in self.files.items()
-        }
-        tasks = [(self.graph[name].name, self.graph[name]) for name in self.graph]
-        return {
-            "tasks": [[name, task.kind, task.params, task.reads, task.together] for name, task in tasks],
-            "files": files,
-            "head": self.head,
-            "findings": self.findings,
-            "out": str(self.out),
-            "stage_id": self.stage_id,
-            "reads": [str(path) for path in self.reads],
-            "places": self.places,
-        }
-
-
-def project_from_plain(plain: dict[str, Any], packages: tuple[str, ...] = TASKS) -> Project:
-    """The project that `to_plain` wrote; kinds of tasks outside the packages are refused."""
-    graph = TaskGraph(packages)
-    for task in plain["tasks"]:
-        graph.add(*task)
-    files: dict[str, Source] = {
-        path: base64.b64decode(source["base64"]) if isinstance(source, dict) else (source[0], source[1])
-        for path, source in plain["files"].items()
-    }
-    return Project(
-        graph=graph,
-        files=files,
-        head=plain["head"],
-        findings={
-            key: {name: (place[0], place[1]) for name, place in named.items()}
-            for key, named in plain["findings"].items()
-        },
-        out=Path(plain["out"]),
-        stage_id=plain["stage_id"],
-        reads=tuple(Path(path) for path in plain["reads"]),
-        places=plain["places"],
-    )
 
 
 def files_of(project: Project, target: str) -> list[str]:

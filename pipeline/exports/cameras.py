@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.built.records import BuiltCamera, BuiltPinhole
 from pipeline.exports.errors import ExportError
 from pipeline.exports.seen.stated_sight import Sight, StatedSight
+from pipeline.results.records import BuiltCamera, BuiltPinhole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

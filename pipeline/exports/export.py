@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from pipeline.built.output import Output
 from pipeline.export_formats import EXACT, FORMATS, Cameras, Format, folder_of
 from pipeline.exports.errors import ExportError
 from pipeline.exports.gathering import POSITIONS, Around, chosen, gather
@@ -14,6 +13,7 @@ from pipeline.exports.material import Material, Scene
 from pipeline.exports.noise import Noise, with_noise
 from pipeline.exports.seen.stated_sight import Sight
 from pipeline.exports.writing import write_format
+from pipeline.results.output import Output
 from pipeline.spelling import did_you_mean
 
 
@@ -43,7 +43,7 @@ class Request:
 @lru_cache(maxsize=4)
 def sight_of(out: Path, name: str) -> Sight:
     """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
-    from pipeline.sight.opening import ready  # loads USD and the tracer, which few formats need
+    from pipeline.results.opening import ready  # loads USD and the tracer, which few formats need
 
     return ready(out, name)
 
@@ -51,9 +51,9 @@ def sight_of(out: Path, name: str) -> Sight:
 @lru_cache(maxsize=1)
 def scene_of(out: Path) -> Scene:
     """Targets and other things before the cameras of a build."""
-    from pipeline.sight import scenes  # as above
+    from pipeline.results import opening  # as above
 
-    return scenes.scene_of(out)
+    return opening.scene_of(out)
 
 
 def format_of(name: str) -> Format:

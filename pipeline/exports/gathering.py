@@ -7,8 +7,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.built.output import Output
-from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.camera.figures.pinhole_fit import Sightings
 from pipeline.export_formats import EXACT
 from pipeline.exports.cameras import ExportCamera, MicroImages
@@ -17,6 +15,8 @@ from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, 
 from pipeline.exports.seen.row_pinhole import row_pinhole
 from pipeline.exports.seen.stated_sight import Sight
 from pipeline.frames import apply
+from pipeline.results.output import Output
+from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.spelling import did_you_mean
 
 _REGULAR_MM = 1e-9

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.built.records import BuiltView
 from pipeline.exports.cameras import ExportCamera, StatedPose
 from pipeline.exports.errors import ExportError
 from pipeline.frames import apply, inverse
+from pipeline.results.records import BuiltView
 
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
@@ -140,7 +140,7 @@ class ExportView:
 
 
 class Scene(Protocol):
-    """Targets and other things before cameras, as `sight.scenes.BuiltScene` is."""
+    """Targets and other things before cameras, as `results.answers.SeenScene` is."""
 
     def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Way along rays to the first surface, NaN: there is none."""

@@ -9,6 +9,9 @@ import numpy as np
 
 from pipeline.files.damaged import DamagedFile
 
+Json = dict[str, Any]
+"""An object of a JSON file, as `json` reads it; docs/outputs.md says what its keys mean."""
+
 _WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 

@@ -1,7 +1,6 @@
 """Pictures of other programs, for surfaces and skies: PNG, JPEG and OpenEXR, as linear numbers."""
 
 import io
-import os
 import tempfile
 
 import numpy as np
@@ -14,8 +13,6 @@ from pipeline.limits import how_to_raise, limits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Formats of Pillow, by the end of the name of a file."""
-_IN_MEMORY = hasattr(os, "memfd_create")
-"""Whether the system has files in memory."""
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
 """Numbers of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
 _LARGEST = 1e9
@@ -87,15 +84,14 @@ def _require_few(values: int) -> None:
 
 
 def _from_exr(content: bytes) -> np.ndarray:
-    # OpenEXR reads named files alone. A confined process can write no other than one in memory.
-    with os.fdopen(os.memfd_create("picture"), "wb") if _IN_MEMORY else tempfile.NamedTemporaryFile() as file:
+    # OpenEXR reads named files alone.
+    with tempfile.NamedTemporaryFile() as file:
         file.write(content)
         file.flush()
-        name = f"/proc/self/fd/{file.fileno()}" if _IN_MEMORY else file.name
         try:
-            channels = read_foreign_exr(name, _require_few)
+            channels = read_foreign_exr(file.name, _require_few)
         except DamagedFile as error:
-            what = f"is no OpenEXR file that can be read: {error.reason.replace(name, 'it')}"
+            what = f"is no OpenEXR file that can be read: {error.reason.replace(file.name, 'it')}"
             raise PipelineError(what, hint="write it anew") from error
     names = [name for name in "RGBA" if name in channels] if {"R", "G", "B"} <= set(channels) else ["Y"]
     if not set(names) <= set(channels):

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.files import svg
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera, by_distance
-from pipeline.report import svg
 
 _WIDTH_PX, _MARGIN_PX, _PLOT_PX = 1000, 60, 260
 """Width of the picture, blank edge with room for numbers, and height of the two plots [px]."""

@@ -8,8 +8,8 @@ from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.fits.errors import FitError
-from pipeline.sight.answers import PixelRays
-from pipeline.sight.ready_camera import ReadyCamera
+from pipeline.results.answers import PixelRays
+from pipeline.results.ready_camera import ReadyCamera
 
 COLUMNS, ROWS = 33, 25
 """Image positions along x and y, the corners of the image among them: residuals of lenses are smooth over a cell."""

@@ -11,7 +11,7 @@ from pipeline.fits.field import FieldRays, PupilCurve, field_rays, pupil_curve
 from pipeline.fits.fitting import Fit, fitted, rms
 from pipeline.fits.models import MODELS
 from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
-from pipeline.sight.ready_camera import ReadyCamera
+from pipeline.results.ready_camera import ReadyCamera
 from pipeline.spelling import did_you_mean
 
 THIN_LENS = "thin-lens-plenoptic"

@@ -19,7 +19,7 @@ from pipeline.exports.thin_lens import thin_lens
 from pipeline.fits.errors import FitError
 from pipeline.fits.field import field_rays
 from pipeline.fits.fitting import least, rms
-from pipeline.sight.ready_camera import ReadyCamera
+from pipeline.results.ready_camera import ReadyCamera
 
 PARAMETERS = (
     "focal_mm",

@@ -6,14 +6,27 @@ from typing import Any
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.records.plain import to_plain
 
-KIND = "pipeline.tasks."
+_MODULES = {
+    "camera": ("focus", "channel", "stop", "planes", "pinhole", "first_order"),
+    "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
+    "micro_images": ("micro_images", "micro_images_tile"),
+    "pictures": ("picture", "sheet", "parts"),
+    "poses": ("frame_poses", "baselines"),
+    "raw_images": ("expose", "transmission", "fixed_pattern"),
+    "rays": ("rays", "rays_tile"),
+    "truth": ("truth", "truth_tile"),
+}
+KINDS = {kind: f"pipeline.tasks.{module}:{kind}" for module, kinds in _MODULES.items() for kind in kinds} | {
+    kind: f"pipeline.tasks.{kind}" for kind in ("certificate", "colour_image", "export", "positions")
+}
+"""Kinds of tasks by the name with which names of their tasks begin."""
 
 
 def add(
     graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
 ) -> str:
     """Add a task whose name begins with its kind, and return its name."""
-    return graph.add(name, f"{KIND}{name.partition('/')[0]}", to_plain(params), reads, together)
+    return graph.add(name, KINDS[name.partition("/")[0]], to_plain(params), reads, together)
 
 
 def add_tiles(

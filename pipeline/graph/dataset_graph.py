@@ -6,9 +6,8 @@ appear only in the params of tasks that write them.
 
 import dataclasses
 
-from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
+from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.focusing.stop import shown_f_number
-from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_tiles
@@ -19,20 +18,28 @@ from pipeline.graph.pass_tasks import add_passes
 from pipeline.graph.poses import target_poses, targets_json
 from pipeline.graph.raw_images import add_raw
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
-from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
-from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
-from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
+from pipeline.tasks.params.cameras import (
+    PARTS,
+    CameraLabels,
+    FirstOrder,
+    Focus,
+    FocusLabels,
+    InChannel,
+    MicroImages,
+    MicroImagesTile,
+    Nothing,
+    Parts,
+    Planes,
+    Rays,
+    RaysTile,
+    Stop,
+)
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
-from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
-from pipeline.tasks.params.pictures import Picture, source_name
-from pipeline.tasks.params.placed import Matrix
-from pipeline.tasks.params.poses import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
-from pipeline.tasks.params.rays import Rays, RaysTile
-from pipeline.tasks.params.viewers import PARTS, SHEET, Parts, Sheet
-from pipeline.truth.settings import TruthSettings
+from pipeline.tasks.params.placed import SHEET, Matrix, Picture, Sheet, source_name
+from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
@@ -106,7 +113,7 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
         far_mm=entry.asked.far_mm,
         circle_of_confusion_px=entry.asked.circle_of_confusion_px,
     )
-    reads = {"camera": add(graph, f"focus/{name}", _focus(entry.asked))}
+    reads = {"camera": add(graph, f"focus/{name}", Focus.of(entry.asked))}
     settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
     pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
     params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
@@ -120,7 +127,7 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
     if entry.channel is not None:
         nameless = dataclasses.replace(entry.channel, name="")
         reads = {"camera": add(graph, f"channel/{name}", InChannel(channel=nameless), reads)}
-    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
+    if entry.delivers_rays or entry.truth.searches:
         settled = {**reads, "planes": f"planes/{entry.name}"}
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
@@ -183,25 +190,6 @@ def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str
     return add(graph, f"micro_images/{name}", MicroImages(tiles=len(tiles)), {**reads, **tiles})
 
 
-def _focus(asked: Camera | FocusRequest) -> Focus:
-    """Params of `focus`, with default values for everything that only the task `planes` reads."""
-    rest = dataclasses.replace(_nameless(asked), near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
-    if isinstance(rest, Camera):
-        return Focus(camera=rest, request=None)
-    return Focus(camera=None, request=rest)
-
-
-def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
-    """The same camera with numbers for the names of its lens groups: names do not affect rays."""
-    groups = camera.prescription.groups
-    numbered = tuple(dataclasses.replace(group, name=str(number)) for number, group in enumerate(groups))
-    nameless = dataclasses.replace(camera, prescription=dataclasses.replace(camera.prescription, groups=numbered))
-    if isinstance(nameless, Camera):
-        return nameless
-    numbers = {group.name: str(number) for number, group in enumerate(groups)}
-    return dataclasses.replace(nameless, focus_groups=tuple(sorted(numbers[name] for name in nameless.focus_groups)))
-
-
 def labels_of(entry: CameraEntry) -> CameraLabels:
     """Labels of a camera in camera.json, besides its figures."""
     asked, focus = entry.asked, None
@@ -210,7 +198,7 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
             focus_distance_mm=asked.focus_distance_mm,
             focus_type=None if asked.focus_distance_mm is None else asked.type,
             focus_groups=asked.focus_groups,
-            group_shift_mm=group_shift(asked) if asked.focus_groups else None,
+            group_shift_mm=entry.group_shift_mm,
             stop_match="microlenses" if asked.match_stop else "none",
         )
     return CameraLabels(

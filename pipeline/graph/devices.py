@@ -26,9 +26,8 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     """
     if options.device not in DEVICES:
         raise UsageError(f'there is no device "{options.device}"', hint=f"--device takes {', '.join(DEVICES)}")
-    if options.untrusted or options.engine:
-        other = "--untrusted" if options.untrusted else "--engine"
-        raise UsageError(f"--device does not go with {other}", hint="leave one out")
+    if options.engine:
+        raise UsageError("--device does not go with --engine", hint="leave one out")
     from pipeline.jit.device import device_name
 
     return _replaced(project, device_name())

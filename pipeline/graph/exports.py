@@ -10,25 +10,18 @@ from pipeline.exports.noise import Noise
 from pipeline.graph.frame_contents import Things
 from pipeline.graph.frame_tasks import add
 from pipeline.graph.poses import target_poses
-from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
 from pipeline.tasks.params.placed import View
-from pipeline.truth.settings import TruthSettings
 
 _ACCURACY_PX = 1e-3
 """Error that rays may have where a stage claims nothing [px]: the default claim of tables."""
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
-    """Add the exports of a dataset, after all tasks that make the files of its build.
+    """Add the exports of a dataset, after all tasks that make the files of its build; `files` receives theirs.
 
-    Parameters
-    ----------
-    files : dict
-        Sources of the files of the build; receives those of the exports.
-    bare : Things
-        All targets and occluders, without colours.
+    `bare` are all targets and occluders, without colours.
     """
     asked = dataset.exports
     for name in asked.formats:
@@ -82,14 +75,13 @@ class _Read:
         return {seen.full_name: self._sighted(seen) for camera in self.cameras for seen in camera.in_channels}
 
     def _sighted(self, seen: CameraEntry) -> SightedCamera:
-        settings = from_plain(TruthSettings, seen.truth)
         return SightedCamera(
             camera_role=self._role(f"{'channel' if seen.channel else 'focus'}/{seen.full_name}"),
             planes_role=self._role(f"planes/{seen.name}"),
             seed=seen.sampling.seed,
             square_px=seen.square_px,
-            min_hit_fraction=settings.min_hit_fraction,
-            accuracy_px=settings.claim_px or _ACCURACY_PX,
+            min_hit_fraction=seen.truth.min_hit_fraction,
+            accuracy_px=seen.truth.claim_px or _ACCURACY_PX,
         )
 
     def _paths(self, camera: CameraEntry, numbers: list[int]) -> list[str]:

@@ -19,10 +19,7 @@ from pipeline.tasks.params.placed import Matrix, PlacedOccluder, PlacedTarget
 class Things:
     """All targets and occluders of a dataset; `tasks.artefacts.surroundings` reads them again.
 
-    Parameters
-    ----------
-    painted : bool
-        Whether radiances are those of the stage; else white is 1 and black is 0.
+    Painted ones have the radiances of the stage; else white is 1 and black is 0.
     """
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:

@@ -1,6 +1,5 @@
 """The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
 
-import dataclasses
 import re
 
 import numpy as np
@@ -14,16 +13,21 @@ from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.pass_tasks import add_passes, pass_name, passes_of
 from pipeline.graph.poses import target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
-from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.certificate import Certificate, JudgedFrame
+from pipeline.tasks.params.cameras import ChannelLabel, Light
 from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
-from pipeline.tasks.params.rays import Light
-from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
+from pipeline.tasks.params.truth import (
+    Certificate,
+    JudgedFrame,
+    PlaneAsked,
+    Positions,
+    TableLabels,
+    Truth,
+    TruthTable,
+    TruthTile,
+)
 from pipeline.truth.planes import plane_name
-from pipeline.truth.settings import OF_SEARCH, TruthSettings
 
 
 def exposure_of(entry: CameraEntry) -> Exposure:
@@ -69,12 +73,8 @@ def frame_of(task: Task, field: str | None) -> int | None:
 class FrameTasks:
     """Maker of the tasks of one camera, frame by frame; tasks common to all frames are made once.
 
-    Parameters
-    ----------
-    files : dict
-        Receives the source of each file in the output folder.
-    painted, bare : Things
-        All targets and occluders of the dataset, with and without colours.
+    `files` receives the source of each file in the output folder; `painted` and `bare` are all targets and
+    occluders of the dataset, with and without colours.
     """
 
     def __init__(
@@ -88,8 +88,7 @@ class FrameTasks:
     ) -> None:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
-        self.settings = from_plain(TruthSettings, entry.truth)
-        self._labels, self._counts = _labels_of(entry, self.settings), _what_counts(self.settings)
+        self._labels, self._counts = _labels_of(entry), entry.truth.that_count
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
@@ -113,7 +112,7 @@ class FrameTasks:
         """Add the task that judges all frames added so far; returns its name."""
         params = Certificate(
             frames=tuple(self._judged),
-            claim_px=self.settings.claim_px,
+            claim_px=self.entry.truth.claim_px,
             square_px=self.entry.square_px,
             seed=self.entry.sampling.seed,
         )
@@ -161,22 +160,22 @@ class FrameTasks:
         targets = self.bare.targets(poses)
         self._judged.append(JudgedFrame(number=frame.number, targets=targets))
         # Only the saddle of a blurred corner depends on colours.
-        if "saddle" in self.settings.column_sets:
+        if "saddle" in self.entry.truth.column_sets:
             targets = self.painted.targets(poses)
         view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
         table = TruthTable(frame=frame.number, camera=self.entry.name, settings=self._counts, labels=self._labels)
         reads = dict(self._reads)
-        if self.settings.searches:
+        if self.entry.truth.searches:
             reads["rays"] = f"rays/{self.entry.full_name}"
             if self.entry.asked.microlenses:
                 reads["micro_images"] = f"micro_images/{self.entry.full_name}"
-        if self.settings.method == "image":
+        if self.entry.truth.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
         square_px = self.entry.square_px
         parts = [
             TruthTile(table=table, view=view, square_px=square_px, points=points)
             for points in self._points
-            if not self.settings.searches  # a search in position images is a single task
+            if not self.entry.truth.searches  # a search in position images is a single task
         ]
         tiles = add_tiles(self.graph, f"truth_tile/{name}", parts, reads)
         params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
@@ -197,23 +196,15 @@ class FrameTasks:
         return positions
 
 
-def _labels_of(entry: CameraEntry, settings: TruthSettings) -> TableLabels:
+def _labels_of(entry: CameraEntry) -> TableLabels:
     """Labels of all tables of a camera."""
     return TableLabels(
         light=light_of(entry),
         index_source=entry.index_source,
-        stop=entry.camera.prescription.stop.aperture,
         seed=entry.sampling.seed,
-        samples=entry.sampling.samples if settings.searches else None,
+        samples=entry.sampling.samples if entry.truth.searches else None,
         channel=channel_label(entry),
     )
-
-
-def _what_counts(settings: TruthSettings) -> TruthSettings:
-    """The settings without those of a search if there is no search: they would not change a row."""
-    if settings.searches:
-        return settings
-    return dataclasses.replace(settings, **{name: getattr(TruthSettings(), name) for name in OF_SEARCH})
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:

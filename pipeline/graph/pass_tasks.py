@@ -22,16 +22,9 @@ def add_passes(
 ) -> dict[str, str]:
     """Add all passes over an image; role and name of what the image reads of them.
 
-    Parameters
-    ----------
-    name : str
-        Kind of the passes and what they belong to, such as `image_pass/Rig.Camera/0001`.
-    parts : sequence of WhitePass or ImagePass
-        The first pass over each strip.
-    reads : dict
-        Tasks that each pass reads. A name that ends with a slash stands for strips: their first passes.
-    noise : float
-        Standard error that is asked for, relative to the mean of the image.
+    The name is that of the passes and what they belong to, such as `image_pass/Rig.Camera/0001`; `parts` are the first
+    pass over each strip. A name in `reads` that ends with a slash stands for strips: their first passes. The noise that
+    is asked for is a standard error relative to the mean of the image.
     """
     kind, _, subject = name.partition("/")
     subject = subject if kind == "image_pass" else f"{subject}/white"

@@ -1,11 +1,10 @@
 """Poses of everything in the frame of a camera, and the JSON file of each target."""
 
 import math
-from typing import Any
 
 import numpy as np
 
-from pipeline.files.jsonfile import json_bytes
+from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.records.plain import to_plain
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
 from pipeline.targets.mesh import MeshTarget
@@ -51,7 +50,7 @@ def targets_json(entry: TargetEntry) -> bytes:
     )
 
 
-def _points(points: TargetPoints) -> list[dict[str, Any]]:
+def _points(points: TargetPoints) -> list[Json]:
     """Id, kind, nominal and actual place and normal of every point, and the radius of its disc if it has one."""
     rows = []
     for index, kind in enumerate(points.kinds):

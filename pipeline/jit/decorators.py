@@ -17,9 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pipeline.folders import user_cache
 from pipeline.jit.work import calling, loading, work
 from pipeline.machine.processor import settings_of_numba
-from pipeline.user_cache import user_cache
 
 _LOCK = threading.RLock()
 _TOLD = "PIPELINE_KERNEL_SOURCES"

@@ -9,8 +9,8 @@ _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} i
 def command(function: str, *arguments: str) -> list[str]:
     """Command of a process that calls a function.
 
-    `-P`, because Python with `-c` looks for modules in the working directory first, which may be a folder that somebody
-    else has filled: its json.py would run before anything is confined.
+    `-P`, because Python with `-c` looks for modules in the working directory first,
+    where a json.py of somebody else would take the place of Python's.
 
     Parameters
     ----------

@@ -18,6 +18,9 @@ _BLAS_KERNELS = {"v4": "Haswell", "v3": "Haswell", "v2": "Nehalem"}  # of OpenBL
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
+NUMPY_FEATURES = ("NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
+"""Variables that keep NumPy from instructions of the processor; unset, it uses all that it was built for."""
+
 _PRECISION = {"COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE": "float64", "COLOUR_SCIENCE__DEFAULT_INT_DTYPE": "int64"}
 """Defaults of the library that encodes previews, set explicitly because it reads others from the environment."""
 
@@ -58,7 +61,8 @@ def settings_of_numba() -> dict[str, str]:
 def settings() -> dict[str, str]:
     """Environment variables of every process that computes."""
     kernels = _BLAS_KERNELS.get(level().rpartition("-")[2])
-    return {**ONE_THREAD, **_PRECISION, **settings_of_numba(), **({"OPENBLAS_CORETYPE": kernels} if kernels else {})}
+    libraries = {**ONE_THREAD, **dict.fromkeys(NUMPY_FEATURES, ""), **_PRECISION, **settings_of_numba()}
+    return {**libraries, **({"OPENBLAS_CORETYPE": kernels} if kernels else {})}
 
 
 @functools.cache

@@ -10,8 +10,8 @@ import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pipeline.report import svg as svg_file
-from pipeline.report.svg import FINE, Point, number
+from pipeline.files import svg as svg_file
+from pipeline.files.svg import FINE, Point, number
 from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
 from pipeline.targets.target import Target
 

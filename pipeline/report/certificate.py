@@ -2,11 +2,13 @@
 
 from typing import Any
 
+from pipeline.files.jsonfile import Json
+
 _LEGEND = "  rows        mean px    rms px     max px     between the table and another rule of integration"
 """What the figures are: lengths of the differences, and which rows they are of."""
 
 
-def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
+def lines(cameras: dict[str, Json]) -> list[str]:
     """A verdict per camera, and its differences: of all rows that were solved again, and of parts of them by method and
     by distance from the cell's edge [px], where there are several.
     """
@@ -24,26 +26,26 @@ def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
     return text
 
 
-def _row(part: dict[str, Any], name: str) -> str:
+def _row(part: Json, name: str) -> str:
     of = f"of {part['of']:<6d}" if part.get("of") else " " * 9
     return f"  {part['rows']:4d} {of}{_figures(part)}  {name}"
 
 
-def _distance(part: dict[str, Any]) -> str:
+def _distance(part: Json) -> str:
     end = "px and more" if part["to_px"] is None else f"to {part['to_px']:g} px"
     return f"{part['from_px']:g} {end} inside the edge of the cell or image"
 
 
-def _kept(part: dict[str, Any]) -> str:
+def _kept(part: Json) -> str:
     return "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
 
 
-def failed(cameras: dict[str, dict[str, Any]] | None) -> bool:
+def failed(cameras: dict[str, Json] | None) -> bool:
     """Whether a camera cannot show the accuracy that it claims."""
     return any(found["passed"] is False for found in (cameras or {}).values())
 
 
-def _verdict(found: dict[str, Any]) -> Any:
+def _verdict(found: Json) -> Any:
     if not found["of"]:
         return found["reason"]
     if found["passed"] is None:
@@ -51,7 +53,7 @@ def _verdict(found: dict[str, Any]) -> Any:
     return "passed" if found["passed"] else f"FAILED, {found['reason']}"
 
 
-def _figures(found: dict[str, Any]) -> str:
+def _figures(found: Json) -> str:
     return "  ".join(
         "      -  " if found[name] is None else f"{found[name]:.3e}" for name in ("mean_px", "rms_px", "max_px")
     )

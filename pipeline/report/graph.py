@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from pipeline.report import svg as svg_file
+from pipeline.files import svg as svg_file
 from pipeline.report.layers import GAP, HEIGHT, WIDTH, Line, Point, layout
 
 _MARGIN = 20.0

@@ -114,10 +114,7 @@ class _Columns:
 def layout(reads: Mapping[str, Sequence[str]]) -> Layout:
     """Place boxes, sources to the left.
 
-    Parameters
-    ----------
-    reads : mapping
-        Name -> names that it reads, in an order in which sources come first; a line from a later name goes back.
+    `reads` has the names that each reads, in an order in which sources come first; a line from a later name goes back.
     """
     found = _Columns(reads)
     for column in found.columns:

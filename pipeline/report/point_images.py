@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.camera.figures.point_images import PointImage
+from pipeline.files import svg as svg_file
 from pipeline.files.png import png_bytes
-from pipeline.report import svg as svg_file
 
 _WIDTH_PX, _ROW_PX, _EDGE_PX, _MARGIN_PX = 1080, 300, 240, 30
 """Width of the drawing, height of a row, edge of a picture, blank edge [px]: a page of a browser."""

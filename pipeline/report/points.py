@@ -1,20 +1,16 @@
 """Numbers of points of each target that were seen in each frame, in lines for a terminal."""
 
-from typing import Any
-
-from pipeline.ranges import frames_in_words
+from pipeline.files.jsonfile import Json
+from pipeline.spelling import frames_in_words
 
 _ROWS = 20
 """A table of more frames is no table that anybody reads: its columns are summarised."""
 
 
-def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
+def lines(cameras: dict[str, Json]) -> list[str]:
     """A table with a row per frame and a column per camera and target, and which frames are blank.
 
-    Parameters
-    ----------
-    cameras : dict
-        Camera name -> {of: points per target, frames: list of {frame, rows, seen: points with a row per target}}.
+    Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
     columns = [(camera, target) for camera, found in sorted(cameras.items()) for target in sorted(found["of"])]
     numbers = sorted({row["frame"] for found in cameras.values() for row in found["frames"]})
@@ -57,7 +53,7 @@ def _summary(
     return text
 
 
-def _blank(cameras: dict[str, dict[str, Any]], numbers: list[int]) -> list[str]:
+def _blank(cameras: dict[str, Json], numbers: list[int]) -> list[str]:
     """Frames in which a camera sees no point at all."""
     text = []
     for camera, found in sorted(cameras.items()):

@@ -2,75 +2,85 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 from pipeline.camera.figures.field_curves import FieldCurves
+from pipeline.files.jsonfile import Json
 
-WIDTH = 30
+_WIDTH = 30
 """Characters before the value of a row: the longest name fits."""
 _COUNTED = "distances are counted from the aperture stop, + towards the scene"
 
 
-def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
-    """Lines about one camera.
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A row of the page of `pipeline show`."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the camera.
-    document : dict
-        Contents of camera.json.
-    curves : FieldCurves
-        Curves of the same camera.
-    """
+    name: str
+    value: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Some rows with a heading."""
+
+    heading: str
+    rows: tuple[Figure, ...]
+
+
+def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
+    """Lines about one camera, whose camera.json is `document`."""
     lines = [f"{name}: {document['lens']['name']}", _COUNTED]
     if document["focus_request"]:
         lines.append(_request(document["focus_request"]))
-    lines += ["", "main lens", *_lens(document["lens"])]
-    if curves.boresight_px is not None:
-        lines += ["", "surfaces off their places: all figures but those of real rays are of the centred lens"]
-        x, y = curves.boresight_px
-        lines.append(_row("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray"))
-    lines += ["", "sensor", *_sensor(document), *_channels(document)]
+    for section in figures(document, curves):
+        lines += ["", section.heading, *map(_line, section.rows)]
     if "mla" in document:
-        lines += ["", "microlenses", *_microlenses(document)]
         lines += ["", *_types(document["mla"]), *_gaps(document["mla"])]
     return [*lines, "", *_curves(curves)]
 
 
-def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]:
-    """Lines about a lens alone, for an object at infinity.
+def figures(document: Json, curves: FieldCurves) -> list[Figures]:
+    """The figures of a camera under their headings; parameters as of `page`."""
+    found = [Figures(heading="main lens", rows=tuple(_lens(document["lens"])))]
+    if curves.boresight_px is not None:
+        x, y = curves.boresight_px
+        heading = "surfaces off their places: all figures but those of real rays are of the centred lens"
+        by = Figure("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray")
+        found.append(Figures(heading=heading, rows=(by,)))
+    found.append(Figures(heading="sensor", rows=(*_sensor(document), *_channels(document))))
+    if "mla" in document:
+        found.append(Figures(heading="microlenses", rows=tuple(_microlenses(document))))
+    return found
 
-    Parameters
-    ----------
-    document : dict
-        Document from `app.show`.
-    curves : FieldCurves or None
-        Curves of the lens; None where it has no real image.
-    """
+
+def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
+    """Lines about a lens alone, for an object at infinity; no curves where it has no real image."""
     lens = document["lens"]
     lines = [f"{lens['name']}, for objects at infinity", _COUNTED, ""]
     front, rear = lens["focal_points_mm"]
-    lines += [
-        _row("surfaces", f"{lens['surfaces']}", f"{lens['length_mm']:.3f} mm from first to last vertex"),
-        _row("indices", f"{lens['index_source']}", f"{document['wavelengths_nm'][0]:g} nm"),
+    rows = [
+        Figure("surfaces", f"{lens['surfaces']}", f"{lens['length_mm']:.3f} mm from first to last vertex"),
+        Figure("indices", f"{lens['index_source']}", f"{document['wavelengths_nm'][0]:g} nm"),
         *_own(lens),
-        _row("focal points", f"{_mm(front)}, {_mm(rear)}", "front, rear"),
-        _row("f-number", f"{lens['f_number']:.2f}"),
+        Figure("focal points", f"{_mm(front)}, {_mm(rear)}", "front, rear"),
+        Figure("f-number", f"{lens['f_number']:.2f}"),
     ]
+    lines += map(_line, rows)
     return [*lines, "", *_curves(curves)] if curves else [*lines, "", "no real image: no rays to report"]
 
 
-def _channels(document: dict[str, Any]) -> Iterator[str]:
+def _channels(document: Json) -> Iterator[Figure]:
     """The channels of the sensor, if any: where colour comes from."""
     for channel in document.get("channels", ()):
         low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
         light = f"{channel['mean_wavelength_nm']:.1f} nm"
         what = f"mean of {low:.1f} to {high:.1f} nm; focal length {channel['focal_length_mm']:.4f} mm"
-        yield _row(f"channel {channel['name']}", light, what)
+        yield Figure(f"channel {channel['name']}", light, what)
 
 
-def _request(asked: dict[str, Any]) -> str:
+def _request(asked: Json) -> str:
     wishes = []
     if asked["focus_distance_mm"] is not None:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
@@ -86,93 +96,93 @@ def _request(asked: dict[str, Any]) -> str:
     return "asked for: " + "; ".join(wishes)
 
 
-def _own(lens: dict[str, Any]) -> Iterator[str]:
+def _own(lens: Json) -> Iterator[Figure]:
     front, rear = lens["principal_planes_mm"]
-    yield _row("effective focal length", _mm(lens["efl_mm"]))
-    yield _row("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
-    yield _row("principal planes", f"{_mm(front)}, {_mm(rear)}", "front, rear")
+    yield Figure("effective focal length", _mm(lens["efl_mm"]))
+    yield Figure("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
+    yield Figure("principal planes", f"{_mm(front)}, {_mm(rear)}", "front, rear")
     for which in ("entrance", "exit"):
         pupil = lens[f"{which}_pupil"]
-        yield _row(f"{which} pupil", f"{_mm(pupil['z_mm'])}, ø {_mm(pupil['diameter_mm'])}")
-    yield _row("stop", f"ø {_mm(lens['stop_diameter_mm'])}")
+        yield Figure(f"{which} pupil", f"{_mm(pupil['z_mm'])}, ø {_mm(pupil['diameter_mm'])}")
+    yield Figure("stop", f"ø {_mm(lens['stop_diameter_mm'])}")
 
 
-def _lens(lens: dict[str, Any]) -> Iterator[str]:
+def _lens(lens: Json) -> Iterator[Figure]:
     yield from _own(lens)
-    yield _row("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
+    yield Figure("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
     where = "" if "matched_stop" not in lens else "without microlenses"
-    yield _row("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
-    yield _row("magnification there", f"{lens['magnification']:.4f}")
+    yield Figure("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
+    yield Figure("magnification there", f"{lens['magnification']:.4f}")
 
 
-def _sensor(document: dict[str, Any]) -> Iterator[str]:
+def _sensor(document: Json) -> Iterator[Figure]:
     (width, height), (x, y) = document["resolution"], document["optical_axis_px"]
     across, down, diagonal = document["field_of_view_deg"]
     pitch_um = 1000 * document["pixel_pitch_mm"]
     (near, far), (near_plane, far_plane) = document["depth_of_field_mm"], document["near_far_mm"]
-    yield _row("pixels", f"{width} x {height} of {pitch_um:g} µm")
+    yield Figure("pixels", f"{width} x {height} of {pitch_um:g} µm")
     yield from _acceptance(document["pixel_acceptance"])
-    yield _row("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
-    yield _row("distance behind the stop", _mm(document["sensor_distance_mm"]))
-    yield _row(
+    yield Figure("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
+    yield Figure("distance behind the stop", _mm(document["sensor_distance_mm"]))
+    yield Figure(
         "principal distance", f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
     )
     yield from _pinhole(document["pinhole"])
-    yield _row("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
-    yield _row("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")
-    yield _row("depth of field", _range(near, far))
-    yield _row("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
+    yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
+    yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")
+    yield Figure("depth of field", _range(near, far))
+    yield Figure("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
 
 
-def _pinhole(pinhole: dict[str, Any] | None) -> Iterator[str]:
+def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
     """The pinhole that fits real rays best, for OpenCV."""
     if pinhole is None:
-        yield _row("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
+        yield Figure("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
         return
     x, y, z = pinhole["centre_mm"]
     centre = f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if x or y else _mm(z)
-    yield _row("equivalent pinhole", centre, "centre of projection, fitted to real rays")
+    yield Figure("equivalent pinhole", centre, "centre of projection, fitted to real rays")
     for name, projection in (("without", pinhole), ("with", pinhole["with_distortion"])):
         rms, most = (projection["residual_px"][kind] for kind in ("rms", "max"))
         distance = f"{projection['principal_distance_px']:.2f} px"
-        yield _row(f"  {name} distortion", distance, f"rays lie off by {rms:.2g} px rms, {most:.2g} px at most")
+        yield Figure(f"  {name} distortion", distance, f"rays lie off by {rms:.2g} px rms, {most:.2g} px at most")
 
 
-def _acceptance(acceptance: dict[str, Any]) -> Iterator[str]:
+def _acceptance(acceptance: Json) -> Iterator[Figure]:
     if acceptance["shape"] == "cosine":
-        yield _row("pixels take", f"cos^{acceptance['power']:g} of the angle")
+        yield Figure("pixels take", f"cos^{acceptance['power']:g} of the angle")
     elif acceptance["shape"] == "cone":
-        yield _row(
+        yield Figure(
             "pixels take", f"up to {acceptance['half_angle_deg']:g} deg", f"falling over {acceptance['roll_off_deg']:g}"
         )
 
 
-def _microlenses(document: dict[str, Any]) -> Iterator[str]:
+def _microlenses(document: Json) -> Iterator[Figure]:
     array, lens = document["mla"], document["lens"]
     image_mm = array["micro_image_pitch_px"] * document["pixel_pitch_mm"]
     mismatch = array["f_number_mismatch"]
-    yield _row("distance to the sensor", _mm(array["distance_mm"]), f"{array['layout']} layout")
-    yield _row("microlenses", f"{array['count']} in {len(array['types'])} types", f"{array['model']} model")
+    yield Figure("distance to the sensor", _mm(array["distance_mm"]), f"{array['layout']} layout")
+    yield Figure("microlenses", f"{array['count']} in {len(array['types'])} types", f"{array['model']} model")
     along, across = array["pitch_mm"], array["cross_pitch_mm"]
-    yield _row("MLA pitch", f"{_mm(along, 4)}", "" if along == across else f"{across:.5f} mm across")
+    yield Figure("MLA pitch", f"{_mm(along, 4)}", "" if along == across else f"{across:.5f} mm across")
     if array["aperture"] == "disc":
-        yield _row("apertures", f"discs ø {_mm(array['disc_diameter_mm'], 4)}", "opaque gaps")
+        yield Figure("apertures", f"discs ø {_mm(array['disc_diameter_mm'], 4)}", "opaque gaps")
     if array["index"] is not None:
-        yield _row("glass", f"index {array['index']:.5f}, {_mm(array['thickness_mm'])} thick")
+        yield Figure("glass", f"index {array['index']:.5f}, {_mm(array['thickness_mm'])} thick")
     if any(array["tilt_deg"]):
-        yield _row("tilt", "{:g}, {:g} deg".format(*array["tilt_deg"]), "about x, about y")
-    yield _row(
+        yield Figure("tilt", "{:g}, {:g} deg".format(*array["tilt_deg"]), "about x, about y")
+    yield Figure(
         "micro-image pitch",
         f"{_mm(image_mm, 4)} = {array['micro_image_pitch_px']:.3f} px",
         f"{image_mm / array['pitch_mm']:.6f} MLA pitches",
     )
     verdict = "micro-images overlap" if mismatch < 1 else "gaps between micro-images"
     verdict = "matched" if abs(mismatch - 1) < 5e-4 else verdict
-    yield _row("F-number, lens / microlens", f"{mismatch:.4f}", verdict)
-    yield _row("stop that would match", f"ø {_mm(lens['matched_stop_diameter_mm'], 2)}")
+    yield Figure("F-number, lens / microlens", f"{mismatch:.4f}", verdict)
+    yield Figure("stop that would match", f"ø {_mm(lens['matched_stop_diameter_mm'], 2)}")
 
 
-def _types(array: dict[str, Any]) -> Iterator[str]:
+def _types(array: Json) -> Iterator[str]:
     columns = (
         "type",
         "f [mm]",
@@ -197,7 +207,7 @@ def _types(array: dict[str, Any]) -> Iterator[str]:
     return _table(columns, rows)
 
 
-def _gaps(array: dict[str, Any]) -> Iterator[str]:
+def _gaps(array: Json) -> Iterator[str]:
     for near, far in array["depth_of_field_gaps_mm"]:
         yield f"  no type is sharp from {_range(near, far)}"
 
@@ -219,8 +229,8 @@ def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterato
         yield "  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
 
 
-def _row(what: str, value: str, remark: str = "") -> str:
-    return f"  {what:<{WIDTH}}{value}" + (f"  ({remark})" if remark else "")
+def _line(row: Figure) -> str:
+    return f"  {row.name:<{_WIDTH}}{row.value}" + (f"  ({row.remark})" if row.remark else "")
 
 
 def _mm(value: float, digits: int = 3) -> str:

@@ -1,11 +1,10 @@
 """The verdict of `pipeline verify`, in lines for a terminal."""
 
-from typing import Any
-
+from pipeline.files.jsonfile import Json
 from pipeline.report import certificate
 
 
-def lines(verdict: dict[str, Any]) -> list[str]:
+def lines(verdict: Json) -> list[str]:
     """Certificates, what speaks against the build, and the verdict.
 
     Parameters

@@ -34,17 +34,7 @@ from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import place, problem
 from pipeline.scene.usd.values import need, read, read_once, target, target_paths
-
-_TRUTH = {
-    "method": "plen:truth:method",
-    "search": "plen:truth:search",
-    "filter": "plen:truth:filter",
-    "lambda_d": "plen:truth:lambdaD",
-    "lambda_alpha_deg": "plen:truth:lambdaAlpha",
-    "nearest_threshold_mm": "plen:truth:nearestThreshold",
-    "min_hit_fraction": "plen:truth:minHitFraction",
-    "columns": "plen:truth:columns",
-}
+from pipeline.truth.settings import TruthSettings
 
 _MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
 """Models of a lens in words, by the value of `plen:camera:model`."""
@@ -84,8 +74,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         sampling=Sampling(
             supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),
-        truth={field: need(prim, name) for field, name in _TRUTH.items()}
-        | {"accuracy_px": read(prim, "plen:truth:accuracy")},
+        truth=_read_truth(prim),
         image_samples=need(prim, "plen:image:samples"),
         image_noise=read(prim, "plen:image:noise"),
         bounces=need(prim, "plen:image:bounces"),
@@ -99,6 +88,20 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         irradiation=read_irradiation(prim),
         file=file,
         line=line,
+    )
+
+
+def _read_truth(prim: Usd.Prim) -> TruthSettings:
+    return TruthSettings(
+        method=need(prim, "plen:truth:method"),
+        search=need(prim, "plen:truth:search"),
+        filter=need(prim, "plen:truth:filter"),
+        lambda_d=need(prim, "plen:truth:lambdaD"),
+        lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
+        nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
+        min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
+        accuracy_px=read(prim, "plen:truth:accuracy"),
+        columns=tuple(need(prim, "plen:truth:columns")),
     )
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
@@ -17,6 +17,7 @@ from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.prints import Print
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
+from pipeline.truth.settings import TruthSettings
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 transform as rows of a matrix that acts on column vectors, lengths in mm; rigid unless stated otherwise."""
@@ -52,8 +53,8 @@ class CameraEntry:
         Source of the refractive indices: `printed`, or `catalogue` with the media from the scene to the sensor.
     asked : Camera or FocusRequest
         Statement of the stage: a camera, or a request for a focus, which `camera` fulfils.
-    truth : dict
-        Fields of `truth.TruthSettings` (a dict, because scene and truth do not import each other).
+    truth : TruthSettings
+        Method and filters of the ground truth.
     image_samples : int
         Rays per pixel of the image, or of the first pass over it.
     image_noise : float or None
@@ -89,7 +90,7 @@ class CameraEntry:
     footprint: str
     asked: Camera | FocusRequest
     sampling: Sampling
-    truth: dict[str, str | float | None]
+    truth: TruthSettings
     image_samples: int
     image_noise: float | None = None
     bounces: int = 2
@@ -109,6 +110,12 @@ class CameraEntry:
     def camera(self) -> Camera:
         """The focused camera; the focus is solved at first use."""
         return focused(self.asked)
+
+    @cached_property
+    def group_shift_mm(self) -> float | None:
+        """Way of its focus groups towards the sensor, solved at first use; None where none moves."""
+        asked = self.asked
+        return group_shift(asked) if isinstance(asked, FocusRequest) and asked.focus_groups else None
 
     @property
     def in_channels(self) -> tuple["CameraEntry", ...]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
+from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.prims import all_prims
 from pipeline.scene.usd.instances import write_out_instances
@@ -18,7 +19,6 @@ from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.write.for_viewers import fallback_types, pinhole, view_of
-from pipeline.units import mm_per_unit
 
 _NEAR = 0.01
 """Relative difference between a pinhole and its lens that is not reported."""

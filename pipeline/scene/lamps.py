@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
-from pipeline.frames import apply
-from pipeline.ranges import frames_in_words
+from pipeline.frames import apply, mm_per_unit
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp, Rgb
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
@@ -17,7 +16,7 @@ from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, 
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, need, take, target_paths
-from pipeline.units import mm_per_unit
+from pipeline.spelling import frames_in_words
 
 KINDS = {
     "RectLight": ("rect", ("inputs:width", "inputs:height"), (0.5, 0.5)),

@@ -2,8 +2,8 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
+from pipeline.files.jsonfile import Json
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.values import need
@@ -15,7 +15,7 @@ _SENTENCE = re.compile(r"(?<=[\w)]{2})[.:] ")
 """End of the first sentence, which the dot of an initial is not; or a colon."""
 
 
-def sensor_figures(path: Path) -> dict[str, Any]:
+def sensor_figures(path: Path) -> Json:
     """Key figures of the sensor of a file.
 
     Raises
@@ -26,14 +26,14 @@ def sensor_figures(path: Path) -> dict[str, Any]:
     stage, _ = open_stage(path)  # a prim lives as long as its stage
     prim = stage.GetDefaultPrim()
     sensor = read_sensor(prim)
-    figures: dict[str, Any] = {"width_px": sensor.width_px, "height_px": sensor.height_px, "pitch_mm": sensor.pitch_mm}
+    figures: Json = {"width_px": sensor.width_px, "height_px": sensor.height_px, "pitch_mm": sensor.pitch_mm}
     for name, attribute in _RESPONSE.items():
         if prim.HasAttribute(attribute) and prim.GetAttribute(attribute).HasAuthoredValue():
             figures[name] = need(prim, attribute)
     return figures
 
 
-def array_figures(path: Path) -> dict[str, Any]:
+def array_figures(path: Path) -> Json:
     """Key figures of the microlens array of a file; raises as `sensor_figures`."""
     stage, _ = open_stage(path)
     prim = stage.GetDefaultPrim()

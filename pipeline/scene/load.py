@@ -3,15 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pxr import Tf, Usd, UsdUtils
 
-from pipeline.confine.process import Guards
 from pipeline.errors import PipelineError, UsageError
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
-from pipeline.roots import allowed_roots, real_path
 from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
@@ -23,15 +20,13 @@ from pipeline.scene.lens import read_lens_entry
 from pipeline.scene.pictures import picture_files, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.targets import read_target_entries
-from pipeline.scene.trust.asset_roots import file_of
-from pipeline.scene.trust.prescan import Look
 from pipeline.scene.usd.hints import without_followers
 from pipeline.scene.usd.instances import check_instances
-from pipeline.scene.usd.opening import changed, open_stage
+from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import Problem, StageError, shortened, shown_path
+from pipeline.scene.usd.roots import allowed_roots, real_path
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.usda_lines import knowing
-from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.usd.used_layers import file_of, used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
 from pipeline.scene.views import check_seen
 from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
@@ -76,9 +71,7 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(
-    path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False, guards: Guards | None = None
-) -> Loaded:
+def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False) -> Loaded:
     """Open, check and read a stage. Problems of the stage never raise.
 
     Parameters
@@ -90,8 +83,6 @@ def load(
     look : bool
         Also trace some rays, to warn of targets that a camera does not see and of parts that hardly fit together
         (`pipeline check`).
-    guards : Guards or None
-        Guards of this process if it is a confined one; else binary layers are first read in a confined process.
 
     Raises
     ------
@@ -104,9 +95,7 @@ def load(
             raise UsageError(f"{what} {flaw}", hint="give it another name")
     said = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
-        with knowing() as texts:
-            root, roots = real_path(path), allowed_roots(Path(path), allow_roots)
-            return _loaded(Look(root, roots, texts, guards), look)
+        return _loaded(real_path(path), allowed_roots(Path(path), allow_roots), look)
     except StageError as error:
         return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -121,23 +110,17 @@ def _refused(problems: list[Problem]) -> Loaded:
     return Loaded(dataset=None, problems=problems, flattened="")
 
 
-def _loaded(layers: Look, look: bool) -> Loaded:
-    layers.run()
-    if layers.problems:
-        return _refused(layers.problems)
-    stage, problems = open_stage(layers.root)
-    ignored = check_instances(stage)
-    if new := _changed(stage, layers, problems):
-        return _refused(new)
-    if ignored:
+def _loaded(root: Path, roots: list[Path], look: bool) -> Loaded:
+    stage, problems = open_stage(root)
+    if ignored := check_instances(stage):
         return _refused(problems + ignored)
-    with unchanging(), reading_below(layers.roots):
-        return _read(stage, layers, look, problems)
+    with unchanging(), reading_below(roots):
+        return _read(stage, roots, look, problems)
 
 
-def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -> Loaded:
+def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Problem]) -> Loaded:
     """Check and read a composed stage, of which opening has told some problems."""
-    problems = without_followers(problems + check(stage, layers.roots))
+    problems = without_followers(problems + check(stage, roots))
     loaded = _refused(problems)
     if loaded.errors:
         return loaded
@@ -148,7 +131,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
     except UnreadableValue as error:  # no check has reported it
         return _refused([*problems, problem(error.thing, error.code, error.what, hint=error.hint)])
     except PipelineError as error:  # nor this
-        file, code = shown_path(layers.root), error.code or "unreadable"
+        file, code = shown_path(stage.GetRootLayer().realPath), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
     if look:
         problems += check_doubts(stage, cameras)
@@ -171,12 +154,6 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
         written=written,
     )
-
-
-def _changed(stage: Usd.Stage, layers: Look, problems: list[Problem]) -> list[Problem]:
-    """Problems of layers that USD opened although they were not inspected; nothing of the stage may be shown then."""
-    new = [changed(one.realPath) for one in used_layers(stage) if one.identifier not in layers.layers]
-    return new + [one for one in problems if one.code == "changed"]
 
 
 def _reason(error: Exception) -> str:
@@ -208,8 +185,3 @@ def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
     hint = "make a PlenDataset the default prim"
     file = shown_path(real_path(path))
     raise StageError([Problem(code="no-dataset", message="the stage holds no dataset", file=file, line=1, hint=hint)])
-
-
-def attempt(question: dict[str, Any], guards: Guards) -> list[dict[str, Any]]:
-    """Errors of a stage, as the answer of the confined process of `scene.trust.trial`."""
-    return [one.to_dict() for one in load(question["path"], question["roots"], guards=guards).errors]

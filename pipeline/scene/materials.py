@@ -322,9 +322,7 @@ def _at_corners(
         ) from None
     rows = shape.places(interpolation)
     if not np.isfinite(table).all() or (len(rows) and np.max(rows) >= len(table)):
-        raise UnreadableValue(
-            f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute
-        )
+        raise UnreadableValue(f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute)
     return tuple(map(tuple, (table[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))
 
 

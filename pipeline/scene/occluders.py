@@ -5,7 +5,7 @@ from collections.abc import Iterator, Set
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.frames import apply
+from pipeline.frames import apply, mm_per_unit
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
@@ -24,7 +24,6 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.errors import TargetError
 from pipeline.targets.occluder import Occluder
-from pipeline.units import mm_per_unit
 
 
 def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:

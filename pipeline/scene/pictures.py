@@ -11,16 +11,16 @@ from pathlib import Path
 from pxr import Ar, Sdf, Usd, UsdShade
 
 from pipeline.errors import PipelineError
+from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.targets import is_in_preview
-from pipeline.scene.usd.layer_files import read_file
+from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
 NAMES = ("inputs:file", "inputs:texture:file")
 """Attributes that name a picture: of a texture, or in a sky."""
-OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 """Kinds of picture files that are read."""
 _ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
@@ -135,19 +135,21 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | 
     if Path(path).suffix.lower() not in _SUFFIXES:
         hint = f"known are files that end in {', '.join(_SUFFIXES)}"
         return NotSupported.code, "is no picture of a kind that is read", hint
+    if not is_inside(path, roots):
+        return "asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT
     try:
-        file = read_file(path, roots, "picture_bytes")
+        if not Path(path).is_file():
+            return "file-kind", "is not a plain file", None
+        size, most = Path(path).stat().st_size, limits().picture_bytes
+        if size > most:
+            hint = how_to_raise("picture_bytes", size)
+            return "file-size", f"has {size:,} bytes; a picture may have {most:,}", hint
+        content = Path(path).read_bytes()
     except OSError as error:
         return "unreadable", f"cannot be read: {error.strerror}", None
-    if not any(file.real.is_relative_to(root) for root in roots):
-        return "asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT
-    if not file.is_plain:
-        return "file-kind", "is not a plain file", None
-    for problem in file.problems:
-        return problem.code, f"has {problem.message}", problem.hint
     from pipeline.files.pictures import ends_of  # stages without pictures need no library for them
 
     try:
-        return PictureFile(file.data, *ends_of(file.data, Path(path).suffix.lower()))
+        return PictureFile(content, *ends_of(content, Path(path).suffix.lower()))
     except PipelineError as error:
         return "bad-picture", error.what, error.hint

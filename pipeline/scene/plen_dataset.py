@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.ranges import frames_in_words
 from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.dataset import Dataset, Frame, Matrix
 from pipeline.scene.exports import read_exports
@@ -37,6 +36,7 @@ from pipeline.scene.usd.values import (
     target_paths,
     targets,
 )
+from pipeline.spelling import frames_in_words
 
 LONGEST_NAME = 200
 """Longest name of a camera or target [bytes]: file systems allow 255, and suffixes are appended."""

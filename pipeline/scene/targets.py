@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.frames import apply
+from pipeline.frames import apply, mm_per_unit
 from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
@@ -29,7 +29,6 @@ from pipeline.targets.patterns.lines import Lines, SlantedEdge
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import AnyTarget, Target
-from pipeline.units import mm_per_unit
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""

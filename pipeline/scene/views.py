@@ -21,10 +21,10 @@ from pxr import Usd
 from pipeline.camera.figures.outlook import widest_blur_px
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.errors import PipelineError
-from pipeline.ranges import frames_in_words
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
+from pipeline.spelling import frames_in_words
 
 _POINTS = 8_000
 """Most points of a target that are examined in all frames together; of more, some in each frame."""

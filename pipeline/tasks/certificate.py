@@ -5,18 +5,17 @@ integration; and the number of seen points of each target in each frame.
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
-from pipeline.files.jsonfile import write_json
+from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.tables import Table, read_table
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
-from pipeline.tasks.params.certificate import Certificate as Params
 from pipeline.tasks.params.placed import PlacedTarget
+from pipeline.tasks.params.truth import Certificate
 from pipeline.truth.judging.certificate import certify
 from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes
@@ -25,7 +24,7 @@ _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Certificate, inputs: Inputs, out: Path) -> None:
     """Write certificate.json and points.json."""
     tables = [
         (frame.targets, read_table(inputs[f"frame{frame.number}"]["correspondences.csv"])) for frame in params.frames
@@ -38,7 +37,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     write_json(out / "points.json", points_seen(numbers, tables))
 
 
-def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> dict[str, Any]:
+def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> Json:
     """Points of each target, and per frame the numbers of points with a row and of rows, as plain data for the
     manifest.
     """
@@ -63,7 +62,7 @@ def certificate(
     claim_px: float | None,
     seed: int,
     rows: int = ROWS,
-) -> dict[str, Any]:
+) -> Json:
     """Draw a sample of rows from the tables of all frames, solve it again, and state the differences."""
     parts = [part for targets, table in tables for part in rows_of(rig, targets, table)]
     if not parts:

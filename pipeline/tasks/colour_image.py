@@ -12,8 +12,7 @@ from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.images import SPECTRAL
-from pipeline.tasks.params.images import ColourImage as Params
+from pipeline.tasks.params.images import SPECTRAL, ColourImage
 
 _LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
 """Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""
@@ -26,7 +25,7 @@ def letter_of(channel: str) -> str:
     return _LETTERS.get(colour_of(channel) or channel, channel)
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
     """Write `name`.exr, relative irradiance of each channel, and `name`.png, an 8-bit preview."""
     name = params.name
     images = [ExrWindows(inputs[f"channel{i}"][f"{name}.exr"]) for i in range(len(params.channels))]
@@ -57,7 +56,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         _write_spectral(out / SPECTRAL, images, params)
 
 
-def _write_spectral(path: Path, images: list[ExrWindows], params: Params) -> None:
+def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -> None:
     """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
 
     References

@@ -1,29 +1,30 @@
 """Task `export`: results of a build as the files of another program, as `pipeline export` writes them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from pipeline.built.output import output_of
-from pipeline.channel_names import body_and_channel
 from pipeline.exports.gathering import Around, gather
 from pipeline.exports.noise import with_noise
 from pipeline.exports.writing import write_format
+from pipeline.files.jsonfile import Json
 from pipeline.render.surroundings import Surroundings
-from pipeline.sight.ready_camera import ReadyCamera
-from pipeline.tasks.artefacts.built_parts import parts_of
+from pipeline.results.answers import SeenScene
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.output import output_of
+from pipeline.results.ready_camera import ReadyCamera
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import surroundings_of
-from pipeline.tasks.params.exports import Export as Params
-from pipeline.tasks.params.exports import SeenFrame
+from pipeline.tasks.params.exports import Export
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Export, inputs: Inputs, out: Path) -> None:
     """Write the files of the format, and export.json."""
     places = {path: inputs[role][output] for path, (role, output) in params.files.items()}
-    output = output_of(parts_of(params.stage, places, params.records))
+    digests = dict.fromkeys((*places, *params.records), "")
+    parts = BuiltParts(path=Path(), stage=params.stage, digests=digests, places=places, records=params.records)
+    views = {(seen.number, seen.camera): seen.view for seen in params.views}
 
     def sight(name: str) -> ReadyCamera:
         how = params.sights[name]
@@ -35,23 +36,41 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
             accuracy_px=how.accuracy_px,
         )
 
-    around = Around(sight=sight, scene=lambda: SeenScene(params.views))
-    material = replace(gather(output, params.position, around), frames=params.numbers)
+    def before(frame: int, camera: str) -> Surroundings:
+        view = views[frame, camera]
+        return surroundings_of(view.targets, view.occluders)
+
+    around = Around(sight=sight, scene=lambda: SeenScene(before))
+    material = replace(gather(output_of(parts), params.position, around), frames=params.numbers)
     write_format(params.format, with_noise(material, params.noise), out, params.position, params.noise)
 
 
-@dataclass(frozen=True, eq=False)
-class SeenScene:
-    """Targets and occluders before the cameras, as `sight.scenes.BuiltScene` has them."""
+@dataclass(frozen=True, slots=True)
+class BuiltParts(BuiltFolder):
+    """Some files of a build, wherever they are.
 
-    views: tuple[SeenFrame, ...]
+    Attributes
+    ----------
+    places : mapping of str to Path
+        Path in the output folder -> the file.
+    records : mapping of str to dict
+        Path in the output folder -> content of a JSON file.
+    """
 
-    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Way along rays (n, 3) of the vision frame to the first surface, (n,); NaN: there is none."""
-        return self._around(frame, body_and_channel(camera)[0]).distance_mm(origin_mm, direction)
+    places: Mapping[str, Path]
+    records: Mapping[str, Any]
 
-    @lru_cache(maxsize=1)  # noqa: B019 (a band of rows follows another, and there is one scene at a time)
-    def _around(self, frame: int, camera: str) -> Surroundings:
-        """Everything before a camera in a frame."""
-        (view,) = [one.view for one in self.views if (one.number, one.camera) == (frame, camera)]
-        return surroundings_of(view.targets, view.occluders)
+    def file(self, name: str) -> Path | None:
+        """Place of a file; None if the task was not given it."""
+        return self.places.get(name)
+
+    def record(self, name: str) -> Json:
+        """Content of a JSON file."""
+        if name not in self.records:
+            return BuiltFolder.record(self, name)
+        found: Json = self.records[name]
+        return found
+
+    def present(self, name: str) -> Path:
+        """Place of a file that the task was given."""
+        return self.places[name]

@@ -1,4 +1,4 @@
-"""Task `micro_images`: centre, centroid, radius and outline of every micro-image of a plenoptic camera."""
+"""Tasks `micro_images` and `micro_images_tile`: centre, centroid, radius and outline of every micro-image."""
 
 import dataclasses
 from pathlib import Path
@@ -7,9 +7,10 @@ import numpy as np
 
 from pipeline.camera.micro_images.light import OUTLINE_DEG, MicroLight, micro_light
 from pipeline.camera.tracer import Tracer
+from pipeline.files.npy import write_npy
 from pipeline.files.tables import write_table
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stacked
-from pipeline.tasks.params.micro_images import MicroImages as Params
+from pipeline.tasks.params.cameras import MicroImages, MicroImagesTile
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (
@@ -39,8 +40,8 @@ _DECIMALS = 6
 """Decimals of the radii of outlines [px]: two more than the accuracy of their bisection."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
-    """Write both tables."""
+def micro_images(params: MicroImages, inputs: Inputs, out: Path) -> None:
+    """Both tables of the micro-images of a camera."""
     rig = rig_of(inputs, 0)
     tracer, images = rig.tracer, rig.images
     grid, array = tracer.lattice, tracer.camera.microlenses
@@ -88,3 +89,12 @@ def _is_inside(tracer: Tracer, found: MicroLight) -> np.ndarray:
     outline = tracer.pixels_at(found.centroid_mm)[:, None] + found.light_mm[..., None] / sensor.pitch_mm * along
     size = np.array([sensor.width_px, sensor.height_px])
     return ((outline >= -0.5) & (outline <= size - 0.5)).all(axis=(1, 2))
+
+
+def micro_images_tile(params: MicroImagesTile, inputs: Inputs, out: Path) -> None:
+    """The light of some of the microlenses: the fields of `MicroLight`, a file each."""
+    rig = rig_of(inputs, 0)
+    assert rig.images is not None
+    found = micro_light(rig.tracer, rig.images, params.tile, params.tiles)
+    for field in dataclasses.fields(found):
+        write_npy(out / f"{field.name}.npy", getattr(found, field.name))

@@ -15,7 +15,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stretches
-from pipeline.tasks.params.truth import Positions as Params
+from pipeline.tasks.params.truth import Positions
 from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.grid.ray_grid import fine_from_image
 
@@ -23,7 +23,7 @@ Tile = tuple[slice, slice]
 """Rows and columns of the fine grid."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
+def run(params: Positions, inputs: Inputs, out: Path) -> None:
     """Write positions.exr."""
     rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {
@@ -75,10 +75,7 @@ def position_image(
 ) -> np.ndarray:
     """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted.
 
-    Parameters
-    ----------
-    rows : (int, int), optional
-        First and end row of the fine grid, if not all are asked for.
+    `rows` are the first and end row of the fine grid, if not all are asked for.
     """
     sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)

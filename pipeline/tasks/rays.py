@@ -1,29 +1,77 @@
-"""Task `rays`: J_near, J_far, second moments, hit fraction and error of a camera, assembled from its tiles."""
+"""Tasks `rays` and `rays_tile`: J_near, J_far, second moments, hit fraction and error of a camera; in bands of rows."""
 
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.files.exr_bands import BandedPart, write_bands
-from pipeline.files.npy import StackedRows
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_alone
-from pipeline.tasks.params.rays import Rays as Params
-from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
+from pipeline.files.npy import StackedRows, write_npy
+from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches, tracer_alone
+from pipeline.tasks.params.cameras import Rays, RaysTile
 from pipeline.truth.grid.sampling_error import in_pixels, jacobian
+
+NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
+"""Columns of bundles.npy; the last value is their number."""
+
+
+def rays_tile(params: RaysTile, inputs: Inputs, out: Path) -> None:
+    """Bundles of a band of rows of the fine grid: three arrays."""
+    rig = rig_of(inputs, params.sampling.seed)
+    tracer = dataclasses.replace(rig.tracer, device=params.device)
+    k = params.sampling.supersampling
+    height, width = (params.end_row - params.first_row) * k, tracer.camera.sensor.width_px * k
+    bundles = np.empty((height * width, WIDTH), np.float32)
+    cells = np.empty(height * width, np.int32)
+    covariance = np.empty((height * width, 10), np.float32)
+    for piece in stretches(rig, k, params.first_row * k, params.end_row * k):
+        bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
+        cells[piece.index] = piece.microlens if rig.images else 0
+    # For every pixel the bundle next to its centre keeps its second moments.
+    small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
+    write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
+    write_npy(out / "cells.npy", cells.reshape(height, width))
+    write_npy(out / "covariance.npy", np.ascontiguousarray(small))
+
+
+def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bundles (n, WIDTH) of positions, and second moments (n, 10), which are needed only next to a pixel's centre."""
+    camera, k, microlens = tracer.camera, sampling.supersampling, piece.microlens
+    assert camera.near_mm is not None and camera.far_mm is not None
+    planes = parallel_planes(camera.near_mm, camera.far_mm)
+    moments = tracer.moments(piece.positions_mm, microlens, planes, sampling.samples, piece.pixels, square_px)
+    free = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
+    bundles = np.empty((len(microlens), WIDTH))
+    bundles[:, NEAR], bundles[:, FAR] = moments[:, 0:2], moments[:, 2:4]
+    bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / free
+    bundles[:, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
+    covariance = moments[:, COVARIANCE:WEIGHT]
+    if square_px > 0:
+        # Second moments are those of the bundle without its square.
+        kept = (piece.pixels % k == k // 2).all(axis=1)
+        points = piece.positions_mm[kept], microlens[kept], planes, sampling.samples, piece.pixels[kept]
+        covariance[kept] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
+    return bundles, covariance
+
+
+Attributes = dict[str, str | float | int]
+"""What the header of a part says."""
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 """Channel names of the part `moments`: upper triangle of the covariance of (x_near, y_near, x_far, y_far)."""
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
-    """Write rays.exr."""
+def rays(params: Rays, inputs: Inputs, out: Path) -> None:
+    """All bundles of a camera, joined from tiles: rays.exr."""
     tracer = tracer_alone(inputs, params.sampling.seed)
     camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
-    head: dict[str, Any] = {
+    assert camera.near_mm is not None and camera.far_mm is not None
+    head: Attributes = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
         **dataclasses.asdict(params.sampling),
@@ -31,8 +79,8 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
     parts = [
-        tiles.part("near", ("X", "Y"), tiles.near, {**head, "plane_z_mm": camera.near_mm}),
-        tiles.part("far", ("X", "Y"), tiles.far, {**head, "plane_z_mm": camera.far_mm}),
+        tiles.part("near", ("X", "Y"), tiles.near, head | {"plane_z_mm": camera.near_mm}),
+        tiles.part("far", ("X", "Y"), tiles.far, head | {"plane_z_mm": camera.far_mm}),
         tiles.part("moments", MOMENTS, tiles.covariance.rows, {**head, "kept": kept}),
         tiles.part("hit_fraction", ("Y",), tiles.hit_fraction, head),
         tiles.part("error", ("X", "Y"), tiles.error, {**head, "unit": "px", "plane": "the worse of near and far"}),
@@ -73,7 +121,11 @@ class _Tiles:
         return found[first - low : end - low]
 
     def part(
-        self, name: str, channels: tuple[str, ...], pixels: Callable[[int, int], np.ndarray], head: dict[str, Any]
+        self,
+        name: str,
+        channels: tuple[str, ...],
+        pixels: Callable[[int, int], np.ndarray],
+        head: Attributes,
     ) -> BandedPart:
         """A part of the file; `pixels` gives rows of it."""
 

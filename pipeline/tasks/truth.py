@@ -1,4 +1,7 @@
-"""Task `truth`: correspondences of all targets for one camera in one frame."""
+"""Tasks `truth` and `truth_tile`: correspondences of all targets for one camera in one frame.
+
+A tile holds the rows of some points, by method `direct`, which solves each row alone.
+"""
 
 import dataclasses
 import functools
@@ -10,16 +13,15 @@ import numpy as np
 
 from pipeline.camera.rig import Rig
 from pipeline.files.exr_bands import ExrWindows
-from pipeline.files.jsonfile import read_json
+from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table, write_table
-from pipeline.records.plain import from_plain
+from pipeline.records.plain import from_plain, to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
 from pipeline.tasks.params.placed import View
-from pipeline.tasks.params.truth import Truth as Params
-from pipeline.tasks.params.truth import TruthTable
+from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.direct.fallback import polished
 from pipeline.truth.direct.own_bundle import with_own_bundles
@@ -41,8 +43,8 @@ image there.
 """
 
 
-def run(params: Params, inputs: Inputs, out: Path) -> None:
-    """Write correspondences.csv."""
+def truth(params: Truth, inputs: Inputs, out: Path) -> None:
+    """All rows of a camera in a frame: correspondences.csv."""
     table = params.table
     if params.view is None:
         notes, columns = joined(inputs, params.tiles)
@@ -50,7 +52,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         rig = rig_of(inputs, table.labels.seed, params.square_px)
         notes, columns = target_rows(table, params.view, rig, inputs)
     k = RayFile(inputs).supersampling if table.settings.searches else None
-    head = header_of(table, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
+    head = header_of(table, k, focused_camera(inputs))
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
 
 
@@ -59,10 +61,7 @@ def target_rows(
 ) -> tuple[list[TargetNote], dict[str, list[Any]]]:
     """Notes about the targets, and the columns of the rows of all of them.
 
-    Parameters
-    ----------
-    some_points : dict, optional
-        First and end index of the required points of each target, by name; by default all.
+    `some_points` has the first and end index of the points of each target, by name; by default all.
     """
     settings = table.settings
     rays = RayFile(inputs) if settings.searches else None
@@ -176,3 +175,11 @@ def _position_images(method: str, traced: Traced | None) -> ImageOf:
         return corrected(image, rays, pose) if method == "moments" else image
 
     return image_of
+
+
+def truth_tile(params: TruthTile, inputs: Inputs, out: Path) -> None:
+    """The rows of some points, and the notes about their targets."""
+    rig = rig_of(inputs, params.table.labels.seed, params.square_px)
+    notes, columns = target_rows(params.table, params.view, rig, inputs, params.points)
+    write_table(out / ROWS, [], columns)
+    write_json(out / NOTES, {"targets": to_plain(notes)})

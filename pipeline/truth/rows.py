@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.records.shapes import Bool, Float64, Int64, Num, Shaped
+from pipeline.records.shapes import Bool, Float64, Int64, Shaped
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +80,6 @@ class Correspondences:
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
         }
         return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
-
-    def moved(self, by_px: Num[np.ndarray, "2"]) -> "Correspondences":
-        """The same rows with their image positions moved by (2,) [px]."""
-        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
-        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
 
     def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
         """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""

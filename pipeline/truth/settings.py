@@ -1,10 +1,8 @@
 """Settings of the ground truth of a camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
-OF_SEARCH = ("search", "filter", "lambda_d", "lambda_alpha_deg", "nearest_threshold_mm")
-"""Fields of `TruthSettings` that only methods with position images use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,3 +58,11 @@ class TruthSettings:
     def searches(self) -> bool:
         """Whether points are searched in position images, so that these must be traced."""
         return self.method != "direct"
+
+    @property
+    def that_count(self) -> "TruthSettings":
+        """The settings without those of a search where there is none: they would not change a row."""
+        if self.searches:
+            return self
+        rest = TruthSettings(method=self.method)
+        return replace(rest, min_hit_fraction=self.min_hit_fraction, accuracy_px=self.accuracy_px, columns=self.columns)

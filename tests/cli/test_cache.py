@@ -4,6 +4,7 @@ import json
 import os
 
 import pytest
+from engine import toy
 
 from pipeline.engine.store.store import Store
 
@@ -17,9 +18,7 @@ def pipeline(cache, in_this_process):
 @pytest.fixture
 def record(store):
     """One result of 9 bytes."""
-    return store.put_record(
-        "ab" * 32, {"outputs": {"a": store.put_bytes(b"nine byte")}, "components": {}, "made_by": {}}
-    )
+    return store.put_record(toy.record("ab" * 32, a=store.put_bytes(b"nine byte")))
 
 
 def test_path_and_info(pipeline, cache, record):
@@ -59,7 +58,7 @@ def _impatient(monkeypatch):
 
 def test_fsck_ends_with_4_until_the_damage_is_in_quarantine(pipeline, store, record):
     assert pipeline("cache", "fsck")[:2] == (0, "1 tasks, 1 files, 9 bytes read: 0 damaged\n")
-    blob = store.path("blob", record["outputs"]["a"]["sha256"])
+    blob = store.path("blob", record.outputs["a"].sha256)
     blob.chmod(0o644)
     blob.write_bytes(b"nine bits")
     code, output, log = pipeline("cache", "fsck")

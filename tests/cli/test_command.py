@@ -135,16 +135,6 @@ def test_wrong_usage_ends_with_2_and_a_word(pipeline, stage, arguments, message)
     assert (code, output) == (2, "") and message in log and "Traceback" not in log
 
 
-def test_another_stages_folder_is_refused(pipeline, stage):
-    pipeline("build", stage(), "-o", "out", "-j1")
-    code, _, log = pipeline("build", stage(project={"stage": "other"}), "-o", "out")
-    assert code == 2 and "another stage" in log
-
-
-def test_a_full_disk_ends_with_5(pipeline, stage):
-    assert pipeline("build", stage(project={"extra": [["full", "full", {}]]}), "-j1")[0] == 5
-
-
 def test_a_store_that_cannot_be_made_ends_with_5(pipeline, stage, cache):
     cache.write_text("a file")
     code, _, log = pipeline("build", stage(), "-j1")
@@ -182,12 +172,6 @@ def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage
     assert not (cache / "cas").exists()
 
 
-def test_a_store_below_a_file_ends_with_5(pipeline, stage, cache, monkeypatch):
-    monkeypatch.setenv("PIPELINE_CACHE", "s.json/store")
-    code, _, log = pipeline("build", stage(), "-j1")
-    assert code == 5 and "cannot make the store" in log and "Traceback" not in log
-
-
 def test_a_bug_of_ours_ends_with_70(pipeline, stage):
     code, _, log = pipeline("build", stage(bug=True))
     assert code == 70 and "report" in log and "ZeroDivisionError" in log
@@ -212,23 +196,6 @@ def test_ctrl_c_once_lets_running_tasks_end(command, pipeline, stage, tmp_path, 
     assert process.returncode == 130 and "press Ctrl-C again" in log
     states = json.loads(pipeline("plan", "s.json", "--json")[1])["tasks"]
     assert next(task for task in states if task["name"] == "slow/a")["state"] == "cached"
-
-
-@pytest.mark.parametrize(
-    ("jobs", "signals", "code"),
-    [("-j1", 2, 130), ("-j2", 1, 143), pytest.param("-j2", 2, 130, marks=pytest.mark.heavy)],
-)
-def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_path, jobs, signals, code):
-    process = command("build", stage(**slow(tmp_path, 60)), jobs)
-    started(tmp_path)
-    if signals == 2:
-        process.send_signal(signal.SIGINT)
-        assert any("press Ctrl-C again" in line for line in process.stderr)  # two signals at once would count as one
-    process.send_signal(signal.SIGINT if code == 130 else signal.SIGTERM)
-    process.communicate(timeout=50)  # less than the task would take
-    assert process.returncode == code
-    assert not (tmp_path / "build").exists()
-    assert pipeline("build", stage(), "-j1")[0] == 0
 
 
 def test_a_build_by_single_tasks_alone_gives_the_same_manifest(pipeline, stage, tmp_path, monkeypatch):
@@ -268,18 +235,6 @@ def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path
         path.write_text(text)
         assert pipeline("run-task", "specs/0.json")[0] == 2
     assert pipeline("run-task", "specs/none.json")[0] == 2
-
-
-def test_a_spec_cannot_choose_what_is_imported(pipeline, stage, tmp_path):
-    from pipeline.engine.digest import key_of
-
-    pipeline("plan", stage(), "--specs", "specs")
-    path = tmp_path / "specs/0.json"
-    spec = json.loads(path.read_text())
-    spec["components"]["kind"] = "os"
-    path.write_text(json.dumps({**spec, "key": key_of("task/v1", spec["components"])}))
-    code, _, log = pipeline("run-task", "specs/0.json")
-    assert code == 1 and "not a module below toykit.tasks" in log
 
 
 def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):

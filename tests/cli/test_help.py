@@ -2,14 +2,12 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import typer.main
 from typer.testing import CliRunner
 
 from pipeline import cli
-from pipeline.errors import UsageError
 
 ROOT = typer.main.get_command(cli.app)
 
@@ -61,28 +59,6 @@ def test_a_shell_completes_verbs_and_the_tasks_and_files_of_a_stage():
     assert "cameras/Rig.Camera/white.png" in names_of(context, "cameras/")
     context.params = {"stage": "nowhere.usda"}
     assert names_of(context, "") == []
-
-
-def test_completion_is_installed_and_shown_for_the_shell_that_is_named(tmp_path, monkeypatch):
-    home = tmp_path / "home"
-    monkeypatch.setattr(Path, "home", lambda: home)
-    for typed in (["--install-completion", "fish"], ["--install-completion=fish"]):
-        installed = CliRunner().invoke(cli.app, typed, prog_name="pipeline")
-        assert installed.exit_code == 0 and "fish completion installed" in installed.output
-        script = home / ".config/fish/completions/pipeline.fish"
-        assert "complete --command pipeline" in script.read_text(encoding="utf-8")
-        script.unlink()
-    assert not any(path.is_file() for path in home.rglob("*")), "and for no other shell"
-    assert "#compdef pipeline" in CliRunner().invoke(cli.app, ["--show-completion", "zsh"], prog_name="pipeline").output
-
-
-def test_an_unknown_shell_is_refused_by_its_name(tmp_path, monkeypatch):
-    home = tmp_path / "home"
-    monkeypatch.setattr(Path, "home", lambda: home)
-    refused = CliRunner().invoke(cli.app, ["--install-completion", "tcsh"], prog_name="pipeline")
-    assert isinstance(refused.exception, UsageError)
-    assert '"tcsh" is no shell' in str(refused.exception) and "bash, fish" in str(refused.exception.hint)
-    assert not home.exists()
 
 
 def test_help_loads_nothing_heavy():

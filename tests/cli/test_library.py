@@ -41,18 +41,9 @@ def test_a_mistyped_kind_or_verb_gets_a_suggestion(in_this_process):
     assert code == 2 and "library" in log
 
 
-@pytest.mark.parametrize(
-    ("words", "meant"),
-    [
-        (("build", "x.usda", "--workers", "2"), "--jobs"),
-        (("build", "x.usda", "--output", "y"), "--out"),
-        (("new", "dataset", "x.usda", "--frames", "3"), "--poses"),
-        (("build", "x.usda", "--retires", "3"), "--retries"),
-    ],
-)
-def test_an_option_by_the_name_that_others_give_it_gets_ours(in_this_process, words, meant):
-    code, _, log = in_this_process(*words)
-    assert code == 2 and meant in log.partition("Possible options: ")[2]
+def test_a_mistyped_option_gets_a_suggestion(in_this_process):
+    code, _, log = in_this_process("build", "x.usda", "--retires", "3")
+    assert code == 2 and "--retries" in log.partition("Possible options: ")[2]
 
 
 def test_the_doctor_finds_nothing_wrong_here(in_this_process):

@@ -15,10 +15,10 @@ from pipeline.app.authoring.poses import Field, Pose, Wish, poses_that_fill, pre
 from pipeline.camera.focusing.depth_of_field import foci, focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.errors import UsageError
+from pipeline.folders import share
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance
 from pipeline.scene.load import load
-from pipeline.share import share
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -12,7 +12,7 @@ import pytest
 import pipeline as package
 from pipeline.camera.parts.camera import Camera
 from pipeline.files.jsonfile import json_bytes
-from pipeline.report.drawing import bundle
+from pipeline.results.drawing import bundle
 from pipeline.scene.load import load
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -38,17 +38,6 @@ def test_the_folder_of_another_stage_is_refused_by_all_verbs(pipeline, stage, ve
     assert code == 2 and "another stage" in log
 
 
-def test_a_store_that_cannot_be_named_ends_with_5(pipeline, stage, monkeypatch):
-    monkeypatch.setenv("PIPELINE_CACHE", ODD)
-    code, _, log = pipeline("build", stage())
-    assert code == 5 and "not UTF-8" in log
-
-
-def test_events_on_a_full_disk_end_with_5_and_one_error(pipeline, stage):
-    code, _, log = pipeline("build", stage(), "-j1", "--events", "/dev/full")
-    assert code == 5 and log.count("cannot write events to /dev/full: No space left on device") == 1
-
-
 @pytest.mark.parametrize("name", ["...usda", "..usda"])
 def test_a_stage_that_no_folder_can_be_named_after_needs_one(name, tmp_path):
     from pipeline.errors import UsageError

@@ -105,7 +105,6 @@ def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):
     ("arguments", "told"),
     [
         ({"device": "tpu"}, "no device"),
-        ({"device": "cuda", "untrusted": True}, "--untrusted"),
         ({"device": "cuda", "engine": "dask:x"}, "--engine"),
     ],
 )

@@ -22,7 +22,7 @@ def filled(store: Store, count: int) -> list[str]:
     keys = [f"{number:064x}" for number in range(count)]
     for number, key in enumerate(keys):
         entry = store.put_bytes(bytes([number]) * 1000)
-        store.put_record(key, {"outputs": {"a": entry}, "components": {}, "made_by": {"seconds": 0}})
+        store.put_record(toy.record(key, a=entry))
         os.utime(store.path("record", key), (1000 + number, 1000 + number))
     return keys
 
@@ -53,8 +53,7 @@ def test_a_dry_run_says_what_would_go_and_removes_nothing(store):
 def test_blobs_that_nothing_refers_to_go_and_shared_ones_stay(store):
     filled(store, 1)
     store.put_bytes(b"orphan")
-    shared = {"outputs": {"b": store.put_bytes(bytes(1000))}, "components": {}, "made_by": {}}
-    store.put_record("f" * 64, shared)
+    store.put_record(toy.record("f" * 64, b=store.put_bytes(bytes(1000))))
     done = collect(store, 10**9)
     assert (done.records, done.blobs, done.bytes) == (0, 1, len(b"orphan"))
     assert store.record("f" * 64) and store.record("0" * 64)
@@ -83,7 +82,7 @@ def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
     events = []
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
     build(toy.project(tmp_path / "other", power=8.0), ALONE, caller=Caller(on_event=events.append))
-    assert any("over its limit" in event.get("text", "") for event in events)
+    assert any("over its limit" in getattr(event, "text", "") for event in events)
 
 
 def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkeypatch):
@@ -94,7 +93,7 @@ def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkey
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
     monkeypatch.setattr("pipeline.engine.running.session.collect", refuse)
     assert build(toy.project(tmp_path / "out"), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
-    assert any("over its limit" in event.get("text", "") and "cannot read" in event["text"] for event in events)
+    assert any("over its limit" in getattr(event, "text", "") and "cannot read" in event.text for event in events)
 
 
 def test_nothing_is_collected_under_a_running_build(store):

@@ -28,7 +28,7 @@ def ran(folder: Path) -> list[str]:
 
 def texts(outcome, store) -> dict[str, str]:
     """Output of each task that has one."""
-    return {n: store.read(r["outputs"]["shared.txt"]["sha256"]).decode() for n, r in outcome.records.items()}
+    return {n: store.read(r.outputs["shared.txt"].sha256).decode() for n, r in outcome.records.items()}
 
 
 def test_company_makes_what_each_alone_makes(tmp_path, store):
@@ -36,14 +36,14 @@ def test_company_makes_what_each_alone_makes(tmp_path, store):
     assert ran(tmp_path) == ["a+b+c"]
     apart = run(graph(tmp_path, 3, together=None), Store(tmp_path / "other"))
     assert texts(together, store) == texts(apart, Store(tmp_path / "other")) == {"a": "a 0", "b": "b 1", "c": "c 2"}
-    assert {n: r["key"] for n, r in together.records.items()} == {n: r["key"] for n, r in apart.records.items()}
+    assert {n: r.key for n, r in together.records.items()} == {n: r.key for n, r in apart.records.items()}
     assert {result.state for result in together.results.values()} == {"executed"}
 
 
 def test_what_a_company_took_is_shared_out(tmp_path, store):
     records = run(graph(tmp_path, 4), store).records
-    made = [record["made_by"] for record in records.values()]
-    assert len({one["cpu_seconds"] for one in made}) == 1  # each a quarter of all
+    made = [record.made_by for record in records.values()]
+    assert len({run.cpu_seconds for run in made}) == 1  # each a quarter of all
 
 
 def test_a_company_is_not_larger_than_allowed(tmp_path, store):
@@ -86,7 +86,7 @@ def test_a_death_in_company_condemns_nobody(tmp_path, store):
         graph(tmp_path, 4, kills="in company"), store, BuildOptions(jobs=2), caller=Caller(on_event=events.append)
     )
     assert {result.state for result in outcome.results.values()} == {"executed"}
-    assert any(event["event"] == "retry" and "it runs alone now" in event["error"] for event in events)
+    assert any(event.name == "retry" and "it runs alone now" in event.error for event in events)
 
 
 def test_who_kills_its_worker_alone_too_has_failed(tmp_path, store):

@@ -8,6 +8,7 @@ import shutil
 import socket
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.output import manifest, output_index
 from pipeline.engine.output.output_folder import Folder
 from pipeline.engine.output.output_index import Seen
+from pipeline.engine.records import Blob
 from pipeline.engine.running.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
@@ -40,10 +42,11 @@ def test_the_manifest_lists_every_file_but_itself(out):
 
 def test_the_manifest_is_sorted_json_with_a_line_per_task_and_per_file():
     head = {"stage": 'a "b"\n.usda', "seeds": {"dataset": 1}, "empty": {}}
-    files = {"b/ü": {"sha256": "1" * 64, "size": 5}, "a": {"sha256": "0" * 64, "size": 0}}
+    files = {"b/ü": Blob(sha256="1" * 64, size=5), "a": Blob(sha256="0" * 64, size=0)}
     tasks = {"t/2": "3" * 64, "t/10": "2" * 64}
     text = manifest.render(head, tasks, files).decode()
-    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": files}
+    entries = {name: asdict(blob) for name, blob in files.items()}
+    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": entries}
     whole = json.dumps(json.loads(text), indent=1, sort_keys=True, ensure_ascii=False)
     assert "".join(text.split()) == "".join(whole.split())
     assert [line.split('"')[1] for line in text.splitlines() if "sha256" in line] == ["a", "b/ü"]
@@ -66,7 +69,7 @@ def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
     os.utime(out / name, ns=(times.st_atime_ns, times.st_mtime_ns))  # as if nothing had happened
     assert build(toy.project(out), ALONE, caller=Caller(on_event=said.append)).executed == 0
     assert toy.contents(out) == {**right, f"{name}.kept1": bytes(altered)}
-    assert any(f"{name} is not as a build delivered it; it is now" in event.get("text", "") for event in said)
+    assert any(f"{name} is not as a build delivered it; it is now" in getattr(event, "text", "") for event in said)
 
 
 def test_a_touched_file_with_the_same_bytes_stays(out):
@@ -88,7 +91,7 @@ def test_foreign_files_stay_with_a_warning(out):
     events = []
     build(toy.project(out, poses=toy.POSES[:1]), ALONE, caller=Caller(on_event=events.append))
     assert (out / "frames" / "0001" / "mine.txt").read_text() == (out / "notes.txt").read_text() == "mine"
-    assert any("notes.txt" in event.get("text", "") for event in events)
+    assert any("notes.txt" in getattr(event, "text", "") for event in events)
     assert "notes.txt" not in json.loads((out / "manifest.json").read_text())["files"]
 
 
@@ -111,13 +114,6 @@ def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
     build(toy.project(out), ALONE)
     assert not list(elsewhere.iterdir())
     assert (out / "report" / "index.html").is_file() and not (out / "report").is_symlink()
-
-
-def test_a_folder_of_another_stage_is_refused_before_anything_runs(out, cache):
-    before = toy.snapshot(out)
-    with pytest.raises(UsageError, match="another stage"):
-        build(toy.project(out, stage="other", power=9.0), ALONE)
-    assert toy.snapshot(out) == before
 
 
 @pytest.mark.parametrize("place", ["copy", "place"])
@@ -154,18 +150,6 @@ def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
     assert not (out / "manifest.json").exists()
     build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert not (out / "frames" / "0001").exists()
-
-
-def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
-    before = toy.snapshot(out)
-
-    def full(source, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(store_module, "copy", full)
-    result = build(toy.project(out, power=9.0), ALONE)
-    assert result.exit_code == 5 and "bytes free" in str(result.error)
-    assert toy.snapshot(out) == before
 
 
 def test_status_says_built_stale_and_missing(out):
@@ -219,16 +203,6 @@ def test_an_old_folder_whose_name_only_begins_like_ours_stays(out, name):
     assert (out / name / "thesis.tex").read_text() == "years of work"
 
 
-def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "manifest.json").write_text('{"name": "my web app"}')
-    events = []
-    assert build(toy.project(out), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
-    assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
-    assert any("manifest.json.kept1" in event.get("text", "") for event in events)
-
-
 def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_too(out, cache):
     right = toy.contents(out)
     for path in [out / "manifest.json", *(cache / "index").iterdir()]:
@@ -261,16 +235,6 @@ def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, m
         build(toy.project(out), ALONE)
     build(toy.project(out), ALONE)
     assert (out / f"{name}.kept1").read_text() == "mine"
-
-
-def test_a_dangling_link_is_not_overwritten_by_what_is_kept(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "dataset.usda").write_text("mine")
-    (out / "dataset.usda.kept1").symlink_to("/nonexistent/on-another-disk")
-    build(toy.project(out), ALONE)
-    assert (out / "dataset.usda.kept1").is_symlink()
-    assert (out / "dataset.usda.kept2").read_text() == "mine"
 
 
 def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_path):
@@ -454,13 +418,6 @@ def test_a_doctored_manifest_of_ours_makes_nothing_ours(out):
     assert (out / "thesis.txt").read_text() == "years of work"
 
 
-def test_a_file_that_was_annotated_and_is_no_longer_made_stays(out):
-    path = out / "frames/0001/cam/image.txt"
-    path.write_text(path.read_text() + "blurred, do not use")
-    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
-    assert result.delivery.foreign == ("frames/0001/cam/image.txt",) and "do not use" in path.read_text()
-
-
 @pytest.mark.parametrize("how", ["moved", "copied"])
 def test_a_folder_that_was_moved_or_copied_is_ours_still(out, tmp_path, how):
     """The store wrote that very manifest: nothing in it needs to be kept aside."""
@@ -477,7 +434,7 @@ def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (out / name).write_text("mine")
     build(toy.project(out), ALONE, caller=Caller(on_event=said.append))
-    texts = [event["text"] for event in said if event["event"] == "warning"]
+    texts = [event.text for event in said if event.name == "warning"]
     assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
 
 
@@ -570,4 +527,4 @@ def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp
     monkeypatch.setattr(Folder, "clear", late)
     build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
     assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
-    assert not [event["text"] for event in said if event["event"] == "warning"]
+    assert not [event.text for event in said if event.name == "warning"]

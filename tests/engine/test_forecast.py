@@ -9,6 +9,7 @@ from engine import toy
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
 from pipeline.engine.planning.forecast import Cost, means_by_kind
+from pipeline.engine.records import Run
 from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.sizes import assumed_cost
@@ -36,9 +37,9 @@ def known(tmp_path, store):
     note = store.read_note("history", name)
     for key in note["keys"].values():
         record = store.peek(key)
-        made_by = {"cpu_seconds": 2.0, "peak_bytes": 1 << 20, "kernels": {"k": {"rays": 100}}}
+        made_by = Run(cpu_seconds=2.0, peak_bytes=1 << 20, kernels={"k": {"rays": 100}})
         store.path("record", key).unlink()
-        store.put_record(key, {**record, "made_by": {**record["made_by"], **made_by}})
+        store.put_record(replace(record, made_by=made_by))
     store.write_note("history", name, {**note, "costs": dict.fromkeys(("lens", "rays", "image", "report"), UNSIZED)})
     return project
 
@@ -101,4 +102,4 @@ def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):
 
 
 def test_records_of_older_versions_count_nothing():
-    assert means_by_kind([("image", {"made_by": {"seconds": 1.0}})]) == {}
+    assert means_by_kind([("image", toy.record("ab" * 32))]) == {}

@@ -133,9 +133,9 @@ def test_version_and_libraries_are_read_without_importing(kit):
     text = 'VERSION = 7\nfrom toykit import physics\nraise RuntimeError("imported")\n'
     (kit / "tasks" / "lens.py").write_text(text)
     (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from networkx.utils import misc\n")
-    task_code = code_of("toykit.tasks.lens")
-    assert task_code["version"] == 7
-    assert task_code["libraries"] == {
+    code = code_of("toykit.tasks.lens")
+    assert code.version == 7
+    assert code.libraries == {
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "networkx": version("networkx"),
         "pillow": version("pillow"),
@@ -144,7 +144,7 @@ def test_version_and_libraries_are_read_without_importing(kit):
 
 def test_libraries_that_a_library_requires_count(kit):
     (kit / "tasks" / "lens.py").write_text("import numba\n")
-    assert {"numba", "llvmlite", "numpy"} <= set(code_of("toykit.tasks.lens")["libraries"])
+    assert {"numba", "llvmlite", "numpy"} <= set(code_of("toykit.tasks.lens").libraries)
 
 
 def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
@@ -208,11 +208,11 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     It is a fork of one that imported tasks with fewer libraries, all of which it names, too: what a task loads beyond
     its own is seen all the same.
     """
-    kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
+    kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if path.stem != "__init__"]
     assert len(kinds) >= 8
     alike, modules, known = defaultdict(list), {}, packages_distributions()
     for kind in kinds:
-        alike[frozenset(code_of(f"pipeline.tasks.{kind}", modules)["libraries"])].append(f"pipeline.tasks.{kind}")
+        alike[frozenset(code_of(f"pipeline.tasks.{kind}", modules).libraries)].append(f"pipeline.tasks.{kind}")
     found = loaded_by(alike)
     assert len(found) == len(alike)
     for libraries, names in alike.items():
@@ -281,7 +281,7 @@ def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path,
     assert in_a_new_process() == (fresh, [])
     (kit / "physics.py").write_text("def doubled(x):\n    return x + x\n")
     edited, modules = in_a_new_process()
-    assert edited["code"] != fresh["code"] and modules == ["toykit.physics"]
+    assert edited.code != fresh.code and modules == ["toykit.physics"]
     note = next((tmp_path / "store/index").glob("code-*.json"))
     note.chmod(0o644)
     note.write_bytes(note.read_bytes().replace(b"toykit.physics", b"toykit.physicz"))

@@ -8,7 +8,8 @@ from engine import toy
 
 from pipeline.engine.maintenance import collect
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.running.session import build, sources_of, status_of
+from pipeline.engine.running.notes import sources_of
+from pipeline.engine.running.session import build, status_of
 from pipeline.errors import UsageError
 
 IMAGE = "frames/0001/cam/image.txt"
@@ -106,14 +107,6 @@ def test_a_manifest_of_others_and_their_files_are_kept(out):
     part(out, IMAGE)
     assert {path.read_text() for path in out.glob("manifest.json*")} == {'{"mine": 1}'}
     assert not (out / "manifest.json").exists() and (out / "notes.txt").read_text() == "mine"
-
-
-def test_a_folder_of_another_stage_is_refused(out):
-    build(toy.project(out, stage="other"), ALONE)
-    before = toy.snapshot(out)
-    with pytest.raises(UsageError, match="another stage"):
-        part(out, IMAGE)
-    assert toy.snapshot(out) == before
 
 
 def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_reason_is_said(out, tmp_path):

@@ -11,11 +11,10 @@ import time
 import pytest
 from engine import toy
 
-from pipeline.engine.options import ALONE, BuildOptions, Caller
+from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.running.driver import run
 from pipeline.engine.running.engines import Processes
 from pipeline.engine.running.session import build, plan_of
-from pipeline.engine.store.store import Store
 
 
 def test_a_killed_worker_costs_only_its_task(tmp_path, store):
@@ -37,32 +36,22 @@ def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
     assert outcome.results["lens"].state == "executed"
 
 
-@pytest.mark.parametrize(("most_bytes", "state"), [(2**30, "failed"), (None, "executed")])
-def test_a_task_that_asks_for_more_memory_than_it_may_take_fails_and_says_what_allows_it(store, most_bytes, state):
-    graph = toy.graph_of(("vast", "vast", {"bytes": 2**30}), ("lens", "lens", {"power": 1.0}))
-    engine = Processes(store, graph.packages, 2, memory_bytes=most_bytes)
-    results = run(graph, store, BuildOptions(keep_going=True), engine=engine).results
-    assert (results["vast"].state, results["lens"].state) == (state, "executed")
-    if state == "failed":
-        assert "MemoryError" in results["vast"].error
-        assert 'PIPELINE_LIMITS="task_bytes=2147483648"' in results["vast"].error
-
-
 @pytest.mark.parametrize("stopped_before", [True, False])
 def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monkeypatch, stopped_before):
     close = Processes.close
 
     def disturbed(self):
-        os.kill(os.getpid(), signal.SIGTERM)
+        if not stopped_before:
+            os.kill(os.getpid(), signal.SIGINT)
         close(self)
 
     def stop(event):
-        if stopped_before and event["event"] == "started" and event["task"] == "rays/cam":
-            os.kill(os.getpid(), signal.SIGTERM)
+        if stopped_before and event.name == "started" and event.task == "rays/cam":
+            os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(Processes, "close", disturbed)
     result = build(toy.project(tmp_path / "out"), BuildOptions(jobs=2), caller=Caller(on_event=stop))
-    assert result.exit_code == 143 and result.delivery is None
+    assert result.exit_code == 130 and result.delivery is None
     assert '"lens": ' in next((store.root / "history").iterdir()).read_text()
 
 
@@ -73,16 +62,16 @@ def test_a_signal_while_a_dead_worker_is_forgotten_stops_the_build(tmp_path, sto
 
     def disturbed(stream):
         unregister(stream)
-        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(engine._ready, "unregister", disturbed)
-    assert run(graph, store, engine=engine).interrupted == 143
+    assert run(graph, store, engine=engine).interrupted
 
 
 def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
     outcome = run(toy.graph_of(("probe", "probe", {})), store, BuildOptions(jobs=2))
-    entry = outcome.records["probe"]["outputs"]["probe.json"]
-    facts = json.loads(store.blob(entry["sha256"]).read_text())
+    entry = outcome.records["probe"].outputs["probe.json"]
+    facts = json.loads(store.blob(entry.sha256).read_text())
     imported = {name.split(".")[0] for name in facts["modules"]}
     assert not imported & {"pxr", "typer", "rich", "colour", "networkx", "numpy", "numba"}
     assert "pipeline.cli" not in facts["modules"]
@@ -146,35 +135,6 @@ def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
     assert "rendering" not in capfd.readouterr().out
     logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
     assert logs == ["rendering\n"] * 2
-
-
-_BUILD = """
-import sys
-from pathlib import Path
-sys.path[:0] = sys.argv[2:]
-from engine import toy
-from pipeline.engine.options import BuildOptions
-from pipeline.engine.running.session import build
-build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), BuildOptions(jobs=2))
-"""
-
-
-def test_a_builder_killed_at_any_time_leaves_nothing_wrong(tmp_path, cache, kit):
-    poses = [[[float(n)]] for n in range(60)]
-    command = [sys.executable, "-c", _BUILD, str(tmp_path / "out"), str(kit.parent), str(toy.KIT.parents[1])]
-    for milliseconds in range(250, 700, 50):
-        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        time.sleep(milliseconds / 1000)
-        process.kill()
-        process.wait()
-    assert build(toy.project(tmp_path / "out", poses=poses), ALONE).exit_code == 0
-    again = build(toy.project(tmp_path / "out", poses=poses), ALONE)
-    assert again.executed == 0
-    fresh = Store(tmp_path / "fresh")
-    build(toy.project(tmp_path / "fresh_out", poses=poses), ALONE, store=fresh)
-    assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "fresh_out")
-    assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
-    assert len(list((cache / "tmp").iterdir())) <= 1
 
 
 def test_ended_workers_leave_nothing_in_the_store(tmp_path, cache):

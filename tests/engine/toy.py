@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
+from pipeline.engine.records import Blob, Components, Record
 
 KIT = Path(__file__).parent / "toykit"
 POSES = ([[1.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]])
@@ -32,6 +33,12 @@ def project(out: Path, *, power: float = 4.0, samples: int = 8, poses=POSES, sta
     files["report/index.html"] = ("report", "index.html")
     head = {"stage": stage, "conventions": {"up": "Y"}, "versions": {}, "seeds": {"all": 1}, "certificate": None}
     return Project(graph=graph_of(*tasks, *extra), files=files, head=head, out=out, stage_id=stage)
+
+
+def record(key: str, **outputs: Blob) -> Record:
+    """A record of no task of ours."""
+    none = Components(kind="none", version=1, code="", libraries={}, machine={}, params={}, inputs={})
+    return Record(key=key, outputs=outputs, components=none)
 
 
 def bare(graph: TaskGraph, out: Path) -> Project:

@@ -1,6 +1,7 @@
 """The evaluation of example 03: its rays, its statistics, a small run, and the table that is committed with it."""
 
 import csv
+import math
 import re
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from pipeline.files.png import read_png
 from pipeline.scene.load import load
 from pipeline.truth.grid import quad_search
 from pipeline.truth.grid.ray_grid import image_from_fine
-from pipeline.units import DEGREE_RAD
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/03_paper_evaluation"
 sys.path.insert(0, str(EXAMPLE))  # its modules lie beside the script that imports them
@@ -111,7 +111,7 @@ def test_noisy_grids_pass_the_filters_of_a_build_as_often_as_those_of_the_formul
     for noise in noises:
         status, solution = np.empty(1, np.int64), np.full((1, 9), np.nan)
         cell, quad, passed = np.zeros((4, 4), np.int64), np.array([[0, 1, 1]]), 0
-        limits = quad_search.Filter(True, 0.15, 10 * DEGREE_RAD)
+        limits = quad_search.Filter(True, 0.15, math.radians(10))
         for _ in range(count):
             image = np.stack([column, row], axis=-1) + random.normal(0, noise, (4, 4, 2))
             quad_search.solve_quads(image, cell, np.array([[1.5, 1.5]]), quad, limits, status, solution)
@@ -129,7 +129,7 @@ def test_the_dataset_is_the_papers_camera_with_its_whole_sensor():
     assert len(found.dataset.frames) == 6
     assert (entry.camera.sensor.width_px, entry.camera.sensor.height_px) == (2173, 2173)
     assert entry.camera.microlenses.focal_lengths_mm == (1.9, 2.1, 2.3)
-    assert entry.truth["method"] == "direct"
+    assert entry.truth.method == "direct"
 
 
 @pytest.mark.heavy

@@ -16,8 +16,8 @@ import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tiff import read_tiff
 from pipeline.frames import rigid, rotation_vector
-from pipeline.tasks.frame_poses import poses
-from pipeline.tasks.params.poses import PosedFrame
+from pipeline.tasks.params.truth import PosedFrame
+from pipeline.tasks.poses import poses
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ import OpenEXR
 from exports.pretended import write_manifest
 from pxr import Usd
 
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
 
 SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
 DISTORTION = np.array([0.1, -0.05, 0.001, -0.002, 0.01])

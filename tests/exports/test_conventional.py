@@ -7,11 +7,11 @@ from exports.maps import CHECKS as MAPS
 from exports.pretended import CORNER_PX, Scene, write_build
 from exports.readers import CHECKS
 
-from pipeline.built.output import open_output
 from pipeline.export_formats import FORMATS, Cameras
 from pipeline.exports.conventions import CONVENTIONS, Board, ImageAxes, Origin, Pose, Rays, Rotation, Unit
 from pipeline.exports.export import export
 from pipeline.exports.formats import WRITERS
+from pipeline.results.output import open_output
 
 FIELDS = {"origin": Origin, "axes": ImageAxes, "board": Board, "pose": Pose, "rotation": Rotation, "unit": Unit}
 FIELDS |= {"rays": Rays}

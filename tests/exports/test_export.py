@@ -14,12 +14,12 @@ from exports.pretended import Scene, write_build
 from typer.testing import CliRunner
 
 from pipeline import cli
-from pipeline.built.output import open_output
 from pipeline.export_formats import FORMATS
 from pipeline.exports.conventions import CONVENTIONS
 from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import grid_of
+from pipeline.results.output import open_output
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,13 +8,13 @@ import yaml
 from exports.maps import CHECKS as MAPS
 from exports.pretended import Scene, write_build
 
-from pipeline.built.output import open_output
 from pipeline.export_formats import FORMATS
 from pipeline.exports.conventions import CONVENTIONS
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
 from pipeline.exports.gathering import gather, grid_of
 from pipeline.exports.writers import kalibr
+from pipeline.results.output import open_output
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 
 TAG_MM, SPACING = 20.0, 0.3

@@ -7,11 +7,11 @@ from exports.flipping import require_notice
 from exports.maps import CHECKS, channels, write_small_build
 
 import pipeline
-from pipeline.built.output import open_output
 from pipeline.exports.conventions import CONVENTIONS, ImageAxes, Origin, Rays, Unit
 from pipeline.exports.errors import ExportError
 from pipeline.exports.export import export
 from pipeline.exports.writers.maps import omni_lut
+from pipeline.results.output import open_output
 
 FIELDS = {"origin": Origin, "axes": ImageAxes, "unit": Unit, "rays": Rays}
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.app.build import build
-from pipeline.built.output import open_output
 from pipeline.exports.export import export
+from pipeline.results.output import open_output
 
 ROOT = Path(__file__).resolve().parents[2]
 BROWN = [-0.9, 3.0, 0.01, -0.02, 5.0]

@@ -21,10 +21,10 @@ from exports.pretended import (
     write_build,
 )
 
-from pipeline.built.output import open_output
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 from pipeline.frames import rigid
+from pipeline.results.output import open_output
 
 pytestmark = [
     pytest.mark.heavy,

@@ -8,12 +8,12 @@ import pytest
 from exports.pretended import Scene, write_build
 from scipy import stats
 
-from pipeline.built.output import open_output
 from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import gather
 from pipeline.exports.material import ExportView, Material, Observations
 from pipeline.exports.noise import Noise, noise_of, with_noise
+from pipeline.results.output import open_output
 
 COUNT = 40_000
 

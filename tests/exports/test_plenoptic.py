@@ -18,7 +18,6 @@ from exports.plenoptic_readers import (
 )
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
-from pipeline.built.output import open_output
 from pipeline.export_formats import FORMATS, Cameras
 from pipeline.exports.cameras import GridMesh
 from pipeline.exports.conventions import (
@@ -35,6 +34,7 @@ from pipeline.exports.conventions import (
 from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
+from pipeline.results.output import open_output
 
 CHECKS = {
     "libpleno": check_libpleno,

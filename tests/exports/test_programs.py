@@ -20,9 +20,9 @@ from exports.pretended_plenoptic import RADIUS_PX, TYPES_MM, PlenopticScene, wri
 from exports.pretended_plenoptic import SIZE_PX as PLENOPTIC_PX
 from PIL import Image
 
-from pipeline.built.output import open_output
 from pipeline.exports.export import export
 from pipeline.frames import apply
+from pipeline.results.output import open_output
 
 pytestmark = pytest.mark.heavy
 needs_octave = pytest.mark.skipif(shutil.which("octave-cli") is None, reason="GNU Octave is not installed")

@@ -6,7 +6,7 @@ import pytest
 import pipeline
 from pipeline.exports.seen import ray_patches
 from pipeline.exports.seen.ray_patches import bands, rows_of_rays
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
 
 PLANES_MM = (400.0, 500.0)
 

@@ -12,8 +12,8 @@ from builds import DATA, tiny
 from exports.pretended import F_PX, Scene, write_build
 
 from pipeline.app.build import build
-from pipeline.built.output import open_output
 from pipeline.exports.export import export
+from pipeline.results.output import open_output
 
 LENS = DATA.parents[1] / "stages/lenses/retrofocus_28mm_leica.usda"
 SIZE_PX, FRAMES = (100, 70), range(1, 11)

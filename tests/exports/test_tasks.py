@@ -8,10 +8,10 @@ from builds import DATA
 from shorter import few
 
 from pipeline.app.build import build, project
-from pipeline.built.output import open_output
 from pipeline.export_formats import FORMATS, NamedCamera
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
+from pipeline.results.output import open_output
 
 ASKED = {
     "conventional": ["opencv", "mrcal", "colmap", "kalibr", "npz", "rays", "stmap", "depth"],

@@ -16,7 +16,7 @@ PLENOPTIC = STAGE.parents[1] / "tiny_plenoptic/dataset.usda"
 _COMMAND = "from pipeline.cli import main; main()"
 # NumPy is loaded before our settings can reach it; builds run in workers, which get the settings at their start.
 _PROGRAM = "import numpy; from pipeline.cli import main; main()"
-# The same, and this process computes itself, as a worker of a cluster does: only a measurement can tell it apart.
+# The same, and this process computes itself, as a worker of a cluster does: only what NumPy states can tell it apart.
 _UNTOLD = """
 import numpy
 from pipeline.machine import facts
@@ -70,7 +70,7 @@ def _places() -> Iterator[Elsewhere]:
         yield Elsewhere(_COMMAND, {"NUMBA_CPU_NAME": processor}, alike=True)
     yield Elsewhere(_COMMAND, {"GLIBC_TUNABLES": _NO_FMA})
     for features in _numpys():
-        yield Elsewhere(_COMMAND, {"NPY_DISABLE_CPU_FEATURES": features})
+        yield Elsewhere(_COMMAND, {"NPY_DISABLE_CPU_FEATURES": features}, alike=True)
 
 
 def _numpys() -> list[str]:
@@ -98,7 +98,7 @@ def _of(place: Path) -> dict[str, dict[str, str]]:
     keys = [path.stem for path in entries(place) if (place / "store" / "ac") in path.parents]
     records = {key: store.record(key) for key in keys}
     return {
-        key: {name: entry["sha256"] for name, entry in record["outputs"].items()}
+        key: {name: entry.sha256 for name, entry in record.outputs.items()}
         for key, record in records.items()
         if record is not None
     }

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import multiprocessing
 import random
 import shutil
 import tempfile
@@ -13,7 +14,7 @@ from pathlib import Path
 from engine import toy
 from faults.shim import Shim, in_fork
 
-from pipeline.app.sandbox import project_of_untrusted
+from pipeline.app.build import project
 from pipeline.engine.events import silent
 from pipeline.engine.maintenance import check
 from pipeline.engine.options import BuildOptions, Caller
@@ -63,7 +64,8 @@ class Workbench:
         self.folder, self.whole, self.soak_s = folder, whole, soak_s
         self.shim, self.chance = Shim(), random.Random(1)
         # Read in another process: this one must stay free of USD, whose threads do not survive a fork.
-        self.project = project_of_untrusted(STAGE, folder, ())
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            self.project = pool.apply(project, (STAGE, folder))
         self.build(folder / "right")  # which compiles and loads what forks inherit
         self.right = toy.contents(folder / "right" / "out")
 

@@ -21,7 +21,7 @@ from pipeline.fits.models import MODELS
 from pipeline.fits.result import ALL, THIN_LENS, by_distance, document, fit_camera, worst
 from pipeline.fits.thin_plenoptic import positions_mm, thin_plenoptic
 from pipeline.optics.first_order import first_order
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
 
 OPENCV = ("pinhole", "brown", "rational", "thin-prism", "tilted")
 

@@ -2,11 +2,9 @@
 
 import math
 import re
-import resource
 import time
 import traceback
 import warnings
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,39 +23,12 @@ from pipeline.files.tables import read_table
 from pipeline.scene.check.budgets import rays_of
 from pipeline.scene.load import Loaded, load
 
-CHECK_S = 10.0
-CHECK_BYTES = 2**30
-BUILD_S = 60.0
-SLOW_RAYS_PER_S = 2e6
-"""A stage may ask for many rays, within the limit: 16,777,216 of each pixel were traced at 8e6 rays/s."""
+CHECK_S, BUILD_S = 10.0, 60.0
+"""Processor time that the check of a stage may take, and a build of a small scene [s]."""
+MOST_RAYS = 1e8
+"""Stages that ask for more rays are not built: they may take long, and `check` warns of hours."""
 _PYTHONS_OWN = re.compile(r"^[A-Za-z]+(Error|Exception|Interrupt|Warning)\b", re.MULTILINE)
 """The last line of a traceback that no error of ours ends: those carry the name of their module."""
-
-
-@dataclass
-class Tally:
-    """What became of all that was tried."""
-
-    tried: int = 0
-    refused: int = 0
-    accepted: int = 0
-    built: int = 0
-    failed_clearly: int = 0
-    wrong: dict[str, list[str]] = field(default_factory=dict)
-    slowest: tuple[float, str] = (0.0, "")
-    ends: set[str] = field(default_factory=set)
-
-    def blame(self, what: str, attempt: Attempt | str, details: str) -> None:
-        """Something that must not be."""
-        self.wrong.setdefault(what, []).append(f"{attempt}\n{details}")
-
-    def __str__(self) -> str:
-        kinds = ("traceback", "hang", "memory", "place", "warning", "non-finite")
-        bad = ", ".join(f"{len(self.wrong.get(kind, []))} {kind}" for kind in kinds)
-        ends = "".join(f"\n    {text}" for text in sorted(self.ends))
-        became = f"{self.built} built, {self.failed_clearly} failed"
-        values = f"{self.tried} hostile values: {self.refused} refused, {self.accepted} accepted; of these {became}"
-        return f"{values}\n    slowest check {self.slowest[0]:.1f} s: {self.slowest[1]}\n    wrong: {bad}{ends}"
 
 
 def write(attempt: Attempt, folder: Path) -> Path:
@@ -68,72 +39,47 @@ def write(attempt: Attempt, folder: Path) -> Path:
     return path
 
 
-def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
-    """Ask `pipeline check` about the stage of an attempt: what it holds, or None if it has errors."""
-    path = write(attempt, folder)
-    before_s, before_bytes = time.process_time(), _peak_bytes()
-    tally.tried += 1
+def check(attempt: Attempt, folder: Path, wrong: list[str]) -> Loaded | None:
+    """Ask `pipeline check` about the stage of an attempt: what it holds, or None if it has errors. Harm is added to
+    `wrong`.
+    """
+    path, start = write(attempt, folder), time.process_time()
     try:
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
             loaded = load(path, look=True)
-        texts = [str(one) for one in loaded.problems]
     except Exception:  # any error is counted as wrong, and the other attempts go on
-        tally.blame("traceback", attempt, traceback.format_exc(limit=-4))
+        wrong.append(f"{attempt}\n{traceback.format_exc(limit=-4)}")
         return None
-    for warning in said:
-        tally.blame("warning", attempt, str(warning))
-    seconds = time.process_time() - before_s
-    tally.slowest = max(tally.slowest, (seconds, str(attempt)))
-    if seconds > CHECK_S:
-        tally.blame("hang", attempt, f"{seconds:.1f} s")
-    if _peak_bytes() - before_bytes > CHECK_BYTES:
-        tally.blame("memory", attempt, f"{(_peak_bytes() - before_bytes) / 2**30:.1f} GiB")
-    for one, shown in zip(loaded.problems, texts, strict=True):
-        if not (one.file and one.line) or not shown.replace("\n", "").isprintable() or len(shown) > 5000:
-            tally.blame("place", attempt, shown[:300])
-    tally.refused += bool(loaded.errors)
-    tally.accepted += not loaded.errors
+    if time.process_time() - start > CHECK_S:
+        wrong.append(f"{attempt}: the check took {time.process_time() - start:.1f} s")
+    for problem in loaded.problems:
+        shown = str(problem)
+        if not (problem.file and problem.line) or not shown.replace("\n", "").isprintable() or len(shown) > 5000:
+            wrong.append(f"{attempt}: {shown[:300]}")
     return None if loaded.errors else loaded
 
 
-def build_s(loaded: Loaded) -> float:
-    """Computing time that a build may take: that of any small scene, and of the rays that this one asks for."""
-    if loaded.dataset is None:
-        return BUILD_S
-    rays = [sum(rays_of(camera, len(loaded.dataset.frames))) for camera in loaded.dataset.cameras]
-    return BUILD_S + sum(rays) / SLOW_RAYS_PER_S
-
-
-def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
+def build(attempt: Attempt, loaded: Loaded, folder: Path, wrong: list[str]) -> None:
     """Build what the check accepted, and read every file that comes out."""
-    if loaded.dataset is None:
+    dataset = loaded.dataset
+    if dataset is None or sum(sum(rays_of(camera, len(dataset.frames))) for camera in dataset.cameras) > MOST_RAYS:
         return
     out, start = folder / "out", time.process_time()
     try:
         project = project_from(loaded, write(attempt, folder), out)
         result = session.build(project, ALONE, store=Store(folder / "store"))
-    except PipelineError as error:
-        tally.failed_clearly += 1
-        tally.ends.add(str(error).split("\n")[0][:100])
+    except PipelineError:
         return
     except Exception:  # as above
-        tally.blame("traceback", attempt, traceback.format_exc(limit=-6))
+        wrong.append(f"{attempt}\n{traceback.format_exc(limit=-6)}")
         return
-    if time.process_time() - start > build_s(loaded):
-        tally.blame("hang", attempt, f"build {time.process_time() - start:.1f} s")
+    if time.process_time() - start > BUILD_S:
+        wrong.append(f"{attempt}: the build took {time.process_time() - start:.1f} s")
     failed = [task for task in result.tasks if task.state == "failed"]
-    for task in failed:
-        if _PYTHONS_OWN.search(str(task.error)):
-            tally.blame("traceback", attempt, f"task {task.name}: {task.error}")
-        else:
-            tally.ends.add(next(line for line in reversed(str(task.error).split("\n")) if "hint:" not in line)[:100])
-    tally.failed_clearly += bool(failed)
-    if not failed:
-        tally.built += 1
-        for file in sorted(path for path in out.rglob("*") if path.is_file()):
-            for details in non_finite(file):
-                tally.blame("non-finite", attempt, f"{file.relative_to(out)}: {details}")
+    wrong += [f"{attempt}: task {task.name}: {task.error}" for task in failed if _PYTHONS_OWN.search(str(task.error))]
+    for file in sorted(path for path in out.rglob("*") if path.is_file()) if not failed else ():
+        wrong += [f"{attempt}: {file.relative_to(out)}: {details}" for details in non_finite(file)]
 
 
 def non_finite(file: Path) -> list[str]:
@@ -170,7 +116,3 @@ def _infinities(value: Any, where: str) -> list[str]:
         return [one for item in value for one in _infinities(item, where)]
     bad = value in ("inf", "-inf", "nan") or (isinstance(value, float) and not math.isfinite(value))
     return [where] if bad else []
-
-
-def _peak_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

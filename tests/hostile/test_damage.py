@@ -1,94 +1,62 @@
-"""Every sequence of bytes as a layer is read, or ends in problems with a place; the process that asks goes on."""
+"""A text with typing errors is read, or ends in problems with a place."""
 
+import random
 from pathlib import Path
 
 import pytest
-from hostile.damage import damaged, sources
 
-from pipeline.confine.process import Bounds, Ended, Guards, ask
-from pipeline.roots import readable_for
 from pipeline.scene.load import load
 
-SEEDS = {".usda": 3000, ".usdz": 1500, ".usdc": 1500}
-"""So many in `make proofs`; `make test` takes a fortieth, of binary layers a sixtieth."""
-BOUNDS = Bounds(cpu_s=60, wall_s=120)
-LEFT_TO_LOAD = 20
-"""Of those that end a process that reads them: each costs the time of another process."""
+TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
+TOKENS = (
+    *("{", "}", "(", ")", "[", "]", '"', "'''", '"""', "@", "@@@", "<", ">", "=", ",", ":", ";", "\n", "#", "/*", "*/"),
+    *(
+        "//",
+        "\\",
+        "\0",
+        "\x1b[31m",
+        "-",
+        "1e400",
+        "nan",
+        "9" * 30,
+        "1.2.3:",
+        "def",
+        "over",
+        "class",
+        "variantSet ",
+        "rel ",
+    ),
+    *("timeSamples", ".connect", "token[]", "matrix4d", "None", "add ", "delete ", "reorder nameChildren = "),
+    *("inherits = ", "references = @./whole.usda@", "subLayers", "\udcff"),
+)
 
 
-def places_of(problems):
-    """Problems without a file and a line, of binary layers a prim; or that a terminal would obey."""
-    bad = [one for one in problems if not (one.file and (one.line or one.at))]
-    return [str(one) for one in problems if one in bad or not str(one).replace("\n", "").isprintable()]
+def damaged(whole: str, seed: int) -> str:
+    """A text with one to sixteen changes: something left out, put in, or repeated."""
+    dice, text = random.Random(seed), whole
+    for _ in range(dice.choice([1, 1, 2, 4, 16])):
+        at, start = dice.randrange(len(text) + 1), dice.randrange(len(text) + 1)
+        count = dice.randrange(1, 50)
+        match dice.randrange(3):
+            case 0:
+                text = text[:at] + (text[at + count :] if dice.random() < 0.7 else "")
+            case 1:
+                text = text[:at] + dice.choice(TOKENS) + text[at:]
+            case _:
+                text = text[:at] + text[start : start + 4 * count] + text[at:]
+    return text
 
 
-def texts_and_packages(folder: Path, suffix: str, seeds: range) -> int:
-    """How many of some damaged layers were refused; they are read in this process, which no text can crash."""
-    whole, refused = sources(folder)[suffix], 0
-    for seed in seeds:
-        path = folder / f"damaged-{seed}{suffix}"
-        path.write_bytes(damaged(whole, seed))
+@pytest.mark.parametrize("count", [75, pytest.param(3000, marks=pytest.mark.heavy)])
+def test_a_damaged_text_is_read_or_ends_in_problems_with_a_place(count, tmp_path):
+    whole, refused = TINY.read_text().replace("../../../stages/", ""), 0
+    (tmp_path / "whole.usda").write_text(whole)
+    for seed in range(count):
+        path = tmp_path / f"damaged-{seed}.usda"
+        path.write_text(damaged(whole, seed), errors="surrogateescape")
         problems = load(path).problems
-        assert places_of(problems) == [], seed
-        refused += any(one.is_error for one in problems)
+        assert all(problem.file and problem.line for problem in problems), seed
+        assert all(str(problem).replace("\n", "").isprintable() for problem in problems), seed
+        refused += any(problem.is_error for problem in problems)
         path.unlink()
-    return refused
-
-
-def binaries(folder: Path, seeds: range) -> tuple[int, list[Path]]:
-    """How many damaged binary layers were refused, and those that their process did not survive."""
-    whole, paths = sources(folder)[".usdc"], []
-    for seed in seeds:
-        paths.append(folder / f"damaged-{seed}.usdc")
-        paths[-1].write_bytes(damaged(whole, seed))
-    refused, deadly, todo = 0, [], list(map(str, paths))
-    while todo:
-        try:
-            found, _ = ask("hostile.test_damage:read_all", todo, readable_for([folder]), BOUNDS)
-            assert found["misplaced"] == []
-            return refused + found["refused"], deadly
-        except Ended as error:
-            begun = [line.removeprefix("begin: ") for line in error.words.splitlines() if line.startswith("begin: ")]
-            deadly.append(Path(begun[-1]))
-            todo = todo[todo.index(begun[-1]) + 1 :]
-    return refused, deadly
-
-
-def read_all(paths: list[str], guards: Guards) -> dict:
-    """Read layers one after the other, in a process that may end of any."""
-    problems = []
-    for path in paths:
-        print(f"begin: {path}", flush=True)
-        problems.append(load(path, guards=guards).problems)
-    misplaced = [one for found in problems for one in places_of(found)]
-    return {"refused": sum(any(one.is_error for one in found) for found in problems), "misplaced": misplaced}
-
-
-def no_binary_does_harm(folder: Path, seeds: range, loaded: int) -> None:
-    refused, deadly = binaries(folder, seeds)
-    assert refused + len(deadly) > len(seeds) / 10
-    for path in deadly[:loaded]:
-        problems = load(path).problems
-        assert problems and places_of(problems) == [], path
-
-
-@pytest.mark.parametrize("suffix", [".usda", ".usdz"])
-def test_some_damaged_texts_and_packages_end_in_problems_with_a_place(suffix, tmp_path):
-    seeds = range(SEEDS[suffix] // 40)
-    assert texts_and_packages(tmp_path, suffix, seeds) > len(seeds) / 4
-
-
-def test_some_damaged_binary_layers_end_in_problems_with_a_place(tmp_path):
-    no_binary_does_harm(tmp_path, range(SEEDS[".usdc"] // 60), loaded=1)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("suffix", [".usda", ".usdz"])
-def test_damaged_texts_and_packages_end_in_problems_with_a_place(suffix, tmp_path):
-    seeds = range(SEEDS[suffix])
-    assert texts_and_packages(tmp_path, suffix, seeds) > len(seeds) / 4
-
-
-@pytest.mark.heavy
-def test_damaged_binary_layers_end_in_problems_with_a_place(tmp_path):
-    no_binary_does_harm(tmp_path, range(SEEDS[".usdc"]), LEFT_TO_LOAD)
+    assert count / 4 < refused < count

@@ -1,9 +1,8 @@
 """Every attribute of the schemas, and of USD what is used of it, with every hostile value of its type."""
 
 import math
-import random
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from hostile.pictures import PICTURES
@@ -55,22 +54,20 @@ WRITTEN = {
 
 @dataclass(frozen=True)
 class Attempt:
-    """One property of one scene with one hostile value, and another of the same scene if there is one."""
+    """One property of one scene with one hostile value."""
 
     scene: str
     at: str
     name: str
     type_name: str
     value: Any
-    also: "Attempt | None" = None
 
     def text(self) -> str:
         """The stage, as usda."""
         stage = SCENES[self.scene].stage()
         if self.type_name == "metadata":
             return _with_metadata(stage, self.name, self.value)
-        for one in filter(None, (self, self.also)):
-            one.put(stage)
+        self.put(stage)
         return stage.GetRootLayer().ExportToString()
 
     def put(self, stage: Usd.Stage) -> None:
@@ -96,8 +93,7 @@ class Attempt:
 
     def __str__(self) -> str:
         shown = repr(self.value)
-        other = f" and {self.also}" if self.also else ""
-        return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}{other}"
+        return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}"
 
 
 def attempts() -> list[Attempt]:
@@ -110,17 +106,6 @@ def attempts() -> list[Attempt]:
     for key, usual in metadata().items():
         kind = next((kind for kind in WRITTEN if isinstance(usual, kind)), float)
         found += [Attempt("conventional", "", key, "metadata", text) for text in WRITTEN[kind]()]
-    return found
-
-
-def pairs(some: list[Attempt], count: int) -> list[Attempt]:
-    """Two of some hostile values together, of different properties of the same scene, drawn by chance."""
-    dice, found = random.Random(count), list[Attempt]()
-    while len(found) < count:
-        one, other = dice.choice(some), dice.choice(some)
-        is_apart = (one.at, one.name) != (other.at, other.name) and "metadata" not in (one.type_name, other.type_name)
-        if one.scene == other.scene and is_apart:
-            found.append(replace(one, also=other))
     return found
 
 

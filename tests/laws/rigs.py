@@ -16,10 +16,11 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records.plain import to_plain
-from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.artefacts.ray_grid import RayFile
-from pipeline.tasks.params.rays import Light
+from pipeline.tasks.micro_images import micro_images
+from pipeline.tasks.params.cameras import Light, MicroImages, Rays, RaysTile
+from pipeline.tasks.rays import rays, rays_tile
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
@@ -127,13 +128,13 @@ def ray_grid(
     write_json(folder / "camera" / FOCUSED, to_plain(camera))
     inputs = {"camera": {FOCUSED: folder / "camera" / FOCUSED}}
     square_px = 1 / supersampling if footprint == "pixel" else 0.0
-    whole = rays_tile.Params(first_row=0, end_row=sensor.height_px, sampling=sampling, square_px=square_px)
-    rays_tile.run(whole, inputs, folder / "tile")
+    whole = RaysTile(first_row=0, end_row=sensor.height_px, sampling=sampling, square_px=square_px)
+    rays_tile(whole, inputs, folder / "tile")
     inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
     light = Light(weight="irradiance", footprint=footprint, wavelength_nm=587.56)
-    rays.run(rays.Params(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
+    rays(Rays(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
     inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
     if camera.microlenses:
-        micro_images.run(micro_images.Params(tiles=0), inputs, folder / "table")
+        micro_images(MicroImages(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
     return RayFile(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))

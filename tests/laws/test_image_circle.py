@@ -19,7 +19,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, towards_scene
 from pipeline.report import text
-from pipeline.report.drawing import bundle
+from pipeline.results.drawing import bundle
 from pipeline.scene.load import load
 
 LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
@@ -132,7 +132,7 @@ def test_drawn_bundles_are_as_wide_as_those_of_real_rays(fisheye, circle_mm, fie
 def test_steep_bundles_start_within_the_drawing():
     """Of a fisheye of 171 degrees; a ray at 85 degrees would start metres below it."""
     from pipeline.app.show import show
-    from pipeline.report.drawing import with_full_field
+    from pipeline.results.drawing import with_full_field
 
     camera = with_full_field(show(LENSES / "fisheye_100mm_miyamoto.usda")[0].camera)
     limit = 1.12 * camera.prescription.surfaces[0].semi_diameter_mm

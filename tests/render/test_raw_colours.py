@@ -17,9 +17,10 @@ from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load
-from pipeline.tasks import colour_image, expose
+from pipeline.tasks import colour_image
 from pipeline.tasks.params.exposing import Expose
 from pipeline.tasks.params.images import ColourImage
+from pipeline.tasks.raw_images import expose
 
 STAGE = Path(__file__).parents[2] / "examples" / "04_stereo_colour" / "dataset.usda"
 SHAPE = colour.SpectralShape(380, 730, 1)
@@ -68,7 +69,7 @@ def taken(request, tmp_path):
         tmp_path / "image.exr", [Part(name="image", channels=dict(zip("RGB", np.moveaxis(pixels, 2, 0), strict=True)))]
     )
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
-    expose.run(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
+    expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
     return request.param, rgb, xyz, tmp_path, graph
 
 
@@ -127,7 +128,7 @@ def test_a_sensor_without_colours_is_given_none(taken):
     *_, folder, graph = taken
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
     grey = replace(params.response, filters=("green",), quantum_efficiency=(0.5,))
-    expose.run(replace(params, response=grey), {"image": {"image.exr": folder / "image.exr"}}, folder)
+    expose(replace(params, response=grey), {"image": {"image.exr": folder / "image.exr"}}, folder)
     tags = tags_of(folder / "raw.dng")
     assert 33434 in tags
     assert not {50721, 50722, 50728, 50778, 50779} & set(tags)

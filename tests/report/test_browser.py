@@ -17,10 +17,10 @@ from builds import tiny
 from PIL import Image
 
 from pipeline.app.reporting import report
-from pipeline.built.folder import BuiltFolder
 from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
 from pipeline.report.page.images import picture_of
+from pipeline.results.folder import BuiltFolder
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time

@@ -16,15 +16,16 @@ from builds import tiny
 
 from pipeline import cli
 from pipeline.app.reporting import report, report_of_build
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.records import BuiltPinhole
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.errors import UsageError
 from pipeline.files.png import read_png, write_png
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.images import picture_of
-from pipeline.report.page.spots import field_bundles, field_curvature, spots, transfer
+from pipeline.report.page.optics import field_curvature, transfer
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.records import BuiltPinhole
+from pipeline.results.spots import field_bundles, spots
 
 ROOT = Path(__file__).resolve().parents[2]
 WEB = ROOT / "web"

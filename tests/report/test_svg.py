@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pipeline.report import svg
+from pipeline.files import svg
 
 NAME = "{http://www.w3.org/2000/svg}"
 ODD = "a < b & \"c\" 'd' > é"

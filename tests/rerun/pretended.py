@@ -1,7 +1,6 @@
 """Plans after an edit, of a stage whose tasks count as built although none of them ran."""
 
 from pathlib import Path
-from typing import Any
 
 from pipeline.app.build import project_from
 from pipeline.app.why import with_edits
@@ -9,6 +8,7 @@ from pipeline.engine.digest import key_of
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.project import Project
+from pipeline.engine.records import Record
 from pipeline.engine.store.store import Store
 from pipeline.scene.load import load
 
@@ -26,13 +26,12 @@ class Pretended:
 
     def __init__(self, path: Path, store: Store) -> None:
         self.store, self.project = store, project_of(path)
-        self.keys, records = {}, dict[str, Any]()
+        self.keys, records = {}, dict[str, Record]()
         specs = Specs(store)
         for name in self.project.graph:
             spec = specs.of(self.project.graph[name], records)
             entry = store.put_bytes(key_of("bytes", spec.key).encode())
-            record = {"outputs": {"x": entry}, "components": spec.components, "made_by": {}}
-            records[name] = store.put_record(spec.key, record)
+            records[name] = store.put_record(Record(key=spec.key, outputs={"x": entry}, components=spec.components))
             self.keys[name] = spec.key
 
     def planned(self, path: Path) -> list[PlannedTask]:

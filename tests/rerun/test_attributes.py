@@ -19,11 +19,12 @@ from shorter import few
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
+from pipeline.folders import share
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
-from pipeline.share import share
 
 QUICK = 16
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""
@@ -74,10 +75,11 @@ class _Bench:
         records = dict(outcome.records)
         keys = {}
         for name in graph:
-            keys[name] = self.specs.of(graph[name], records).key
+            spec = self.specs.of(graph[name], records)
+            keys[name] = spec.key
             if name not in records:
-                digest = key_of("bytes", keys[name])
-                records[name] = {"outputs": {"x": {"sha256": digest, "size": 1}}}
+                outputs = {"x": Blob(sha256=key_of("bytes", spec.key), size=1)}
+                records[name] = Record(key=spec.key, outputs=outputs, components=spec.components)
         return keys
 
 

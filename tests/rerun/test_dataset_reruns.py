@@ -174,35 +174,6 @@ def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
     assert conventional.run() == Counter()
 
 
-EDITED = [
-    ("uniform int plen:seed = 3", "uniform int plen:seed = 4", {"image", "white"} | TRUTH | RAYS),
-    ("plen:truth:samples = 64", "plen:truth:samples = 128", TRUTH | RAYS),
-    ("plen:image:samples = 64", "plen:image:samples = 32", {"image", "white"}),
-    ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image", "sheet"} | TRUTH),
-    ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image", "sheet"}),
-    ("plen:seed = 3", "plen:seed = 3\n    uniform double plen:background = 0.2", {"image"}),
-    ("verticalAperture = 24", "verticalAperture = 24\n            uniform double plen:truth:lambdaD = 0.2", TRUTH),
-    ('def PlenCheckerboard "Board"', 'def PlenCheckerboard "Plate"', TRUTH | {"frame_poses"}),
-]
-
-
-def test_an_edited_value_reruns_its_readers_only(conventional):
-    """One after the other, each in the stage as it was."""
-    before = conventional.stage.read_text(encoding="utf-8")
-    for old, new, kinds in EDITED:
-        conventional.stage.write_text(before, encoding="utf-8")
-        conventional.edit(old, new)
-        if "Plate" in new:
-            conventional.edit("</TinyConventional/Board>", "</TinyConventional/Plate>")
-        assert set(conventional.run()) == kinds, new
-
-
-def test_renaming_the_camera_reruns_only_what_writes_its_name(plenoptic):
-    plenoptic.edit('def "Rig"', 'def "Gestell"')
-    plenoptic.edit("/Rig/", "/Gestell/")
-    assert set(plenoptic.run()) == TRUTH | {"frame_poses"}
-
-
 def test_moving_rig_and_board_together_never_touches_rays(conventional):
     moved = (
         "    double3 xformOp:translate = (512, 64, -128)\n"
@@ -210,15 +181,6 @@ def test_moving_rig_and_board_together_never_touches_rays(conventional):
     )
     conventional.edit("    rel plen:targets", moved)
     assert not RAYS & set(conventional.run())
-
-
-def test_a_lens_edit_reruns_everything_of_its_camera(conventional):
-    conventional.edit(
-        'over "Sensor"',
-        'over "Lens"\n        {\n            over "Stop"\n            {\n'
-        '                uniform double plen:semiDiameter = 4\n            }\n        }\n\n        over "Sensor"',
-    )
-    assert set(conventional.run()) == {"image", "truth"} | ONCE
 
 
 DECENTRED = """over "Lens"
@@ -271,19 +233,6 @@ def _rows(workshop: Workshop) -> dict[tuple[float, ...], tuple[float, float]]:
     names = ("point_id", "microlens_k", "microlens_l", "x_px", "y_px")
     columns = [np.nan_to_num(table.numbers(column)).tolist() for column in names]
     return {(point, k, l): (x, y) for point, k, l, x, y in zip(*columns, strict=True)}
-
-
-def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
-    conventional.edit(
-        'over "Sensor"',
-        'over "Lens"\n        {\n            uniform string plen:name = "mine"\n        }\n\n        over "Sensor"',
-    )
-    assert set(conventional.run()) == {"first_order"}
-
-
-def test_another_method_reruns_the_truth_alone(conventional):
-    conventional.use_method("two-plane")
-    assert set(conventional.run()) == TRUTH
 
 
 def test_method_direct_needs_no_rays_and_does_not_rerun_for_their_number(conventional, tmp_path, monkeypatch):

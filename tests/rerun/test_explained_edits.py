@@ -11,7 +11,7 @@ from pipeline.edits import Edit
 from pipeline.engine.planning.explain import describe, describe_task
 from pipeline.engine.planning.plan import plan
 from pipeline.engine.store.store import Store
-from pipeline.share import share
+from pipeline.folders import share
 
 DATA = Path(__file__).parents[1] / "data"
 TWO = """    def PlenCheckerboard "Two"

@@ -9,6 +9,7 @@ import pytest
 
 import pipeline
 from pipeline.app.build import Result
+from pipeline.engine.events import Done
 from pipeline.graph import pass_tasks, tiles
 
 TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
@@ -68,7 +69,7 @@ def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, m
 def rays_of(result: Result) -> int:
     """Rays of images that were started in a build."""
     ran = [task.made_by for task in result.tasks if task.state == "executed" and task.made_by]
-    return sum(int(one["kernels"].get("image_rays", {}).get("rays", 0)) for one in ran)
+    return sum(int(run.kernels.get("image_rays", {}).get("rays", 0)) for run in ran)
 
 
 def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,5 +88,5 @@ def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     noisy = error > 0.2 * header["noise"] * image.mean()
     rms = np.sqrt(np.mean(error[noisy] ** 2)) / image.mean()
     assert rms == pytest.approx(header["noise"], rel=0.3), "that of sampled pixels, which white's adds to"
-    news = [event["news"] for event in events if "news" in event]
+    news = [event.news for event in events if isinstance(event, Done) and event.news]
     assert news and all(text.endswith(", asked 0.001") for text in news)

@@ -25,8 +25,8 @@ from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.scene.load import load
-from pipeline.tasks.expose import run
 from pipeline.tasks.params.exposing import Expose
+from pipeline.tasks.raw_images import expose
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 RAW = ("raw.tiff", "raw.dng", "raw.png")
@@ -155,7 +155,7 @@ def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
     for name, band_px in (("whole", 1 << 20), ("bands", 5 * 23), ("rows", 1)):
         (tmp_path / name).mkdir()
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
-        run(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path / name)
+        expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path / name)
     for file in RAW:
         assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
         assert (tmp_path / "rows" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
@@ -189,7 +189,7 @@ def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeyp
     }
     for band_px in (1 << 20, 1):
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
-        run(params, inputs, tmp_path)
+        expose(params, inputs, tmp_path)
         # Half of a pixel's electrons go to its right neighbour; the first column goes on beyond the border.
         expected = [10000, 9950, 9850, 9750, 9650, 9550]
         assert read_tiff(tmp_path / "raw.tiff")[0].tolist() == [expected] * 4
@@ -203,6 +203,6 @@ def test_the_preview_shows_black_and_white_as_they_are(tmp_path):
     )
     level = Irradiation(exposure_time_s=0.0, white_level=1.0)
     params = Expose(camera="C", frame=1, seed=0, response=quiet, irradiation=level)
-    run(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
+    expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
     assert read_png(tmp_path / "raw.png")[0, :, 0].tolist() == [0, 188, 255, 255]  # sRGB of a half is 187.5
     assert read_tiff(tmp_path / "raw.tiff")[1]["photons_at_relative_irradiance_1"] == 1000.0

@@ -100,7 +100,7 @@ def test_the_plenoptic_rig_is_the_one_of_the_paper():
     assert (array.pitch_mm, array.width_mm, array.height_mm, array.distance_mm) == (0.2173, 21.73, 21.73, 1.7)
     assert camera.sensor_distance_mm - array.distance_mm == pytest.approx(123.3, abs=1e-12)
     assert camera.prescription.stop.semi_diameter_mm == 5.0
-    assert (entry.truth["lambda_d"], entry.truth["lambda_alpha_deg"]) == (0.15, 10.0)
+    assert (entry.truth.lambda_d, entry.truth.lambda_alpha_deg) == (0.15, 10.0)
 
 
 def test_the_full_sensor_is_a_variant_of_the_plenoptic_rig():

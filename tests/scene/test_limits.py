@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.app.build import project
-from pipeline.app.sandbox import problems_of_untrusted
 from pipeline.errors import UsageError
 from pipeline.limits import Limits, limits
 from pipeline.scene.load import load
@@ -67,13 +65,10 @@ def test_a_lattice_is_counted_before_it_is_made(tmp_path):
     assert (found.code, found.at) == ("over-limit", "/TinyPlenoptic/Rig/Microlenses.plen:width")
 
 
-def test_the_hint_raises_the_limit_and_lower_ones_hold_for_the_sandbox_too(tmp_path, monkeypatch):
+def test_the_hint_raises_the_limit(tmp_path, monkeypatch):
     path = stage(tmp_path)
     monkeypatch.setenv("PIPELINE_LIMITS", "frames=1")
     hint = only(path).hint
-    assert [row["code"] for row in problems_of_untrusted(path, ())[0]] == ["over-limit"]
-    with pytest.raises(UsageError, match="limit of 1 frames"):
-        project(path, untrusted=True)
     monkeypatch.setenv("PIPELINE_LIMITS", re.search('"(.*)"', hint)[1])
     assert load(path).problems == []
 
@@ -120,16 +115,14 @@ def test_a_link_to_itself_or_a_name_too_long_is_no_traceback(name, tmp_path):
     assert load(tmp_path / "dataset.usda").errors
 
 
-@pytest.mark.parametrize("flips", [3, pytest.param(120, marks=pytest.mark.heavy)])
-def test_a_binary_layer_with_any_byte_flipped_is_read_or_refused(flips, tmp_path):
+def test_a_binary_layer_is_read_and_one_that_is_cut_ends_in_a_message(tmp_path):
     from pxr import Sdf
 
-    Sdf.Layer.FindOrOpen(str(stage(tmp_path))).Export(str(tmp_path / "flat.usdc"))
-    whole = (tmp_path / "flat.usdc").read_bytes()
-    for number, place in enumerate(range(90, len(whole), len(whole) // flips)):
-        path = tmp_path / f"{number}.usdc"  # USD keeps layers by their names
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
-        assert all(one.file and str(one).replace("\n", "").isprintable() for one in load(path).problems)
+    whole, cut = tmp_path / "whole.usdc", tmp_path / "cut.usdc"
+    assert Sdf.Layer.FindOrOpen(str(stage(tmp_path))).Export(str(whole))
+    assert load(whole).problems == []
+    cut.write_bytes(whole.read_bytes()[:500])
+    assert only(cut).line == 1
 
 
 def test_escape_sequences_are_never_printed(tmp_path):

@@ -21,6 +21,7 @@ from pipeline.scene.load import load, open_dataset
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, unchanging
+from pipeline.truth.settings import TruthSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
@@ -173,11 +174,9 @@ def test_records_say_in_a_line_what_they_are():
 
 
 def test_truth_settings_carry_the_fields_that_the_search_wants():
-    from pipeline.truth.settings import TruthSettings
-
     (entry,) = open_dataset(TINY).cameras
 
-    assert TruthSettings(**entry.truth) == TruthSettings(method="moments")
+    assert entry.truth == TruthSettings(method="moments")
 
 
 def test_records_are_plain_values_all_through():

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.app.build import build
-from pipeline.ranges import frames_in_words, ranges
 from pipeline.scene.load import load
+from pipeline.spelling import frames_in_words, ranges
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 BACK = "(0, 0, 1, 0)"
@@ -77,7 +77,7 @@ def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monk
     build(
         tmp_path / "dataset.usda", tmp_path / "out", on_event=told.append, targets=("cameras/Rig.Camera/camera.json",)
     )
-    assert [grey in event["text"] for event in told if event["event"] == "warning"] == [True]
+    assert [grey in event.text for event in told if event.name == "warning"] == [True]
 
 
 def test_frames_of_few_points_are_named(check):

@@ -1,5 +1,29 @@
 // Written by web/record_types.py from pipeline/report/page/records.py: edit that.
 
+/** A row of the page of `pipeline show`. */
+export interface Figure {
+  name: string;
+  value: string;
+  remark: string;
+}
+
+/** Some rows with a heading. */
+export interface Figures {
+  heading: string;
+  rows: Figure[];
+}
+
+/** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
+export interface Spot {
+  place: string;
+  x_px: number;
+  y_px: number;
+  distance_mm: number;
+  dx_px: (number | null)[];
+  dy_px: (number | null)[];
+  rms_px: number | null;
+}
+
 /** An image for the viewer. */
 export interface Picture {
   kind: string;
@@ -63,19 +87,6 @@ export interface Residuals {
   dy_px: (number | null)[];
 }
 
-/** A row of the page of `pipeline show`. */
-export interface Figure {
-  name: string;
-  value: string;
-  remark: string;
-}
-
-/** Some rows with a heading. */
-export interface Figures {
-  heading: string;
-  rows: Figure[];
-}
-
 /** A curve of a chart. */
 export interface Line {
   name: string;
@@ -91,17 +102,6 @@ export interface Chart {
   y_name: string;
   x: (number | null)[];
   lines: Line[];
-}
-
-/** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
-export interface Spot {
-  place: string;
-  x_px: number;
-  y_px: number;
-  distance_mm: number;
-  dx_px: (number | null)[];
-  dy_px: (number | null)[];
-  rms_px: number | null;
 }
 
 /** A surface of the lens for the 3-D view, vision frame. */

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.calibration import NOISE_PX
 from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, Field, Pose, Wish, poses_that_fill, predicted
-from pipeline.app.authoring.stage_text import DatasetText, Placed
+from pipeline.app.authoring.stage_text import DatasetText, Placed, asset, found
 from pipeline.app.chosen import chosen
 from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.errors import UsageError

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.app.authoring.assets import asset, found
+from pipeline.app.authoring.stage_text import asset, found
 from pipeline.app.importing import require_free, write_whole
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order

@@ -32,7 +32,6 @@ from pipeline.app.verbs.terminal import (
     Out,
     Roots,
     Stage,
-    Untrusted,
     note,
     say,
     say_json,
@@ -62,7 +61,6 @@ def build(
     no_report: NoReport = False,
     check_determinism: CheckDeterminism = 0,
     allow_root: Roots = None,
-    untrusted: Untrusted = False,
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.engine.options import BuildOptions
@@ -80,7 +78,6 @@ def build(
         engine=engine,
         device=device,
         allow_roots=tuple(allow_root or ()),
-        untrusted=untrusted,
         preview=preview,
     )
     if dry_run:
@@ -156,11 +153,12 @@ def _say_points(cameras: Any) -> None:
 
 def _profile(result: Any) -> dict[str, Any]:
     """The profile of the tasks that ran now; if none ran, the recorded one of all tasks."""
+    from pipeline.engine.records import fields_of
     from pipeline.report.profile import profile
 
-    known = [task for task in result.tasks if task.made_by and "cpu_seconds" in task.made_by]
+    known = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
     ran = [task for task in known if task.state == "executed"]
-    return {"now": bool(ran), **profile((task.kind, task.made_by) for task in ran or known)}
+    return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or known)}
 
 
 def _say_profile(result: Any) -> None:
@@ -183,11 +181,9 @@ class Listeners(NamedTuple):
 
 
 def _write_report(result: Any, options: Any, diary: Any, *, is_told: bool) -> None:
-    """Write the report of a whole build, and print where it is. An untrusted stage is not read outside its sandbox, so
-    that its build has none.
-    """
+    """Write the report of a whole build, and print where it is."""
     is_whole = result.delivery is not None and result.delivery.asked is None
-    if not is_whole or options.preview or options.untrusted or os.environ.get("PIPELINE_REPORT") == "no":
+    if not is_whole or options.preview or os.environ.get("PIPELINE_REPORT") == "no":
         return
     from pipeline.app.reporting import report_of_build
 

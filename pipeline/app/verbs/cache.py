@@ -1,6 +1,7 @@
 """`pipeline cache`: inspect and clean the store of results."""
 
 import os
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -29,7 +30,7 @@ def info(as_json: Json = False) -> None:
     store = Store()
     found = contents_of(store)
     if as_json:
-        say_json({"store": str(store.root), **found.to_dict()})
+        say_json({"store": str(store.root), **asdict(found)})
         return
     say(f"store       {store.root}")
     say(f"results     {found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)}")
@@ -59,7 +60,7 @@ def gc(
     if done.busy:
         raise EnvironmentFault(f"a build uses {store.root}", hint="collect when it has ended")
     if as_json:
-        say_json({"store": str(store.root), "dry_run": dry_run, **done.to_dict()})
+        say_json({"store": str(store.root), "dry_run": dry_run, **asdict(done)})
         return
     verb = "would drop" if dry_run else "dropped"
     say(f"{verb} {done.records:,} tasks and {done.blobs:,} files, {human(done.bytes)}; {human(done.bytes_left)} stay")
@@ -78,7 +79,7 @@ def fsck(as_json: Json = False) -> None:
         found = check(store)
     bad = len(found.damaged) + len(found.incomplete)
     if as_json:
-        say_json({"store": str(store.root), **found.to_dict()})
+        say_json({"store": str(store.root), **asdict(found)})
     else:
         say(f"{found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)} read: {bad} damaged")
     if bad:

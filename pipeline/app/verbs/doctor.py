@@ -13,18 +13,18 @@ def doctor(as_json: Json = False) -> None:
 
     Lines that begin with ? may cost time or room; those with ! keep the pipeline from working. Both say what to do.
     """
-    from pipeline.app.doctor import State, findings
+    from pipeline.app.doctor import findings
 
     found = list(findings())
-    wrong = sum(one.state is State.WRONG for one in found)
-    doubts = sum(one.state is State.DOUBT for one in found)
+    wrong = sum(finding.state == "wrong" for finding in found)
+    doubts = sum(finding.state == "doubt" for finding in found)
     if as_json:
-        say_json({"wrong": wrong, "doubts": doubts, "findings": [one.to_dict() for one in found]})
+        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in found]})
     else:
-        width = max(len(one.name) for one in found)
-        for one in found:
-            say(f"{_SIGNS[one.state]} {one.name:<{width}}  {one.value}")
-            if one.mend:
-                say(f"  {'':<{width}}  mend: {one.mend}")
+        width = max(len(finding.name) for finding in found)
+        for finding in found:
+            say(f"{_SIGNS[finding.state]} {finding.name:<{width}}  {finding.value}")
+            if finding.mend:
+                say(f"  {'':<{width}}  mend: {finding.mend}")
         say(f"{number_of(wrong, 'problem')}, {number_of(doubts, 'doubt')}")
     raise typer.Exit(Exit.MACHINE if wrong else Exit.DONE)

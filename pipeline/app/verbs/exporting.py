@@ -68,11 +68,11 @@ def export(
 
     docs/exports.md has what their numbers mean: pixel origin, axes, poses, units, numbers of microlenses.
     """
-    from pipeline.built.output import open_output
     from pipeline.engine.files import chosen_place
     from pipeline.exports.export import Request
     from pipeline.exports.export import export as written
     from pipeline.exports.noise import Noise, noise_of
+    from pipeline.results.output import open_output
 
     output = open_output(out)
     place = folder or Path("exports") / out.absolute().name

@@ -154,8 +154,8 @@ CheckDeterminism = Annotated[
 ]
 
 
-def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None, untrusted: bool = False) -> Any:
+def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None) -> Any:
     """The project of a stage."""
     from pipeline.app.build import project
 
-    return project(stage, out, tuple(allow_root or ()), untrusted=untrusted)
+    return project(stage, out, tuple(allow_root or ()))

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
-from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, Untrusted, note, say, say_json
+from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, note, say, say_json
 from pipeline.errors import Exit, UsageError
-from pipeline.ranges import frames_in_words
+from pipeline.spelling import frames_in_words
 
 _STATES = "built", "stale", "missing"
 """States of files, best first."""
@@ -27,14 +27,11 @@ def plan(
     specs: Specs = None,
     as_json: Json = False,
     allow_root: Roots = None,
-    untrusted: Untrusted = False,
 ) -> None:
     """Print the tasks that `build` would run, and why."""
     from pipeline.engine.options import BuildOptions
 
-    options = BuildOptions(
-        force=tuple(force or ()), until=tuple(until or ()), allow_roots=tuple(allow_root or ()), untrusted=untrusted
-    )
+    options = BuildOptions(force=tuple(force or ()), until=tuple(until or ()), allow_roots=tuple(allow_root or ()))
     work = print_plan(stage, out, options, as_json=as_json, specs=specs)
     raise typer.Exit(Exit.WORK if exit_code and work else Exit.DONE)
 
@@ -52,7 +49,6 @@ def explain(
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,
-    untrusted: Untrusted = False,
 ) -> None:
     """Print why a task, or any task, would run: the attribute, frame and line that were edited. Similar tasks share one
     line.
@@ -61,7 +57,7 @@ def explain(
     from pipeline.engine.project import tasks_of
     from pipeline.engine.running.session import plan_of
 
-    project = project_of(stage, out, allow_root, untrusted)
+    project = project_of(stage, out, allow_root)
     planned = _with_edits(plan_of(project), project, stage)
     names = {task.name for task in planned if task.state != "cached"} if target is None else tasks_of(project, target)
     tasks = [task for task in planned if task.name in names]
@@ -72,15 +68,13 @@ def explain(
         say(line)
 
 
-def status(
-    stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
-) -> None:
+def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
     """Print by frame which files of the output folder a build of the stage, as it is now, would leave as they are:
     built, stale or missing.
     """
     from pipeline.engine.running.session import status_of
 
-    project = project_of(stage, out, allow_root, untrusted)
+    project = project_of(stage, out, allow_root)
     found = status_of(project)
     if as_json:
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
@@ -117,7 +111,7 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
     if project.source is None or all(task.state == "cached" for task in tasks):
         return tasks
     from pipeline.app.why import with_edits
-    from pipeline.engine.running.session import sources_of
+    from pipeline.engine.running.notes import sources_of
 
     return with_edits(tasks, project, sources_of(project), stage)
 
@@ -130,8 +124,7 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     from pipeline.engine.running.session import forecast_of, plan_of
     from pipeline.graph.sizes import assumed_cost, size
 
-    how = {"untrusted": options.untrusted, "preview": options.preview}
-    project = project_made_of(stage, out, options.allow_roots, **how)
+    project = project_made_of(stage, out, options.allow_roots, preview=options.preview)
     tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")

@@ -1,14 +1,18 @@
 """Verbs for single tasks: `pipeline run-task`, `logs`."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pipeline.app.progress import human
 from pipeline.app.verbs.options import Target, project_of
 from pipeline.app.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
-from pipeline.errors import Exit, Interrupted
+from pipeline.errors import Exit
+
+if TYPE_CHECKING:
+    from pipeline.engine.records import Reply
 
 
 def run_task(
@@ -25,25 +29,26 @@ def run_task(
     from pipeline.app.build import TASKS
     from pipeline.engine.interrupts import Interrupts
     from pipeline.engine.running.run_task import run_task as run
-    from pipeline.engine.store.store import Store, writable
+    from pipeline.engine.store.store import Store
 
-    store = writable(Store(warn=note))
-    replies: list[dict[str, Any]] = []
-    with Interrupts() as interrupts:
-        interrupts.stoppable(lambda: replies.extend(run(path, store, TASKS, force=force) for path in specs))
-    if interrupts.exit_code is not None:
-        raise Interrupted(interrupts.exit_code)
+    store = Store(warn=note)
+    replies: list[Reply] = []
+    with Interrupts() as interrupts, interrupts.stopping():
+        replies += (run(path, store, TASKS, force=force) for path in specs)
+    if interrupts.arrived:
+        note("interrupted")
+        raise typer.Exit(Exit.INTERRUPTED)
     for reply in replies:
-        if reply["state"] == "failed":
-            note(f"error: task {reply['name']} failed")
-            log = Path(reply["log"])
-            note(log.read_text(encoding="utf-8", errors="replace") if log.is_file() else reply["error"])
-            if reply["damaged"]:
+        if reply.state == "failed":
+            note(f"error: task {reply.name} failed")
+            log = Path(reply.log) if reply.log else None
+            note(log.read_text(encoding="utf-8", errors="replace") if log and log.is_file() else reply.error)
+            if reply.damaged:
                 note("    hint: its inputs are no longer in the store: build again, or plan --specs again")
         elif not as_json:
-            say(f"{reply['name']} {reply['state']} {reply['seconds']:.1f} s")
-        if reply.get("differs"):
-            note(f"NON-DETERMINISM: {reply['name']} gave other bytes than before: {', '.join(reply['differs'])}")
+            say(f"{reply.name} {reply.state} {reply.seconds:.1f} s")
+        if reply.differs:
+            note(f"NON-DETERMINISM: {reply.name} gave other bytes than before: {', '.join(reply.differs)}")
     if as_json:
         say_json({"tasks": [_facts(reply) for reply in replies]})
     raise typer.Exit(_exit_code(replies))
@@ -59,33 +64,32 @@ def logs(
     """Print the log of the last run of a task, its time, its memory and its host."""
     from pipeline.engine.running.session import logs_of
 
-    found = logs_of(project_of(stage, out, allow_root), target)
+    tasks = logs_of(project_of(stage, out, allow_root), target)
     if as_json:
-        say_json({"tasks": found})
+        say_json({"tasks": [asdict(task) for task in tasks]})
         return
-    for task in found:
-        made = task["made_by"] or {}
-        facts = [task["state"], f"key {task['key'][:12]}" if task["key"] else ""]
-        facts += [f"{made['seconds']:.2f} s on {made['host']}, {made['when']}"] if made else []
-        facts += [human(made["peak_bytes"])] if made.get("peak_bytes") else []
-        say(f"== {task['name']}: {', '.join(filter(None, facts))}")
-        if task["log"]:
-            say(Path(task["log"]).read_text(encoding="utf-8", errors="replace").rstrip("\n"))
-        elif task["key"]:
+    for task in tasks:
+        facts = [task.state, f"key {task.key[:12]}" if task.key else ""]
+        if made := task.made_by:
+            facts += [f"{made.seconds:.2f} s on {made.host}, {made.when}", human(made.peak_bytes)]
+        say(f"== {task.name}: {', '.join(filter(None, facts))}")
+        if task.log:
+            say(Path(task.log).read_text(encoding="utf-8", errors="replace").rstrip("\n"))
+        elif task.key:
             say("   (it printed nothing)")
-        if task["spec"]:
-            say(f"   again: pipeline run-task {task['spec']}")
+        if task.spec:
+            say(f"   again: pipeline run-task {task.spec}")
 
 
-def _facts(reply: dict[str, Any]) -> dict[str, Any]:
-    record = reply.get("record") or {}
-    facts = {name: reply.get(name) for name in ("name", "state", "seconds", "error", "log")}
-    return {**facts, "outputs": record.get("outputs"), "differs": reply.get("differs", [])}
+def _facts(reply: "Reply") -> dict[str, Any]:
+    outputs = asdict(reply.record)["outputs"] if reply.record else None
+    facts = {"name": reply.name, "state": reply.state, "seconds": reply.seconds, "log": reply.log}
+    return {**facts, "error": reply.error or None, "outputs": outputs, "differs": list(reply.differs)}
 
 
-def _exit_code(replies: list[dict[str, Any]]) -> int:
-    if any(reply.get("machine") for reply in replies):
+def _exit_code(replies: "list[Reply]") -> int:
+    if any(reply.machine for reply in replies):
         return Exit.MACHINE
-    if any(reply["state"] == "failed" for reply in replies):
+    if any(reply.state == "failed" for reply in replies):
         return Exit.FAILED
-    return Exit.OTHER_BYTES if any(reply.get("differs") for reply in replies) else Exit.DONE
+    return Exit.OTHER_BYTES if any(reply.differs for reply in replies) else Exit.DONE

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from pipeline.errors import EnvironmentFault, UsageError
-from pipeline.places import flaw_of
+from pipeline.errors import EnvironmentFault
+from pipeline.folders import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of `--help`."""
@@ -39,14 +39,6 @@ Roots = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object.")]
-Untrusted = Annotated[
-    bool,
-    typer.Option(
-        "--untrusted",
-        rich_help_panel=READING,
-        help="Do not trust the stage: read it in a confined process that cannot write files.",
-    ),
-]
 
 
 def library_file(path: Any) -> Any:
@@ -57,7 +49,7 @@ def library_file(path: Any) -> Any:
         return [library_file(one) for one in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
         return path
-    from pipeline.share import share
+    from pipeline.folders import share
 
     shipped = share("stages") / path
     if not shipped.is_file():
@@ -76,72 +68,24 @@ StageOrPart = Annotated[
 ]
 
 
-_ALSO_CALLED = {
-    "--jobs": ("--workers", "--threads", "--processes", "--cores", "--parallel"),
-    "--out": ("--output", "--outdir", "--output-dir", "--out-dir"),
-    "--force": ("--rebuild", "--no-cache", "--clean"),
-    "--poses": ("--frames", "--views"),
-    "--quiet": ("--silent",),
-}
-"""What other programs call our options: names that no letters bring near."""
-
-
-class Verb(typer.core.TyperCommand):
-    """A verb whose help shows flags without a type of value, and which knows other names of its options."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The words of a command line; an unknown option gets the name that we have for it."""
-        try:
-            return super().parse_args(ctx, args)
-        except typer.TyperException as error:
-            own = {name for parameter in self.params for name in parameter.opts}
-            typed = getattr(error, "option_name", None)
-            meant = [name for name, others in _ALSO_CALLED.items() if typed in others and name in own]
-            if meant:
-                error.possibilities = meant  # type: ignore[attr-defined]
-            raise
+class _PlainFlags:
+    """Help that shows flags without `<bool>`: they take no value."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Options and arguments, `--help` included."""
-        return _flags_plain(super().get_params(ctx))
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False) or getattr(parameter, "count", False):
+                parameter.metavar = ""
+        return parameters
 
 
-class Family(typer.core.TyperGroup):
-    """A group of verbs whose help shows flags without a type of value, and which completes a shell by its name."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The words of a command line; a shell that is named after an option of completion is the one to complete.
-
-        Typer takes the shell that runs in any case, and drops the name without a word.
-        """
-        option, _, shell = " ".join(args).replace("=", " ", 1).partition(" ")
-        if ctx.parent is None and shell and option in ("--install-completion", "--show-completion"):
-            _complete(ctx, option, shell)
-        return super().parse_args(ctx, args)
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Options, `--help` included."""
-        return _flags_plain(super().get_params(ctx))
+class Verb(_PlainFlags, typer.core.TyperCommand):
+    """A verb of the command."""
 
 
-def _complete(ctx: Any, option: str, shell: str) -> None:
-    """Install or print the completion of a named shell, and end."""
-    from typer.completion import Shells, install_callback, show_callback
-
-    if shell not in list(Shells):
-        hint = f"{option} with one of {', '.join(sorted(Shells))}; without a name it takes the shell that runs"
-        raise UsageError(f'"{shell}" is no shell that can be completed', hint=hint)
-    act = install_callback if option == "--install-completion" else show_callback
-    with ctx:
-        act(ctx, next(one for one in ctx.command.params if option in one.opts), shell)
-
-
-def _flags_plain(parameters: list[Any]) -> list[Any]:
-    """The parameters, with flags that do not show `<bool>`: they take no value."""
-    for parameter in parameters:
-        if getattr(parameter, "is_flag", False) or getattr(parameter, "count", False):
-            parameter.metavar = ""
-    return parameters
+class Family(_PlainFlags, typer.core.TyperGroup):
+    """A group of verbs."""
 
 
 def new_family(**settings: Any) -> typer.Typer:

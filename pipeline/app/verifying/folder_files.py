@@ -4,9 +4,9 @@ import hashlib
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.output.manifest import NAME, Manifest
+from pipeline.engine.records import Blob
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import read_json
@@ -33,14 +33,14 @@ def wrong_files(out: Path, manifest: Manifest) -> Iterator[str]:
             yield f"{printable(name)} {fault}"
 
 
-def _fault(path: Path, entry: dict[str, Any], reader: _Reader | None) -> str | None:
+def _fault(path: Path, entry: Blob, reader: _Reader | None) -> str | None:
     """Fault of a file: other bytes than its entry says, or content that its reader does not open; None without one."""
     try:
         size = path.stat().st_size
-        if size != entry["size"]:
-            return f"is not as it was built: {size:,} bytes, not {entry['size']:,}"
+        if size != entry.size:
+            return f"is not as it was built: {size:,} bytes, not {entry.size:,}"
         with path.open("rb") as stream:
-            if hashlib.file_digest(stream, "sha256").hexdigest() != entry["sha256"]:
+            if hashlib.file_digest(stream, "sha256").hexdigest() != entry.sha256:
                 return "is not as it was built: its bytes differ"
         if reader:
             reader(path)

@@ -16,9 +16,8 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.params.cameras import Focus, InChannel, Planes
+from pipeline.tasks.params.cameras import Focus, InChannel, Planes, Rays
 from pipeline.tasks.params.placed import View
-from pipeline.tasks.params.rays import Rays
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 
 
@@ -64,7 +63,7 @@ def wrong_list(project: Project, manifest: Manifest) -> Iterator[str]:
         yield f"{printable(name)} is no file of a build of the stage"
     for name in sorted(project.files.keys() & manifest.files.keys()):
         source = project.files[name]
-        if isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != manifest.files[name]["sha256"]:
+        if isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != manifest.files[name].sha256:
             yield f"{name} is not what a build of the stage writes"
 
 

@@ -15,7 +15,7 @@ _TEXT = ("camera", CHANNEL, "target", "method")
 
 def broken_contract(camera: JudgedCamera, rig: Rig, scene: Scene, table: Table) -> Iterator[str]:
     """Descriptions of what a table lacks or has too much; if there are none, its rows can be judged."""
-    head = header_of(scene.truth, camera.supersampling, is_plenoptic=camera.camera.microlenses is not None)
+    head = header_of(scene.truth, camera.supersampling, camera.camera)
     if [line.strip() for line in head] != list(table.comments[: len(head)]):
         yield "its comments are not those of the stage"
     columns = column_order(scene.truth)

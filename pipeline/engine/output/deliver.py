@@ -21,7 +21,7 @@ from pipeline.engine.locks import Errand, locked_folder
 from pipeline.engine.output import manifest
 from pipeline.engine.output.output_folder import ASIDE, Folder
 from pipeline.engine.output.output_index import Seen, name_of
-from pipeline.engine.planning.task_spec import Record
+from pipeline.engine.records import Blob, Record
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
 
@@ -86,7 +86,7 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
     """
     entries = {path: _entry(source, contents.records) for path, source in sorted(contents.files.items())}
     _check_paths(entries)
-    keys = {name: record["key"] for name, record in contents.records.items()}
+    keys = {name: record.key for name, record in contents.records.items()}
     goal = _Goal(
         files=contents.files, entries=entries, manifest=manifest.render(contents.head, keys, entries), store=store
     )
@@ -112,7 +112,7 @@ class _Goal:
     """
 
     files: Mapping[str, Source]
-    entries: dict[str, dict[str, Any]]
+    entries: dict[str, Blob]
     manifest: bytes | None
     store: Store
     whole: bool = True
@@ -120,7 +120,7 @@ class _Goal:
     @property
     def digests(self) -> dict[str, str]:
         """Digests of all files but the manifest."""
-        return {path: entry["sha256"] for path, entry in self.entries.items()}
+        return {path: entry.sha256 for path, entry in self.entries.items()}
 
     @property
     def note(self) -> dict[str, str]:
@@ -134,7 +134,7 @@ class _Goal:
         if isinstance(source, bytes):
             target.write_bytes(source)
         else:
-            self.store.copy_blob(self.entries[path]["sha256"], target)
+            self.store.copy_blob(self.entries[path].sha256, target)
 
 
 def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
@@ -175,7 +175,7 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
             (aside / manifest.NAME).replace(folder.out / manifest.NAME)
 
 
-def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
+def _agrees(there: manifest.Manifest, entries: Mapping[str, Blob]) -> bool:
     """Whether a manifest states the intended digests of these files."""
     return all(there.files.get(path) == entry for path, entry in entries.items())
 
@@ -190,7 +190,7 @@ def _is_begun(path: Path, goal: _Goal) -> bool:
 def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
     """Turn errors of the disk, or errors due to other processes in the folder, into an `EnvironmentFault`."""
     try:
-        with machine_errors("write to", out, needed=sum(entry["size"] for entry in goal.entries.values())):
+        with machine_errors("write to", out, needed=sum(entry.size for entry in goal.entries.values())):
             yield
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise EnvironmentFault(
@@ -199,16 +199,15 @@ def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
         ) from error
 
 
-def _entry(source: Source, records: Mapping[str, Record]) -> dict[str, Any]:
+def _entry(source: Source, records: Mapping[str, Record]) -> Blob:
     if isinstance(source, bytes):
-        return {"sha256": hashlib.sha256(source).hexdigest(), "size": len(source)}
+        return Blob(sha256=hashlib.sha256(source).hexdigest(), size=len(source))
     task, output = source
     try:
-        entry: dict[str, Any] = records[task]["outputs"][output]
+        return records[task].outputs[output]
     except KeyError:
-        made = sorted(records[task]["outputs"]) if task in records else "nothing"
+        made = sorted(records[task].outputs) if task in records else "nothing"
         raise ValueError(f"task {task!r} was to make {output!r}, but made {made}") from None
-    return {"sha256": entry["sha256"], "size": entry["size"]}
 
 
 def _check_paths(paths: Iterable[str]) -> None:

@@ -1,12 +1,14 @@
 """The manifest of an output folder: its files and the tasks that made them. A folder without one is not finished."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import nearest_existing, read_regular
+from pipeline.engine.records import Blob
 from pipeline.errors import UsageError
 from pipeline.limits import limits
 
@@ -26,7 +28,7 @@ class Manifest:
     data : bytes or None
         Bytes of the file.
     files : dict
-        Posix path -> {"sha256", "size"}.
+        Posix path -> what it holds.
     tasks : dict
         Task name -> key.
     points : any
@@ -35,7 +37,7 @@ class Manifest:
 
     data: bytes | None = None
     stage: Any = None
-    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    files: dict[str, Blob] = field(default_factory=dict)
     tasks: dict[str, str] = field(default_factory=dict)
     points: Any = None
 
@@ -45,9 +47,10 @@ def read(out: Path) -> Manifest:
     data = read_regular(out / NAME, most=_BYTES_PER_FRAME * limits().frames)
     try:
         parsed = json.loads(data or b"")
-        files, tasks = parsed["files"], parsed["tasks"]
-        ours = parsed["format"] == FORMAT and all(_is_entry(entry) for entry in files.values())
-        ours = ours and all(is_plain_path(path) for path in files) and isinstance(tasks, dict)
+        files = {path: Blob(**entry) for path, entry in parsed["files"].items()}
+        tasks = parsed["tasks"]
+        ours = parsed["format"] == FORMAT and all(map(_is_sound, files.values()))
+        ours = ours and all(map(is_plain_path, files)) and isinstance(tasks, dict)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Manifest(data=data)
     if not ours:
@@ -55,16 +58,16 @@ def read(out: Path) -> Manifest:
     return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks, points=parsed.get("points"))
 
 
-def _is_entry(entry: dict[str, Any]) -> bool:
-    return DIGEST.fullmatch(entry["sha256"]) is not None and type(entry["size"]) is int and entry["size"] >= 0
+def _is_sound(entry: Blob) -> bool:
+    return DIGEST.fullmatch(entry.sha256) is not None and type(entry.size) is int and entry.size >= 0
 
 
-def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[str, Any]]) -> bytes:
+def render(head: dict[str, Any], tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
     """Bytes of a manifest, with one line per task and per file; they depend on these facts only."""
     facts = {name: _json(value, indent=1).replace("\n", "\n ") for name, value in {"format": FORMAT, **head}.items()}
     facts["tasks"] = _lines({name: f'"{key}"' for name, key in tasks.items()})
     facts["files"] = _lines(
-        {path: f'{{"sha256": "{entry["sha256"]}", "size": {entry["size"]}}}' for path, entry in files.items()}
+        {path: f'{{"sha256": "{entry.sha256}", "size": {entry.size}}}' for path, entry in files.items()}
     )
     return f"{_lines(facts, '')}\n".encode()
 

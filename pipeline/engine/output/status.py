@@ -33,10 +33,10 @@ def status(
         if isinstance(source, bytes):
             return hashlib.sha256(source).hexdigest()
         if record := records.get(source[0]):
-            return str(record["outputs"][source[1]]["sha256"])
+            return record.outputs[source[1]].sha256
         # The store may have lost what the folder still has.
         is_same = there.tasks.get(source[0], "") == tasks[source[0]].key
-        return there.files.get(path, {}).get("sha256") if is_same else None
+        return there.files[path].sha256 if is_same and path in there.files else None
 
     def state(path: str, source: Source) -> str:
         found = seen.digest(path)

@@ -6,10 +6,10 @@ from typing import Any
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
-from pipeline.engine.planning.task_spec import Record
+from pipeline.engine.records import Params, Record
 from pipeline.engine.store.store import Store
 
-Size = Callable[[str, dict[str, Any]], float]
+Size = Callable[[str, Params], float]
 """Function from kind and params of a task to a number to which its work is proportional; 0 if unknown."""
 
 
@@ -69,49 +69,41 @@ class Past:
     last_keys : mapping
         Task name -> key of its last build into the same output folder.
     kinds : list of mapping
-        Kind -> fields of `Cost`, from the histories of builds; the first that knows a kind counts.
+        Kind -> cost, from the histories of builds; the first that knows a kind counts.
     """
 
-    def __init__(
-        self, store: Store, last_keys: Mapping[str, str], kinds: list[Mapping[str, dict[str, Any]]], size: Size
-    ) -> None:
+    def __init__(self, store: Store, last_keys: Mapping[str, str], kinds: list[Mapping[str, Cost]], size: Size) -> None:
         self._store, self._last_keys, self._kinds, self._size = store, last_keys, kinds, size
 
-    def cost_of(self, task: PlannedTask, params: dict[str, Any]) -> Cost | None:
+    def cost_of(self, task: PlannedTask, params: Params) -> Cost | None:
         """Estimated cost of a task; None if neither it nor its kind has ever run."""
         last = self._store.peek(self._last_keys[task.name]) if task.name in self._last_keys else None
         cost = cost_of_record(last) if last else None
         if last is not None and cost is not None:
-            before, now = self._size(task.kind, last["components"]["params"]), self._size(task.kind, params)
+            before, now = self._size(task.kind, last.components.params), self._size(task.kind, params)
             return cost.times(now / before if before > 0 and now > 0 else 1.0)
-        for kinds in self._kinds:
-            if task.kind in kinds:
-                return Cost(**kinds[task.kind])
-        return None
+        return next((kinds[task.kind] for kinds in self._kinds if task.kind in kinds), None)
 
 
 def cost_of_record(record: Record) -> Cost | None:
     """Cost of the task that made a record; None if the record does not state it."""
-    made_by = record["made_by"]
-    if "cpu_seconds" not in made_by:
+    run = record.made_by
+    if run.cpu_seconds is None:
         return None
-    rays = sum(one.get("rays", 0) for one in made_by.get("kernels", {}).values())
-    return Cost(cpu_seconds=made_by["cpu_seconds"], rays=rays, peak_bytes=made_by["peak_bytes"])
+    return Cost(cpu_seconds=run.cpu_seconds, rays=run.rays, peak_bytes=run.peak_bytes)
 
 
-def means_by_kind(made: Iterable[tuple[str, Record]]) -> dict[str, dict[str, Any]]:
-    """Mean cost of each kind, from kinds and records of tasks, in the form that `Past` reads; for memory the
-    maximum.
-    """
-    found: dict[str, list[Cost]] = {}
+def means_by_kind(made: Iterable[tuple[str, Record]]) -> dict[str, Cost]:
+    """Mean cost of each kind, from kinds and records of tasks; for memory the maximum."""
+    costs_by_kind: dict[str, list[Cost]] = {}
     for kind, record in made:
         if cost := cost_of_record(record):
-            found.setdefault(kind, []).append(cost)
+            costs_by_kind.setdefault(kind, []).append(cost)
     return {
-        kind: {
-            "cpu_seconds": sum(cost.cpu_seconds for cost in costs) / len(costs),
-            "rays": sum(cost.rays for cost in costs) / len(costs),
-            "peak_bytes": max(cost.peak_bytes for cost in costs),
-        }
-        for kind, costs in found.items()
+        kind: Cost(
+            cpu_seconds=sum(cost.cpu_seconds for cost in costs) / len(costs),
+            rays=sum(cost.rays for cost in costs) / len(costs),
+            peak_bytes=max(cost.peak_bytes for cost in costs),
+        )
+        for kind, costs in costs_by_kind.items()
     }

@@ -4,7 +4,6 @@ import functools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
 
 import networkx as nx
 
@@ -12,6 +11,7 @@ from pipeline.engine.digest import canonical
 from pipeline.engine.planning import near
 from pipeline.engine.planning.near import unpadded
 from pipeline.engine.planning.task_code import check_kind
+from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 
 TASKS = ("pipeline.tasks",)
@@ -39,7 +39,7 @@ class Task:
 
     name: str
     kind: str
-    params: dict[str, Any]
+    params: Params
     reads: dict[str, str]
     together: str | None = None
 
@@ -56,8 +56,8 @@ class Task:
 
     @property
     def short_kind(self) -> str:
-        """Last part of the module name."""
-        return self.kind.rpartition(".")[2]
+        """The name of its function, or of its module where that has one function."""
+        return self.kind.replace(":", ".").rpartition(".")[2]
 
 
 class TaskGraph:
@@ -78,7 +78,7 @@ class TaskGraph:
         self,
         name: str,
         kind: str,
-        params: dict[str, Any],
+        params: Params,
         reads: dict[str, str] | None = None,
         together: str | None = None,
     ) -> str:

@@ -7,7 +7,8 @@ from typing import Any
 
 from pipeline.edits import Edit
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.engine.planning.task_spec import Record, Spec, Specs
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.records import Record, Spec, fields_of
 from pipeline.engine.store.store import Store
 
 _LONGEST = 72
@@ -109,12 +110,12 @@ def plan(
         if must_run:
             last = _last(name, last_keys, store)
             reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
-            reasons += differences(last["components"]["params"], task.params, "params") if last else []
+            reasons += differences(last.components.params, task.params, "params") if last else []
             planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
         whole = store.peek(spec.key)
-        record = store.complete(spec.key, whole)
+        record = store.complete(whole)
         if record is not None and name not in forced:
             records[name] = record
             planned.append(_planned(task, "cached", spec, []))
@@ -139,13 +140,13 @@ def _why_missing(
     spec: Spec, last_key: str | None, last: Record | None, damaged: Record | None, store: Store
 ) -> list[Reason]:
     if damaged is not None:
-        gone = [name for name, entry in damaged["outputs"].items() if not store.is_whole(entry)]
+        gone = [name for name, blob in damaged.outputs.items() if not store.is_whole(blob)]
         return [Reason(type=ReasonType.MISSING, field=name) for name in gone]
     if last_key is None:
         return [Reason(type=ReasonType.NEW)]
     if last is None:
         return [Reason(type=ReasonType.MISSING, field="record")]
-    return list(differences(last["components"], spec.components))
+    return list(differences(fields_of(last.components), fields_of(spec.components)))
 
 
 def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:

@@ -23,6 +23,7 @@ from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.libraries import is_foreign, versions_of
+from pipeline.engine.records import Components
 from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts
 
@@ -76,37 +77,45 @@ def _reader() -> str:
 
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
-    """Refuse module names outside the accepted packages: a record or a spec must not decide which code is imported."""
+    """Refuse kinds outside the accepted packages: a record or a spec must not decide which code is imported."""
     below = any(kind.startswith(f"{package}.") for package in packages)
-    if not below or not all(part.isidentifier() for part in kind.split(".")):
+    if not below or not all(part.isidentifier() for part in kind.replace(":", ".", 1).split(".")):
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
-def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
-    """Components of a key that represent the code: version, fingerprint, libraries, machine.
+def module_of(kind: str) -> str:
+    """The module of a kind, which is `module:function`, or a module whose function is called `run`."""
+    return kind.partition(":")[0]
+
+
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
+    """The code of a kind of task here: components of a key, yet without parameters and inputs.
 
     Parameters
     ----------
     kind : str
-        Module name. The module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
+        The kind. Its module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
     seen : dict, optional
         Modules already read, shared between calls: kinds import mostly the same modules.
     machine : callable
         Facts about the machine on which the results of libraries depend; by default those of this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
-    own = reached.get(kind)
+    own = reached.get(module_of(kind))
     if own is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
     libraries = versions_of(foreign)
-    return {
-        "version": own.version,
-        "code": _digest(reached),
+    return Components(
+        kind=kind,
+        version=own.version,
+        code=_digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
-        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
-        "machine": machine(libraries),
-    }
+        libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
+        machine=machine(libraries),
+        params={},
+        inputs={},
+    )
 
 
 def edited(kind: str) -> list[str]:
@@ -117,7 +126,7 @@ def edited(kind: str) -> list[str]:
 
 
 def fingerprint(kind: str) -> str:
-    """Hex digest of the code that the module `kind` imports from its own top package."""
+    """Hex digest of the code that the module of a kind imports from its own top package."""
     return _digest(_reached(kind, {}))
 
 
@@ -127,7 +136,7 @@ def _digest(reached: dict[str, _Module]) -> str:
 
 def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
     reached: dict[str, _Module] = {}
-    todo = [kind]
+    todo = [module_of(kind)]
     while todo:
         name = todo.pop()
         if name in reached:

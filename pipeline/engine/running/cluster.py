@@ -1,6 +1,6 @@
 """Tasks on a Dask cluster. The only module that knows `distributed`, which comes with the extra [cluster].
 
-Dask sees neither the graph nor an array: a task is plain data of a few kB and its result a record. Everything else goes
+Dask sees neither the graph nor an array: a job is a few kB and its result a record. Everything else goes
 through the store, a folder that every worker reaches under the same path. Finished results survive the death of any
 process.
 """
@@ -12,10 +12,12 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.running.engines import Plain
+from pipeline.engine.records import Reply
+from pipeline.engine.running.engines import Job
 from pipeline.engine.running.execute import failed, lost, perform
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
@@ -84,7 +86,7 @@ class Dask:
         for name in ("distributed", *filter(_OF_DASK.match, logging.root.manager.loggerDict)):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # we report what matters ourselves
         self._store, self._packages, self._timeout_s = store, packages, timeout_s
-        self._running: dict[Any, tuple[Plain, float]] = {}
+        self._running: dict[Any, tuple[Job, float]] = {}
         self._submitted = 0
         self._no_workers_since: float | None = None
         options: dict[str, Any] = {"timeout": _CONNECT_S, "set_as_default": False}
@@ -104,23 +106,23 @@ class Dask:
         workers = self._workers()
         return sum(int(worker["nthreads"]) for worker in workers.values()) + len(workers) - len(self._running)
 
-    def submit(self, spec: Plain) -> None:
-        """Give a task to the cluster."""
+    def submit(self, job: Job) -> None:
+        """Give a job to the cluster."""
         self._submitted += 1
         with self._reaching():
             future = self._client.submit(
                 _perform_there,
-                spec,
+                job,
                 str(self._store.root),
                 list(self._packages),
                 # A new key each time: for a known key Dask would return the old result.
-                key=f"{spec['components']['kind']}-{spec['key'][:32]}-{os.getpid()}-{self._submitted}",
+                key=f"{job[0].components.kind}-{job[0].key[:32]}-{os.getpid()}-{self._submitted}",
                 pure=False,
                 priority=-self._submitted,  # keeps the order of the driver, which submits the longest path first
             )
-        self._running[future] = spec, time.monotonic()
+        self._running[future] = job, time.monotonic()
 
-    def wait(self, timeout_s: float) -> list[Plain]:
+    def wait(self, timeout_s: float) -> list[Reply]:
         """Replies that arrived within the timeout, possibly none."""
         import distributed
 
@@ -136,7 +138,7 @@ class Dask:
             return self._overdue()
         except (distributed.CancelledError, asyncio.CancelledError, OSError):
             done = {future for future in self._running if future.done()}
-        return [self._reply(future) for future in done if future in self._running]
+        return [reply for future in done if future in self._running for reply in self._replies(future)]
 
     def drop_waiting(self) -> list[str]:
         """Return nothing: the scheduler does not tell which tasks wait."""
@@ -149,29 +151,26 @@ class Dask:
         with contextlib.suppress(Exception):
             self._client.close(timeout=5)
 
-    def _reply(self, future: Any) -> Plain:
+    def _replies(self, future: Any) -> list[Reply]:
         import distributed
 
-        spec, _ = self._running.pop(future)
+        job, _ = self._running.pop(future)
         try:
-            reply: Plain = future.result(timeout=_CONNECT_S)
+            replies: list[Reply] = future.result(timeout=_CONNECT_S)
         except distributed.KilledWorker as error:
-            return lost(spec["name"], f"its worker died ({error.last_worker.address})")
+            return [lost(spec, f"its worker died ({error.last_worker.address})") for spec in job]
         except (distributed.CancelledError, asyncio.CancelledError, TimeoutError, OSError):
             self._require_scheduler()
-            return lost(spec["name"], "its worker was lost")
+            return [lost(spec, "its worker was lost") for spec in job]
         except Exception as error:  # it could not begin: another version of this package, a store out of reach
-            return {
-                **failed(spec["name"], spec["key"], f"{type(error).__name__}: {error}", self._store),
-                "machine": True,
-            }
+            return [failed(spec, f"{type(error).__name__}: {error}", self._store, machine=True) for spec in job]
         finally:
             future.release()
-        return reply
+        return replies
 
-    def _overdue(self) -> list[Plain]:
+    def _overdue(self) -> list[Reply]:
         replies = []
-        for future, (spec, since) in list(self._running.items()):
+        for future, (job, since) in list(self._running.items()):
             seconds = time.monotonic() - since
             if self._timeout_s is None or seconds <= self._timeout_s:
                 continue
@@ -181,7 +180,7 @@ class Dask:
             with contextlib.suppress(ValueError):  # a worker without a nanny goes on until its task ends
                 self._client.restart_workers(workers, raise_for_error=False)
             text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
-            replies.append(failed(spec["name"], spec["key"], text, self._store, seconds))
+            replies += [failed(spec, text, self._store, seconds) for spec in job]
         self._require_workers()
         return replies
 
@@ -257,9 +256,10 @@ def _sees_note(root: str, note: str) -> bool:
     return Store(root).read_note("index", f"here-{note}") == note
 
 
-def _perform_there(spec: Plain, root: str, packages: list[str]) -> Plain:
-    """Perform a task on a worker."""
+def _perform_there(job: Job, root: str, packages: list[str]) -> list[Reply]:
+    """Perform a job on a worker."""
     warnings: list[str] = []
     store = Store(root, warn=warnings.append)
     with store.in_use():
-        return {**perform(spec, store, tuple(packages)), "warnings": warnings}
+        first, *others = perform(job, store, tuple(packages))
+    return [replace(first, warnings=tuple(warnings)), *others]

@@ -4,14 +4,14 @@ import contextlib
 import heapq
 import math
 from collections import Counter
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
-from pipeline.engine.events import warner
-from pipeline.engine.interrupts import Interrupts, impatient, patient
+from pipeline.engine.events import Done, Retried, Started, Warned, warner
+from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.options import ALONE, NOBODY, NOTHING, BuildOptions, Caller, Known
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.task_spec import Record, Spec, Specs
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.records import Record, Reply, Spec, TaskResult
 from pipeline.engine.running.engines import Engine, Inline, Processes
 from pipeline.engine.running.execute import failed
 from pipeline.engine.running.memory import Budget, available_bytes
@@ -28,64 +28,16 @@ _TICK_S = 0.25
 """Longest time until the loop notices a signal [s]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TaskResult:
-    """The end of a task.
-
-    Attributes
-    ----------
-    state : str
-        executed, cached (or computed meanwhile by another builder), failed or skipped.
-    seconds : float
-        Wall time spent now; 0 when cached [s].
-    key : str or None
-        None if the task was skipped before its inputs were known.
-    machine : bool
-        Whether it failed because of the machine (disk full, …).
-    place : str or None
-        Place in the stage of the subject of a failed task, such as its camera.
-    spec : str or None
-        For a failed task, the file from which `pipeline run-task` repeats it.
-    differs : tuple of str
-        Outputs that differ from earlier ones with the same key.
-    peak_bytes : int or None
-        Peak memory of its process, if it ran now.
-    made_by : dict or None
-        Facts in its record about the run that made it, this one or an earlier one.
-    """
-
-    name: str
-    kind: str
-    state: str
-    seconds: float = 0.0
-    key: str | None = None
-    error: str | None = None
-    log: str | None = None
-    machine: bool = False
-    place: str | None = None
-    spec: str | None = None
-    differs: tuple[str, ...] = ()
-    peak_bytes: int | None = None
-    made_by: dict[str, Any] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as in the summary of a build."""
-        facts = {"name": self.name, "kind": self.kind, "state": self.state, "seconds": self.seconds, "key": self.key}
-        if self.state == "failed":
-            facts |= {"error": self.error, "log": self.log, "place": self.place, "spec": self.spec}
-        return {**facts, "differs": list(self.differs)} if self.differs else facts
-
-
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results and records by task name, and the signal that ended the run, if any.
+    """Results and records by task name, and whether Ctrl-C ended the run.
 
     `peaks` holds the peak memory of each kind of task in this run [bytes]; `checked` lists tasks that ran twice.
     """
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
-    interrupted: int | None = None
+    interrupted: bool = False
     peaks: dict[str, int] = field(default_factory=dict)
     checked: tuple[str, ...] = ()
 
@@ -114,10 +66,11 @@ def run(
         engine = Inline(store, graph.packages) if inline else workers
     driver = _Driver(graph, store, engine, options, caller, known)
     with contextlib.ExitStack() as stack:
-        own = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
+        interrupts = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
         stack.callback(engine.close)
-        own.stoppable(lambda: driver.loop(own))
-    driver.outcome.interrupted = own.exit_code
+        with interrupts.stopping():
+            driver.loop(interrupts)
+    driver.outcome.interrupted = interrupts.arrived
     return driver.finish()
 
 
@@ -136,7 +89,7 @@ class _Driver:
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that lacked memory: nothing runs beside them
-        self._company: dict[str, list[str]] = {}  # tasks that were given to a worker together with another one
+        self._in_company: set[str] = set()  # tasks that run together with others now
         self._apart: set[str] = set()  # tasks whose worker died while they ran together with others
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
@@ -146,20 +99,19 @@ class _Driver:
             self._queue_if_ready(name)
 
     def loop(self, interrupts: Interrupts) -> None:
-        with patient():
-            while True:
-                may_go_on = self.options.keep_going or not self._failed()
-                going = interrupts.signal is None and not self._broken and may_go_on
-                while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
-                    self._take(heapq.heappop(self._ready)[1])
-                if not self._running and not (going and self._ready):
-                    return
-                for reply in self.engine.wait(_TICK_S):
-                    self._collect(reply)
-                if interrupts.signal is not None:
-                    for name in self.engine.drop_waiting():
-                        for other in (name, *self._company.pop(name, ())):
-                            del self._running[other]
+        while True:
+            may_go_on = self.options.keep_going or not self._failed()
+            going = not (interrupts.arrived or self._broken) and may_go_on
+            while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
+                self._take(heapq.heappop(self._ready)[1])
+            interrupts.is_patient = bool(self._running)
+            if not self._running and not (going and self._ready):
+                return
+            for reply in self.engine.wait(_TICK_S):
+                self._collect(reply)
+            if interrupts.arrived:
+                for name in self.engine.drop_waiting():
+                    del self._running[name]
 
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
@@ -190,23 +142,16 @@ class _Driver:
         if spec is None:
             return
         if self.prepare is not None:
-            with impatient():
-                self.prepare()
+            self.prepare()
             self.prepare = None
-        company = [found for found in map(self._spec_to_run, self._companions(name)) if found is not None]
-        company = [other for other in company if other.components["inputs"] == spec.components["inputs"]]
-        for one in (spec, *company):
+        others = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
+        job = (spec, *(other for other in others if other.components.inputs == spec.components.inputs))
+        for one in job:
             self._running[one.name] = one
-            kind = self.graph[one.name].short_kind
-            self.on_event({"event": "started", "task": one.name, "kind": kind, "key": one.key})
-        message = self._message(spec)
-        if company:
-            self._company[name] = [other.name for other in company]
-            message["company"] = list(map(self._message, company))
-        self.engine.submit(message)
-
-    def _message(self, spec: Spec) -> dict[str, Any]:
-        return {**spec.to_plain(), "force": spec.name in self._forced}
+            self.on_event(Started(task=one.name, kind=self.graph[one.name].short_kind, key=one.key))
+        if len(job) > 1:
+            self._in_company.update(one.name for one in job)
+        self.engine.submit(job)
 
     def _companions(self, name: str) -> list[str]:
         """Tasks to run together with one because they share work; not so many that a free worker is left without a
@@ -228,93 +173,76 @@ class _Driver:
         spec = self._specs.of(task, self.outcome.records)
         record = None if name in self._forced else self.store.record(spec.key)
         if record is not None:
-            found = TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key, made_by=record["made_by"])
-            self._settle(found, record)
+            self._settle(TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key), record)
             return None
-        return spec
+        return replace(spec, force=True) if name in self._forced else spec
 
-    def _collect(self, reply: dict[str, Any]) -> None:
-        for text in reply.get("warnings", ()):
-            self.on_event({"event": "warning", "text": text})
-        if reply["state"] == "waiting":
+    def _collect(self, reply: Reply) -> None:
+        for text in reply.warnings:
+            self.on_event(Warned(text=text))
+        if reply.state == "waiting":
             return
-        company = self._company.pop(reply["name"], [])
-        if company and "company" not in reply:  # the worker died or could not begin: any of them may be the cause
-            self._part([reply["name"], *company], reply)
-            return
-        for one in (reply, *reply.get("company", ())):
-            self._collect_one(one)
-
-    def _part(self, names: list[str], reply: dict[str, Any]) -> None:
-        """Queue tasks that failed together again, each alone."""
-        self._apart.update(names)
-        for name in names:
-            del self._running[name]
-            self.on_event({"event": "retry", "task": name, "error": f"{reply['error']}; it runs alone now"})
-            self._queue_if_ready(name)
-
-    def _collect_one(self, reply: dict[str, Any]) -> None:
-        name = reply["name"]
-        spec = self._running.pop(name)
-        if reply.get("damaged") and name not in self._healed:
+        name = reply.name
+        spec, was_in_company = self._running.pop(name), name in self._in_company
+        self._in_company.discard(name)
+        if reply.damaged and name not in self._healed:
             self._heal(name)
-        elif reply["state"] == "lost":
-            self._bury(name, spec, reply)
-        elif reply["state"] == "failed" and self._try_again(name, reply):
-            self._queue_if_ready(name)
+        elif reply.state == "lost" and was_in_company:  # any of the company may be the cause
+            self._apart.add(name)
+            self._retry(name, f"{reply.error}; it runs alone now")
+        elif reply.state == "lost":
+            self._bury(spec, reply)
+        elif reply.state == "failed" and self._has_tries_left(reply):
+            self._retry(name, reply.error)
         else:
-            self._finish(name, spec, reply)
+            self._finish(spec, reply)
 
-    def _finish(self, name: str, spec: Spec, reply: dict[str, Any]) -> None:
-        facts: dict[str, Any] = {field: reply[field] for field in ("error", "log", "machine") if field in reply}
-        self._broken = self._broken or bool(reply.get("machine"))
-        kind, record = self.graph[name].short_kind, reply.get("record")
-        if reply["state"] == "failed":
-            facts["place"] = self.places.get(name.split("/")[1]) if "/" in name else None
-            facts["spec"] = self.store.keep_spec(spec.key, spec.to_plain())
-        if record is not None:
-            facts["made_by"] = record["made_by"]
-        if reply["state"] == "executed" and record is not None:
-            facts["peak_bytes"] = record["made_by"].get("peak_bytes", 0)
-            self.budget.learn(kind, facts["peak_bytes"])
-            facts["differs"] = tuple(reply.get("differs", ()))
-        seconds = reply["seconds"] if reply["state"] != "cached" else 0.0
-        self._settle(
-            TaskResult(name=name, kind=kind, state=reply["state"], seconds=seconds, key=spec.key, **facts), record
+    def _retry(self, name: str, error: str) -> None:
+        self.on_event(Retried(task=name, error=error))
+        self._queue_if_ready(name)
+
+    def _finish(self, spec: Spec, reply: Reply) -> None:
+        self._broken = self._broken or reply.machine
+        result = TaskResult(
+            name=spec.name,
+            kind=self.graph[spec.name].short_kind,
+            state=reply.state,
+            seconds=reply.seconds,
+            key=spec.key,
+            differs=reply.differs,
         )
+        if reply.state == "failed":
+            _, _, rest = spec.name.partition("/")
+            place, repeat = self.places.get(rest.split("/")[0]), self.store.keep_spec(replace(spec, force=False))
+            result = replace(result, error=reply.error, log=reply.log, machine=reply.machine, place=place, spec=repeat)
+        elif reply.state == "executed" and reply.record is not None:
+            self.budget.learn(result.kind, reply.record.made_by.peak_bytes)
+        self._settle(result, reply.record)
 
-    def _bury(self, name: str, spec: Spec, reply: dict[str, Any]) -> None:
+    def _bury(self, spec: Spec, reply: Reply) -> None:
         """Handle the death of a worker: either the task kills workers, or it lacked memory beside other tasks."""
-        self._deaths[name] += 1
-        if self._deaths[name] < MAX_DEATHS:
-            if reply["memory"]:
-                self._alone.add(name)
-            self.on_event({"event": "retry", "task": name, "error": reply["error"]})
-            self._queue_if_ready(name)
+        self._deaths[spec.name] += 1
+        if self._deaths[spec.name] < MAX_DEATHS:
+            if reply.memory:
+                self._alone.add(spec.name)
+            self._retry(spec.name, reply.error)
             return
-        hint = "; out of memory looks like this, and it ran alone the last time" if reply["memory"] else ""
-        text = f"{reply['error']}, {MAX_DEATHS} times{hint}"
-        self._finish(name, spec, failed(name, spec.key, text, self.store))
+        hint = "; out of memory looks like this, and it ran alone the last time" if reply.memory else ""
+        self._finish(spec, failed(spec, f"{reply.error}, {MAX_DEATHS} times{hint}", self.store))
 
-    def _try_again(self, name: str, reply: dict[str, Any]) -> bool:
-        """Queue a failed task again if it has tries left; whether it has."""
-        short_of_memory = reply["memory"] and name not in self._alone
-        if short_of_memory:
-            self._alone.add(name)
-        elif self._failures[name] < self.options.retries and not reply["machine"]:
-            self._failures[name] += 1
-        else:
-            return False
-        self.on_event({"event": "retry", "task": name, "error": reply["error"]})
-        return True
+    def _has_tries_left(self, reply: Reply) -> bool:
+        """Whether a failed task is to be tried again; it counts as one try."""
+        if reply.memory and reply.name not in self._alone:
+            self._alone.add(reply.name)
+            return True
+        self._failures[reply.name] += 1
+        return self._failures[reply.name] <= self.options.retries and not reply.machine
 
     def _settle(self, result: TaskResult, record: Record | None = None) -> None:
+        if record is not None:
+            result = replace(result, made_by=record.made_by)
         self.outcome.results[result.name] = result
-        usual = record["made_by"].get("seconds") if record else None  # for estimates
-        facts = {**result.to_dict(), "usual_seconds": usual, "peak_bytes": result.peak_bytes}
-        if record is not None and "news" in record["made_by"]:
-            facts["news"] = record["made_by"]["news"]
-        self.on_event({"event": "done", "task": result.name, **facts})
+        self.on_event(Done(result=result))
         if record is not None:
             self.outcome.records[result.name] = record
             for reader in self.graph.readers(result.name):

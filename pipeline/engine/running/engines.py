@@ -11,27 +11,30 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.execute import failed, lost, perform
 from pipeline.engine.store.store import Store
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
+from pipeline.records.plain import from_plain
 
-Plain = dict[str, Any]
+Job = tuple[Spec, ...]
+"""One task, or several that share work and run together."""
 
 
 class Engine(Protocol):
-    """An engine runs tasks. `free` is the number of tasks that it can take now.
+    """An engine runs jobs. `free` is the number of jobs that it can take now.
 
-    `wait` returns replies of tasks; a task that still waits for another builder replies with state waiting.
-    `drop_waiting` gives up such tasks, as far as the engine knows of them, and returns their names.
+    `wait` returns replies of tasks; those of one job come together. A task that still waits for another builder replies
+    with state waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
     """
 
     @property
     def free(self) -> int: ...
 
-    def submit(self, spec: Plain) -> None: ...
+    def submit(self, job: Job) -> None: ...
 
-    def wait(self, timeout_s: float) -> list[Plain]: ...
+    def wait(self, timeout_s: float) -> list[Reply]: ...
 
     def drop_waiting(self) -> list[str]: ...
 
@@ -43,20 +46,20 @@ class Inline:
 
     def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
         self._store, self._packages = store, packages
-        self._waiting: collections.deque[Plain] = collections.deque()
+        self._waiting: collections.deque[Job] = collections.deque()
 
     @property
     def free(self) -> int:
         """1, or 0 if a task has been submitted."""
         return 1 - len(self._waiting)
 
-    def submit(self, spec: Plain) -> None:
-        """Accept a task; it runs in `wait`."""
-        self._waiting.append(spec)
+    def submit(self, job: Job) -> None:
+        """Accept a job; it runs in `wait`."""
+        self._waiting.append(job)
 
-    def wait(self, timeout_s: float) -> list[Plain]:
-        """Run the submitted tasks and return the replies."""
-        replies = [perform(spec, self._store, self._packages) for spec in self._waiting]
+    def wait(self, timeout_s: float) -> list[Reply]:
+        """Run the submitted jobs and return the replies."""
+        replies = [reply for job in self._waiting for reply in perform(job, self._store, self._packages)]
         self._waiting.clear()
         return replies
 
@@ -71,7 +74,7 @@ class Inline:
 @dataclass(slots=True, eq=False)
 class _Worker:
     process: "subprocess.Popen[bytes]"
-    spec: Plain | None = None
+    job: Job = ()
     since: float | None = None  # when its task began; None while another builder has the task
     received: bytearray = field(default_factory=bytearray)
 
@@ -85,79 +88,68 @@ class Processes:
     timeout_s : float, optional
         A task that takes longer fails and is ended with its worker. Time spent waiting for another builder does not
         count.
-    memory_bytes : int, optional
-        Limit of a worker's address space; a task that needs more fails.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        packages: tuple[str, ...],
-        jobs: int,
-        *,
-        timeout_s: float | None = None,
-        memory_bytes: int | None = None,
-    ) -> None:
+    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
         self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
-        self._memory_bytes = memory_bytes
         self._workers: list[_Worker] = []
         self._ready = selectors.DefaultSelector()
 
     @property
     def free(self) -> int:
         """Number of workers without a task, including those not started yet."""
-        return self._jobs - sum(worker.spec is not None for worker in self._workers)
+        return self._jobs - sum(bool(worker.job) for worker in self._workers)
 
     def pids(self) -> list[int]:
         """Process ids of the workers."""
         return [worker.process.pid for worker in self._workers]
 
-    def submit(self, spec: Plain) -> None:
-        """Give a task to an idle worker, or to a new one."""
-        worker = next((w for w in self._workers if w.spec is None), None) or self._start()
-        worker.spec, worker.since = spec, None
-        self._send(worker, spec)
+    def submit(self, job: Job) -> None:
+        """Give a job to an idle worker, or to a new one."""
+        worker = next((worker for worker in self._workers if not worker.job), None) or self._start()
+        worker.job, worker.since = job, None
+        self._send(worker, job)
 
-    def wait(self, timeout_s: float) -> list[Plain]:
+    def wait(self, timeout_s: float) -> list[Reply]:
         """Replies that arrived within the timeout; maybe none."""
-        replies: list[Plain] = []
+        replies: list[Reply] = []
         for ready, _ in self._ready.select(timeout_s):
             worker: _Worker = ready.data
             data = os.read(ready.fd, 1 << 16)
             worker.received += data
             *lines, worker.received = worker.received.split(b"\n")
-            for line in map(json.loads, lines):
-                if "begun" in line:
+            for line in lines:
+                arrived = [from_plain(Reply, plain) for plain in json.loads(line)]
+                if arrived[0].state == "begun":
                     worker.since = time.monotonic()
                     continue
-                replies.append(line)
-                if line["state"] != "waiting":
-                    worker.spec = None
+                replies += arrived
+                if arrived[0].state != "waiting":
+                    worker.job = ()
             if not data:
                 replies += self._bury(worker)
         return replies + self._overdue()
 
-    def _overdue(self) -> list[Plain]:
-        """End workers whose task exceeds the time limit; their replies."""
+    def _overdue(self) -> list[Reply]:
+        """End workers whose job exceeds the time limit; their replies."""
         replies = []
         for worker in list(self._workers):
-            if worker.spec is None or worker.since is None:
+            if not worker.job or worker.since is None:
                 continue
             seconds = time.monotonic() - worker.since
             if self._timeout_s is not None and seconds > self._timeout_s:
                 worker.process.kill()
-                name, key = worker.spec["name"], worker.spec["key"]
                 self._forget(worker)
                 text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
-                replies.append(failed(name, key, text, self._store, seconds))
+                replies += [failed(spec, text, self._store, seconds) for spec in worker.job]
         return replies
 
     def drop_waiting(self) -> list[str]:
-        """End workers whose task waits for another builder; the names of these tasks."""
+        """End workers whose job waits for another builder; the names of these tasks."""
         names = []
         for worker in list(self._workers):
-            if worker.spec is not None and worker.since is None:
-                names.append(worker.spec["name"])
+            if worker.job and worker.since is None:
+                names += [spec.name for spec in worker.job]
                 worker.process.kill()
                 self._forget(worker)
         return names
@@ -181,25 +173,23 @@ class Processes:
         # A signal may interrupt between any two lines: a worker is registered at once, so that `close` ends it.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
         self._workers.append(worker)
-        setup = {"store": str(self._store.root), "packages": self._packages, "memory_bytes": self._memory_bytes}
+        setup = {"store": str(self._store.root), "packages": self._packages}
         self._send(worker, setup)
         return worker
 
-    def _send(self, worker: _Worker, message: Plain) -> None:
+    def _send(self, worker: _Worker, message: Any) -> None:
         assert worker.process.stdin is not None
         # A broken pipe means a dead worker: `wait` reads the end of its replies and starts the task again.
         with contextlib.suppress(BrokenPipeError):
-            worker.process.stdin.write(json.dumps(message).encode() + b"\n")
+            worker.process.stdin.write(as_json(message) + b"\n")
             worker.process.stdin.flush()
 
-    def _bury(self, worker: _Worker) -> list[Plain]:
+    def _bury(self, worker: _Worker) -> list[Reply]:
         status = worker.process.wait()
-        spec = worker.spec
         self._forget(worker)
-        if spec is None:
-            return []
         how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
-        return [lost(spec["name"], f"its worker process died by {how}", memory=status == -signal.SIGKILL)]
+        text, is_killed = f"its worker process died by {how}", status == -signal.SIGKILL
+        return [lost(spec, text, memory=is_killed) for spec in worker.job]
 
     def _forget(self, worker: _Worker) -> None:
         assert worker.process.stdin is not None and worker.process.stdout is not None

@@ -1,4 +1,4 @@
-"""Perform one task in any process: small plain data in and out; bulk data moves through the store.
+"""Perform tasks in any process: small records in and out; bulk data moves through the store.
 
 A worker loads no other part of the engine than this module and its imports.
 """
@@ -13,12 +13,15 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+import typing
+from collections.abc import Iterator, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.files import is_machines_fault, machine_errors
-from pipeline.engine.planning.task_code import check_kind, code_of, edited, remembering
+from pipeline.engine.planning.task_code import check_kind, code_of, edited, module_of, remembering
+from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
 from pipeline.engine.running.memory import PeakMeter
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
@@ -26,181 +29,154 @@ from pipeline.jit.work import work
 from pipeline.machine.processor import settings
 from pipeline.records.plain import from_plain
 
-Plain = dict[str, Any]
-
 _logs = threading.Lock()
 _LINES = 12
 """Most lines of an error message in the reply of a failed task."""
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 
-def perform(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
-    """Look up the result of a task, or compute it; running it twice is harmless.
+def perform(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
+    """Look up the results of tasks, or compute them; running them twice is harmless.
 
     Parameters
     ----------
-    spec : dict
-        `Spec.to_plain()`, and `force`: compute even if there is a record; `company`, if there is any: such specs of
-        tasks that share work with this one.
-
-    Returns
-    -------
-    dict
-        `name`, `state` (executed, cached or failed), `seconds` and either `record` and `differs` (outputs that are not
-        what the store already had for the key) or `error`, `log`, `machine` (whether the machine and not the task is
-        to blame), `damaged` (whether an input was found damaged, or was written to while the task used it), `memory`
-        (whether there was too little of it). `company`: the same for the others.
+    specs : sequence of Spec
+        One task; or several of one kind with the same inputs, which share work.
     """
-    company = spec.get("company")
-    if not company:
-        return _alone(spec, store, packages)
-    specs = [spec, *company]
+    start = time.perf_counter()
     try:
-        first, *others = _together(specs, store, packages)
-    # unknown which of them failed: they run again one by one, and each reports its own error
-    except (Exception, SystemExit):
-        first, *others = (_alone(one, store, packages) for one in specs)
-    return {**first, "company": others}
-
-
-def _alone(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
-    key, start = spec["key"], time.perf_counter()
-    log = store.file_for("log", key)
-    try:
-        with store.single_flight(key, f"makes {spec['name']}"):
-            record = _found(spec, store)  # another builder may have made it meanwhile
-            if record is not None:
-                return _cached(spec, record)
-            with _logging(log, store):
-                ((record, differs),) = _compute([spec], store, packages)
+        return _results(specs, store, packages, start)
     except (Exception, SystemExit) as error:
-        expected = isinstance(error, EnvironmentFault | DamagedBlob)
-        _append(log, f"{error}\n" if expected else "".join(traceback.format_exception(error)))
-        reply: Plain = {"name": spec["name"], "state": "failed", "error": _said(error), "log": str(log)}
-        blame = {
-            "machine": expected or is_machines_fault(error),
-            "damaged": isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
-            "memory": isinstance(error, MemoryError),
-        }
-        return {**reply, **blame, "seconds": round(time.perf_counter() - start, 4)}
-    return _executed(spec, time.perf_counter() - start, record, differs)
+        if len(specs) > 1:  # unknown which of them failed: each runs alone, and reports its own error
+            return [reply for spec in specs for reply in perform([spec], store, packages)]
+        return [_failure(specs[0], error, store, start)]
 
 
-def _together(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[Plain]:
-    """Replies of tasks with the same inputs that run together. An error does not show which of them is to blame."""
-    start, replies = time.perf_counter(), dict[str, Plain]()
+def failed(spec: Spec, how: str, store: Store, seconds: float = 0.0, *, machine: bool = False) -> Reply:
+    """The reply for a task that was ended from outside: its worker died or its time limit was reached."""
+    log = store.file_for("log", spec.key)
+    _append(log, f"{how}\n")
+    return Reply(name=spec.name, state="failed", error=how, log=str(log), seconds=round(seconds, 4), machine=machine)
+
+
+def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
+    """The reply for a task whose worker died; the driver decides whether it gets another one."""
+    return Reply(name=spec.name, state="lost", error=how, memory=memory)
+
+
+def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], start: float) -> list[Reply]:
+    replies: dict[str, Reply] = {}
     with contextlib.ExitStack() as locks:
-        # always in the same order, so that two builders cannot wait for each other for ever
-        for spec in sorted(specs, key=lambda spec: str(spec["key"])):
-            locks.enter_context(store.single_flight(spec["key"], f"makes {spec['name']}"))
-        todo = []
-        for spec in specs:
-            record = _found(spec, store)
-            if record is None:
-                todo.append(spec)
-            else:
-                replies[spec["name"]] = _cached(spec, record)
+        # Always in the same order, so that two builders cannot wait for each other for ever.
+        for spec in sorted(specs, key=lambda spec: spec.key):
+            locks.enter_context(store.single_flight(spec.key, f"makes {spec.name}"))
+        for spec in specs:  # another builder may have made it meanwhile
+            if not spec.force and (record := store.record(spec.key)) is not None:
+                replies[spec.name] = Reply(name=spec.name, state="cached", record=record)
+        todo = [spec for spec in specs if spec.name not in replies]
         if todo:
-            with _logging(store.file_for("log", todo[0]["key"]), store):
+            with _logging(store.file_for("log", todo[0].key), store):
                 made = _compute(todo, store, packages)
-            seconds = (time.perf_counter() - start) / len(todo)
-            replies |= {spec["name"]: _executed(spec, seconds, *one) for spec, one in zip(todo, made, strict=True)}
-    return [replies[spec["name"]] for spec in specs]
+            seconds = round((time.perf_counter() - start) / len(todo), 4)
+            for spec, (record, differs) in zip(todo, made, strict=True):
+                replies[spec.name] = Reply(
+                    name=spec.name, state="executed", seconds=seconds, record=record, differs=differs
+                )
+    return [replies[spec.name] for spec in specs]
 
 
-def _found(spec: Plain, store: Store) -> Plain | None:
-    return None if spec.get("force") else store.record(spec["key"])
+def _failure(spec: Spec, error: BaseException, store: Store, start: float) -> Reply:
+    log = store.file_for("log", spec.key)
+    is_expected = isinstance(error, EnvironmentFault | DamagedBlob)
+    _append(log, f"{error}\n" if is_expected else "".join(traceback.format_exception(error)))
+    return Reply(
+        name=spec.name,
+        state="failed",
+        error=_message(error),
+        log=str(log),
+        machine=is_expected or is_machines_fault(error),
+        damaged=isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
+        memory=isinstance(error, MemoryError),
+        seconds=round(time.perf_counter() - start, 4),
+    )
 
 
-def _cached(spec: Plain, record: Plain) -> Plain:
-    return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
-
-
-def _executed(spec: Plain, seconds: float, record: Plain, differs: list[str]) -> Plain:
-    facts = {"name": spec["name"], "state": "executed", "seconds": round(seconds, 4)}
-    return {**facts, "record": record, "differs": differs}
-
-
-def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
+def _lacks_inputs(spec: Spec, store: Store) -> bool:
     """Whether input bytes of the task are missing or altered, even if that happened while it ran."""
     try:
-        for blobs in spec["components"]["inputs"].values():
-            for digest in blobs.values():
-                store.blob(digest)
+        for digest in spec.components.digests():
+            store.blob(digest)
     except DamagedBlob:
         return True
     return False
 
 
-def failed(name: str, key: str, how: str, store: Store, seconds: float = 0.0) -> dict[str, Any]:
-    """The reply for a task that was ended from outside: its worker died or its time limit was reached."""
-    log = store.file_for("log", key)
-    _append(log, f"{how}\n")
-    reply: dict[str, Any] = {"name": name, "state": "failed", "error": how, "log": str(log)}
-    return {**reply, "seconds": round(seconds, 4), "machine": False, "damaged": False, "memory": False}
-
-
-def lost(name: str, how: str, *, memory: bool = False) -> dict[str, Any]:
-    """The reply for a task whose worker died; the driver decides whether it gets another one."""
-    return {"name": name, "state": "lost", "seconds": 0.0, "error": how, "memory": memory}
-
-
-def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[tuple[Plain, list[str]]]:
+def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[tuple[Record, tuple[str, ...]]]:
     """Run tasks of one kind with the same inputs and store their results. Of each: the record, and the outputs that
     differ from earlier ones.
     """
-    components = specs[0]["components"]
-    kind, count = components["kind"], len(specs)
+    components = specs[0].components
+    kind, count = components.kind, len(specs)
     check_kind(kind, packages)
-    _refuse_other_code(kind, components, store)
-    read = {digest: store.verified(digest) for blobs in components["inputs"].values() for digest in blobs.values()}
+    _refuse_other_code(components, store)
+    read = {digest: store.verified(digest) for digest in components.digests()}
     inputs = {
-        role: {name: read[digest].path for name, digest in blobs.items()}
-        for role, blobs in components["inputs"].items()
+        role: {name: read[digest].path for name, digest in outputs.items()}
+        for role, outputs in components.inputs.items()
     }
     with contextlib.ExitStack() as folders:
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
-        plain = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
-        module = importlib.import_module(kind)
-        params = [from_plain(module.Params, one) if hasattr(module, "Params") else one for one in plain]
+        plain = [json.loads(as_json(spec.components.params)) for spec in specs]
+        module, name = importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run"
+        record = typing.get_type_hints(getattr(module, name)).get("params")
+        params = [
+            from_plain(record, one) if isinstance(record, type) and is_dataclass(record) else one for one in plain
+        ]
         work().news = ""
         if count > 1:
-            module.run_together(params, inputs, outs)
+            getattr(module, f"{name}_together")(params, inputs, outs)
         else:
-            module.run(params[0], inputs, outs[0])
+            getattr(module, name)(params[0], inputs, outs[0])
         _refuse_edited_code(kind)
         store.confirm(read.values())  # the task has read the verified bytes
-        made_by: Plain = {"seconds": round((time.perf_counter() - start) / count, 4), "peak_bytes": meter.read_bytes()}
-        made_by["cpu_seconds"] = round((time.process_time() - cpu_s) / count, 4)
-        made_by |= work().since(before).to_plain(1 / count) | ({"news": work().news} if work().news else {})
+        made_by = Run(
+            seconds=round((time.perf_counter() - start) / count, 4),
+            cpu_seconds=round((time.process_time() - cpu_s) / count, 4),
+            peak_bytes=meter.read_bytes(),
+            news=work().news,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            when=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            **work().since(before).to_plain(1 / count),
+        )
         return [_keep(spec, out, made_by, store) for spec, out in zip(specs, outs, strict=True)]
 
 
-def _keep(spec: Plain, out: Path, made_by: Plain, store: Store) -> tuple[Plain, list[str]]:
+def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> tuple[Record, tuple[str, ...]]:
     outputs = {name: store.put_file(path) for name, path in _outputs(out)}
-    when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    made_by = {**made_by, "host": socket.gethostname(), "pid": os.getpid(), "when": when}
-    record = {"outputs": outputs, "components": spec["components"], "made_by": made_by}
-    kept = store.put_record(spec["key"], record)
-    names = sorted(outputs.keys() | kept["outputs"].keys())
-    return kept, [name for name in names if outputs.get(name) != kept["outputs"].get(name)]
+    record = Record(key=spec.key, outputs=outputs, components=spec.components, made_by=made_by)
+    kept = store.put_record(record)
+    names = sorted(outputs.keys() | kept.outputs.keys())
+    return kept, tuple(name for name in names if outputs.get(name) != kept.outputs.get(name))
 
 
-def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> None:
+def _refuse_other_code(components: Components, store: Store) -> None:
     """Refuse to run a task with other code, libraries or machine than its key states.
 
     The source may have been edited since the driver read it, and a worker on another machine may have other versions
     of anything.
     """
+    kind = components.kind
     with remembering(store):
         here = code_of(kind)
-    for part, value in here.items():
-        if value != components[part]:
+    for part in ("version", "code", "libraries", "machine"):
+        value, stated = getattr(here, part), getattr(components, part)
+        if value != stated:
             raise EnvironmentFault(
-                f"{kind}: this process cannot make what the key says: {part} is {_changed(components[part], value)}",
+                f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}",
                 hint=_way_out(part),
             )
     _refuse_edited_code(kind)
@@ -265,7 +241,6 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.open("w").close()
-        store.rights.give(log)
         with (
             log.open(
                 "a", encoding="utf-8", buffering=1
@@ -288,7 +263,7 @@ def _append(log: Path, text: str) -> None:
             stream.write(text)
 
 
-def _said(error: BaseException) -> str:
+def _message(error: BaseException) -> str:
     """Message of an error for the user; the traceback is in the log."""
     if isinstance(error, PipelineError):
         return str(error)

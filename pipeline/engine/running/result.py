@@ -1,11 +1,12 @@
-"""Results of builds."""
+"""Results of builds, and the event that ends one."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+from pipeline.engine.events import Event
 from pipeline.engine.output.deliver import Delivery
-from pipeline.engine.running.driver import TaskResult
+from pipeline.engine.records import TaskResult
 from pipeline.errors import Exit, PipelineError
 
 
@@ -25,8 +26,8 @@ class Result:
         Findings of tasks for the head of the manifest; None if no manifest was written.
     delivery : Delivery or None
         Changes in the output folder; None if it was not touched, see `untouched`.
-    interrupted : int or None
-        Exit code of the signal that ended the build, if one did.
+    interrupted : bool
+        Whether Ctrl-C ended the build.
     error : PipelineError or None
         The reason why the output folder could not be filled although all tasks are done.
     checked : tuple of str
@@ -42,7 +43,7 @@ class Result:
     store: Path
     store_bytes: int
     delivery: Delivery | None = None
-    interrupted: int | None = None
+    interrupted: bool = False
     error: PipelineError | None = None
     checked: tuple[str, ...] = ()
 
@@ -82,11 +83,11 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130 or 143
+        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130
         interrupted.
         """
-        if self.interrupted is not None:
-            return self.interrupted
+        if self.interrupted:
+            return Exit.INTERRUPTED
         if any(task.machine for task in self.failures):
             return Exit.MACHINE
         if self.error is not None:
@@ -100,23 +101,21 @@ class Result:
         """The reason why the output folder was not touched, and what to do; None if it was touched."""
         if self.delivery is not None or self.error is not None:
             return None
-        if self.interrupted is not None:
+        if self.interrupted:
             return "the build was interrupted; build again, and it goes on from here"
         if self.failures:
             return "files come when every task is done; mend what failed and build again"
         return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
 
-    def ending(self) -> dict[str, Any]:
-        """Fields of the event `end`, in addition to the summary."""
-        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": self.delivery is not None}
-        facts |= {"untouched": self.untouched, "partial": self._partial()}
-        return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
+    @property
+    def asked(self) -> tuple[str, ...] | None:
+        """Files of a partial delivery; None after a whole one, or none."""
+        return self.delivery.asked if self.delivery is not None else None
 
-    def _partial(self) -> dict[str, Any] | None:
-        """Files of a partial delivery and their paths; None after a whole one."""
-        if self.delivery is None or self.delivery.asked is None:
-            return None
-        return {"files": list(self.delivery.asked), "finished": self.delivery.finished}
+    @property
+    def is_finished(self) -> bool:
+        """Whether the output folder has a manifest that agrees with its files."""
+        return self.delivery is not None and self.delivery.finished
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data, as `build --json` prints it."""
@@ -124,6 +123,22 @@ class Result:
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
         whole = {**head, "certificate": self.certificate, "points": self.points}
         whole["tasks"] = [task.to_dict() for task in self.tasks]
-        if self.delivery is not None and self.delivery.asked is not None:
-            whole["files"] = list(self.delivery.asked)
+        if self.asked is not None:
+            whole["files"] = list(self.asked)
         return whole if self.error is None else {**whole, "error": str(self.error)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ended(Event):
+    """A build has ended."""
+
+    name: ClassVar[str] = "end"
+    result: Result
+
+    def to_dict(self) -> dict[str, Any]:
+        """The event as a line of an event file."""
+        result = self.result
+        facts = {"event": self.name, "time": self.time, "summary": result.to_dict(), "exit_code": result.exit_code}
+        facts |= {"store": str(result.store), "store_bytes": result.store_bytes, "checked": list(result.checked)}
+        partial = None if result.asked is None else {"files": list(result.asked), "finished": result.is_finished}
+        return {**facts, "delivered": result.delivery is not None, "untouched": result.untouched, "partial": partial}

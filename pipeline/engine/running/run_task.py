@@ -1,15 +1,16 @@
 """Running one task from a file, to repeat a failure, in job arrays of batch systems, or on render farms."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from pipeline.engine.digest import DIGEST, key_of
+from pipeline.engine.digest import DIGEST
 from pipeline.engine.planning.plan import PlannedTask
-from pipeline.engine.planning.task_spec import KEY_DOMAIN
+from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
+from pipeline.records.plain import from_plain
 
 
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
@@ -29,12 +30,12 @@ def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
     specs = [task.spec for task in planned if task.state == "run" and task.spec is not None]
     paths = [folder / f"{number}.json" for number in range(len(specs))]
     for path, spec in zip(paths, specs, strict=True):
-        path.write_text(json.dumps(spec.to_plain(), sort_keys=True) + "\n", encoding="utf-8")
+        path.write_bytes(as_json(spec) + b"\n")
     return paths
 
 
-def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> dict[str, Any]:
-    """Bring the result of one task into the store; returns the reply of `perform`.
+def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> Reply:
+    """Bring the result of one task into the store.
 
     Raises
     ------
@@ -43,24 +44,23 @@ def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool
     """
     spec = _read(path)
     with store.in_use():
-        return perform({**spec, "force": force}, store, packages)
+        (reply,) = perform([replace(spec, force=force)], store, packages)
+    return reply
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Spec:
     hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
     try:
-        spec = json.loads(path.read_text(encoding="utf-8"))
-        whole = isinstance(spec["name"], str) and DIGEST.fullmatch(spec["key"]) is not None
-        components = spec["components"]
-        whole = whole and isinstance(components["kind"], str) and isinstance(components["params"], dict)
-        digests = [digest for files in components["inputs"].values() for digest in files.values()]
-        whole = whole and all(DIGEST.fullmatch(digest) for digest in digests)
+        spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))
+        is_whole = isinstance(spec.name, str) and isinstance(spec.components.kind, str)
+        is_whole = is_whole and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
+        is_unaltered = is_whole and spec.components.key == spec.key
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise UsageError(f"{path} is not the spec of a task", hint=hint) from None
-    if not whole:
+    if not is_whole:
         raise UsageError(f"{path} is not the spec of a task", hint=hint)
-    if key_of(KEY_DOMAIN, components) != spec["key"]:
+    if not is_unaltered:
         raise UsageError(f"{path} was altered: its key does not match its content", hint=hint)
-    return {name: spec[name] for name in ("name", "key", "components")}
+    return spec

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.digest import key_of
-from pipeline.engine.events import Emit, Event, warner
+from pipeline.engine.events import Begun, warner
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.maintenance import collect, limit_from_environment
 from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
@@ -20,18 +19,20 @@ from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
 from pipeline.engine.output.status import Status, status
-from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast, means_by_kind
+from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection, tasks_of
+from pipeline.engine.running import notes
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
-from pipeline.engine.running.result import Result
-from pipeline.engine.store.store import DamagedBlob, Store, writable
+from pipeline.engine.running.notes import Endings, TaskLog, costs_of_others, history_of, keep_history
+from pipeline.engine.running.result import Ended, Result
+from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.folders import flaw_of
 from pipeline.jit.decorators import cache_folder
-from pipeline.places import flaw_of
 
 
 def build(
@@ -56,26 +57,29 @@ def build(
     """
     start = time.perf_counter()
     _require_place(project)
-    emit, keep_events = _recorded(caller.on_event)
+    emit = Endings(caller.on_event)
     limit_bytes = limit_from_environment()
     warn = warner(emit)
-    store = writable(store or Store(warn=warn))
+    store = store or Store(warn=warn)
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, options)
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
         own = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
         work = _Build(project, options, store, graph, own, engine)
-        emit(_begin(project, graph, options.workers))
-        interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
+        kinds = {name: graph[name].short_kind for name in graph}
+        emit(Begun(tasks=kinds, jobs=options.workers, reads=tuple(map(str, project.reads))))
+        with interrupts.stopping():
+            stack.enter_context(store.in_use())
         outcome = work.compute(forced)
-        interrupts.stoppable(work.hand_over)
-        outcome.interrupted = interrupts.exit_code
+        with interrupts.stopping():
+            work.hand_over()
+        outcome.interrupted = interrupts.arrived
         stack.close()
         store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
-        emit({"event": "end", "summary": result.to_dict(), **result.ending()})
-        keep_events(store, _history_name(project))
+        emit(Ended(result=result))
+        emit.keep(project, store)
         return result
 
 
@@ -92,7 +96,7 @@ class _Build:
         engine: Callable[[Store, tuple[str, ...]], Engine] | None,
     ) -> None:
         self.project, self.options, self.store, self.graph, self.caller = project, options, store, graph, caller
-        self.engine, self.warn, self.history = engine, warner(caller.on_event), _history(project, store)
+        self.engine, self.warn, self.history = engine, warner(caller.on_event), history_of(project, store)
         self.head, self.is_whole = project.head, len(graph) == len(project.graph)
         self.delivery: Delivery | None = None
         self.error: PipelineError | None = None
@@ -100,17 +104,32 @@ class _Build:
     def compute(self, forced: Iterable[str]) -> Outcome:
         """Run the tasks, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
-        if self.options.check_percent and self.outcome.interrupted is None:
+        if self.options.check_percent and not self.outcome.interrupted:
             _check_again(self.outcome, self._run(_sample(self.outcome, self.options.check_percent)))
-        _remember(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
+        keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
         return self.outcome
 
     def hand_over(self) -> None:
         """Fill the output folder; results lost meanwhile are made again."""
         try:
-            _fill_again_if_lost(self._fill, lambda: _take_over(self.outcome, self._run()), self.warn)
+            try:
+                self._fill()
+            except DamagedBlob:
+                self.warn("results vanished from the store before delivery; they are made again")
+                self._run_again()
+                self._fill()
+        except DamagedBlob:
+            twice = "results vanished from the store before delivery, twice"
+            self.error = EnvironmentFault(twice, hint="build again")
         except PipelineError as error:
             self.error = error
+
+    def _run_again(self) -> None:
+        """Run all tasks again and continue with their records; the report still counts the work of the first run."""
+        again = self._run()
+        repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
+        self.outcome.results |= repeated
+        self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
 
     def result(self, seconds: float, store_bytes: int) -> Result:
         """The result of the build."""
@@ -136,13 +155,13 @@ class _Build:
             dataclasses.replace(self.options, force=tuple(force)),
             engine=self.engine(self.store, self.graph.packages) if self.engine else None,
             caller=self.caller,
-            known=Known(peaks=self.history["peaks"], places=self.project.places),
+            known=Known(peaks=self.history.peaks, places=self.project.places),
         )
 
     def _fill(self) -> None:
         """Deliver the requested files if all of them exist."""
         project, outcome = self.project, self.outcome
-        if len(outcome.records) < len(self.graph) or outcome.interrupted is not None:
+        if len(outcome.records) < len(self.graph) or outcome.interrupted:
             return
         if self.options.targets:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
@@ -189,34 +208,11 @@ def _require_place(project: Project) -> None:
         )
 
 
-def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
-    """Fill the output folder. If a result vanished from the store after it was made, make it again and fill once
-    more.
-    """
-    try:
-        fill()
-    except DamagedBlob:
-        warn("results vanished from the store before delivery; they are made again")
-        make_again()
-        try:
-            fill()
-        except DamagedBlob as lost:
-            raise EnvironmentFault(
-                "results vanished from the store before delivery, twice", hint="build again"
-            ) from lost
-
-
-def _take_over(outcome: Outcome, again: Outcome) -> None:
-    """Continue with the records of a second run of all tasks; the report still counts the work of the first one."""
-    outcome.results |= {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
-    outcome.records, outcome.interrupted = again.records, again.interrupted
-
-
 def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
     """Findings of tasks for the head of the manifest."""
 
     def content(task: str, output: str) -> Any:
-        return json.loads(store.read(outcome.records[task]["outputs"][output]["sha256"]))
+        return json.loads(store.read(outcome.records[task].outputs[output].sha256))
 
     return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
@@ -230,98 +226,33 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
         As for `build`, also about the output folder.
     """
     _require_place(project)
-    store = writable(store or Store())
+    store = store or Store()
     Seen(project.out, store, project.stage_id).require_same_stage()
     graph, forced = selection(project, options)
-    return plan(graph, store, _history(project, store)["keys"], force=forced)
+    return plan(graph, store, history_of(project, store).keys, force=forced)
 
 
 def forecast_of(
     project: Project, planned: Iterable[PlannedTask], size: Size, assumed: Assumed, *, store: Store | None = None
 ) -> Forecast:
     """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
-    store = writable(store or Store())
-    own, name = _history(project, store), _history_name(project)
-    others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
-    kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
-    past = Past(store, own["keys"], kinds, size)
+    store = store or Store()
+    own = history_of(project, store)
+    past = Past(store, own.keys, [own.costs, costs_of_others(project, store)], size)
     return forecast(planned, project.graph, past, assumed)
-
-
-def sources_of(project: Project, *, store: Store | None = None) -> dict[str, Any]:
-    """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
-    note = writable(store or Store()).read_facts("sources", _history_name(project))
-    return {name: note["sources"][index] for name, index in note.get("of", {}).items()}
 
 
 def status_of(project: Project, *, store: Store | None = None) -> Status:
     """State of the project's files in its output folder."""
-    store = writable(store or Store())
+    store = store or Store()
     planned = plan_of(project, store=store)
     seen = Seen(project.out, store, project.stage_id)
     return status(planned, project.files, manifest.read(project.out), seen, store)
 
 
-def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
-    """Facts about the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
-    store = writable(store or Store())
-    keys = _history(project, store)["keys"]
-    last = store.read_facts("events", _history_name(project))
-    found = []
-    for name in tasks_of(project, target):
-        event = last.get(name, {})
-        key = event.get("key") or keys.get(name)
-        record = store.peek(key) if key else None
-        log = store.path("log", key) if key else None
-        facts = {"name": name, "key": key, "state": event.get("state", "never built" if key is None else "built")}
-        facts |= {"log": str(log) if log and log.is_file() else None, "error": event.get("error")}
-        found.append({**facts, "spec": event.get("spec"), "made_by": record["made_by"] if record else None})
-    return found
-
-
-def _history_name(project: Project) -> str:
-    # realpath, because one folder may have two names
-    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])
-
-
-def _history(project: Project, store: Store) -> dict[str, Any]:
-    """History of the builds of this stage into this folder: `keys` by task, `peaks` of memory and `costs` by kind."""
-    note = store.read_facts("history", _history_name(project))
-    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks", "costs")}
-
-
-def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
-    """Keep the keys of all finished tasks, so that the next plan can tell what has changed."""
-    keys = {name: key for name, key in before["keys"].items() if name in project.graph or not whole}
-    keys |= {name: record["key"] for name, record in outcome.records.items()}
-    ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
-    after = {"keys": keys, "peaks": {**before["peaks"], **outcome.peaks}}
-    after["costs"] = {**before["costs"], **means_by_kind(ran)}
-    if after != before:
-        note = {"out": os.path.realpath(project.out), "stage": project.stage_id, **after}
-        store.write_note("history", _history_name(project), note)
-    if project.source is not None:
-        _remember_source(project, store, outcome)
-
-
-def _remember_source(project: Project, store: Store, outcome: Outcome) -> None:
-    """Keep the source of the project for the tasks that are finished, and older ones as long as other tasks are."""
-    before = sources_of(project, store=store)
-    of = {name: source for name, source in before.items() if name in project.graph}
-    of |= dict.fromkeys([*outcome.records, ""], project.source)
-    sources: list[Any] = []
-    numbers: dict[int, int] = {}
-    for source in {id(source): source for source in of.values()}.values():
-        sources += [] if source in sources else [source]
-        numbers[id(source)] = sources.index(source)
-    if of != before:
-        note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
-        store.write_note("sources", _history_name(project), note)
-
-
-def _begin(project: Project, graph: TaskGraph, jobs: int) -> Event:
-    kinds = {name: graph[name].short_kind for name in graph}
-    return {"event": "begin", "tasks": kinds, "jobs": jobs, "reads": [str(path) for path in project.reads]}
+def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:
+    """Facts about the last run of tasks that a target names."""
+    return notes.logs_of(project, tasks_of(project, target), store or Store())
 
 
 def _sample(outcome: Outcome, percent: float) -> list[str]:
@@ -339,24 +270,6 @@ def _check_again(outcome: Outcome, again: Outcome) -> None:
     for name, task in repeated.items():
         if task.state == "failed" or task.differs:
             outcome.results[name] = task
-
-
-def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
-    """A listener that passes events on and records how tasks ended, and a function that stores the record for `pipeline
-    logs`.
-    """
-    ended: dict[str, Event] = {}
-
-    def emit(event: Event) -> None:
-        if event["event"] == "done" and event["state"] in ("executed", "failed"):
-            ended[event["task"]] = event
-        on_event(event)
-
-    def keep(store: Store, name: str) -> None:
-        if ended:
-            store.write_note("events", name, {**store.read_facts("events", name), **ended})
-
-    return emit, keep
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:

@@ -1,4 +1,4 @@
-"""A worker process: tasks arrive as lines of JSON; the start of a task and its reply are sent as lines of JSON.
+"""A worker process: jobs arrive as lines of JSON; the start of a task and the replies are sent as lines of JSON.
 
 A pool of the standard library is not used: it would import the driver's main module again (with typer and the rest),
 send pickles, and fail all waiting tasks when one worker dies.
@@ -9,16 +9,16 @@ import faulthandler
 import json
 import os
 import queue
-import resource
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
-from pipeline.limits import how_to_raise
+from pipeline.records.plain import from_plain
 
 
 class _Announcing(Store):
@@ -31,12 +31,12 @@ class _Announcing(Store):
     def single_flight(self, key: str, doing: str) -> Iterator[bool]:
         """Hold the lock of a key as any store does, and announce the start of the task."""
         with super().single_flight(key, doing) as held:
-            _send(self.replies, {"begun": key})
+            _send(self.replies, [Reply(name=self.task, state="begun")])
             yield held
 
     def say_waiting(self, text: str) -> None:
         """Send the message to the driver now, not when the task is done."""
-        _send(self.replies, {"name": self.task, "state": "waiting", "warnings": [text]})
+        _send(self.replies, [Reply(name=self.task, state="waiting", warnings=(text,))])
 
 
 def main() -> None:
@@ -48,32 +48,20 @@ def main() -> None:
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
     setup = json.loads(lines.get())
-    most_bytes = setup["memory_bytes"]
-    if most_bytes is not None:
-        _take_at_most(most_bytes)
     warnings: list[str] = []
     store, packages = _Announcing(setup["store"], warn=warnings.append), tuple(setup["packages"])
     store.replies = replies
     while True:
-        spec = json.loads(lines.get())
-        store.task = spec["name"]
-        with _descriptors_in(store.file_for("log", spec["key"])):
-            reply = perform(spec, store, packages)
-        if most_bytes is not None and reply.get("memory"):
-            way_out = how_to_raise("task_bytes", 2 * most_bytes)
-            reply["error"] += f"\n    hint: it may take {most_bytes:,} bytes; {way_out}"
-        _send(replies, {**reply, "warnings": warnings})
+        job = [from_plain(Spec, plain) for plain in json.loads(lines.get())]
+        store.task = job[0].name
+        with _descriptors_in(store.file_for("log", job[0].key)):
+            first, *others = perform(job, store, packages)
+        _send(replies, [replace(first, warnings=tuple(warnings)), *others])
         warnings.clear()
 
 
-def _take_at_most(memory_bytes: int) -> None:
-    """Limit the address space of this process."""
-    with contextlib.suppress(ValueError):  # a lower limit is already in force
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-
-
-def _send(handle: int, message: dict[str, Any]) -> None:
-    view = memoryview(json.dumps(message).encode() + b"\n")
+def _send(handle: int, replies: list[Reply]) -> None:
+    view = memoryview(as_json(replies) + b"\n")
     while view:
         view = view[os.write(handle, view) :]
 
@@ -91,7 +79,7 @@ def _descriptors_in(log: Path) -> Iterator[None]:
     saved = os.dup(2)
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o666)
     except OSError:
         handle = os.open(os.devnull, os.O_WRONLY)
     os.dup2(handle, 1)

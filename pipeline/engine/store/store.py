@@ -1,7 +1,6 @@
 """The store: blobs under their digests, and for each key of a task a record of the blobs that it made.
 
     VERSION                      marks the folder as a store; a folder that is not empty and has no such file is refused
-    below                        path of another store whose results are used, too: see `writable`
     cas/sha256/ab/<digest>       a blob, mode 0444
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
@@ -20,7 +19,6 @@ entry that is unreadable at present (no descriptors left, a disk that is not mou
 
 import contextlib
 import hashlib
-import json
 import os
 import stat
 from collections.abc import Callable, Iterable
@@ -28,29 +26,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import (
     Signature,
     copy,
     digest_of,
     is_no_file,
-    machine_errors,
     read_regular,
     signature,
 )
-from pipeline.engine.store.sealed import seal, unseal
+from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of, seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
-from pipeline.engine.store.structure import is_folder, is_store
-from pipeline.user_cache import user_cache
+from pipeline.folders import user_cache
+from pipeline.records.plain import from_plain
 
-_BELOW = "below"
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
-_COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
-_NUMBERS = frozenset({int, float, bool})
-"""Types of numbers as JSON has them."""
-
-Entry = dict[str, Any]
 
 
 class DamagedBlob(Exception):
@@ -75,19 +65,6 @@ def default_root() -> Path:
     return Path(chosen) if chosen else user_cache() / "store"
 
 
-def writable(store: "Store") -> "Store":
-    """The store itself, or, if it is read-only, a private store that reads it, too, and keeps new results."""
-    if os.access(store.root, os.W_OK):
-        return store
-    name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
-    private = user_cache() / "above" / name
-    with machine_errors("make a store for", private):
-        above = Store(private, warn=store.warn)
-        above.put_above(store.root)
-    store.warn(f"the store {store.root} is read-only; new results go to {private}")
-    return Store(private, warn=store.warn)
-
-
 class Store(StoreFolder):
     """A store in a folder of a plain file system; many processes may use it at the same time.
 
@@ -99,45 +76,21 @@ class Store(StoreFolder):
         Called with one sentence about every damaged entry and every key with two different results.
     """
 
-    def __init__(
-        self,
-        root: str | Path | None = None,
-        *,
-        warn: Callable[[str], None] = lambda text: None,
-        above: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
         super().__init__(Path(root or default_root()).absolute(), warn)
         self._verified: dict[str, Signature] = {}
-        self._below = self._open_below((*above, os.path.realpath(self.root)))
-
-    def _open_below(self, above: tuple[str, ...]) -> "Store | None":
-        """The store below, whose results are used, too; None if there is none."""
-        named = os.fsdecode(read_regular(self.root / _BELOW) or b"")
-        if not named or not is_folder(Path(named)):  # none, or not mounted
-            return None
-        if os.path.realpath(named) == above[-1]:
-            self._quarantine(self.root / _BELOW)
-            return None
-        if os.path.realpath(named) in above or not is_store(Path(named)):
-            self.warn(f"{self.root / _BELOW} names {named}, which is not another store; it is ignored")
-            return None
-        return Store(named, warn=self.warn, above=above)
-
-    def put_above(self, root: Path) -> None:
-        """Note another store whose results are used, too, from the next time that this one is opened."""
-        self._write(self.root / _BELOW, os.fsencode(root))
 
     # Blobs
 
-    def put_bytes(self, data: bytes) -> Entry:
-        """Store bytes; returns {"sha256", "size"}, by which all others refer to them."""
+    def put_bytes(self, data: bytes) -> Blob:
+        """Store bytes; returns what all others refer to them by."""
         digest = hashlib.sha256(data).hexdigest()
-        entry = {"sha256": digest, "size": len(data)}
-        if not self.is_whole(entry):
+        blob = Blob(sha256=digest, size=len(data))
+        if not self.is_whole(blob):
             self._write(self.path("blob", digest), data)
-        return entry
+        return blob
 
-    def put_file(self, path: Path) -> Entry:
+    def put_file(self, path: Path) -> Blob:
         """Store a file that a task wrote on this file system. It is hashed in pieces, then moved, or copied if it is
         shared.
         """
@@ -151,10 +104,10 @@ class Store(StoreFolder):
         digest = digest_of(path)
         if digest is None:
             raise OSError(f"cannot read {path}")
-        entry = {"sha256": digest, "size": path.stat().st_size}
-        if not self.is_whole(entry):
+        blob = Blob(sha256=digest, size=path.stat().st_size)
+        if not self.is_whole(blob):
             self._keep(path, self.path("blob", digest))
-        return entry
+        return blob
 
     def blob(self, digest: str) -> Path:
         """Verified path of a blob, for reading only.
@@ -164,11 +117,9 @@ class Store(StoreFolder):
         DamagedBlob
         """
         path = self.path("blob", digest)
-        with contextlib.suppress(OSError):  # not in this store
-            if self._holds({"sha256": digest, "size": path.lstat().st_size}):
+        with contextlib.suppress(OSError):  # it is not there
+            if self.is_whole(Blob(sha256=digest, size=path.lstat().st_size)):
                 return path
-        if self._below is not None:
-            return self._below.blob(digest)
         raise DamagedBlob(digest)
 
     def verified(self, digest: str) -> "Verified":
@@ -179,7 +130,7 @@ class Store(StoreFolder):
         DamagedBlob
         """
         path = self.blob(digest)
-        return Verified(digest=digest, path=path, looks=self._looks_of(digest))
+        return Verified(digest=digest, path=path, looks=self._verified[digest])
 
     def confirm(self, blobs: Iterable["Verified"]) -> None:
         """Hash blobs again and require that nobody has written to them since `verified`.
@@ -220,30 +171,20 @@ class Store(StoreFolder):
             self._forget(digest)
             raise DamagedBlob(digest)
 
-    def _looks_of(self, digest: str) -> Signature:
-        if digest in self._verified or self._below is None:
-            return self._verified.get(digest, [])
-        return self._below._looks_of(digest)
-
     def _forget(self, digest: str) -> None:
         """Forget that a blob was verified, so that it is hashed again."""
         self._verified.pop(digest, None)
-        if self._below is not None:
-            self._below._forget(digest)
 
-    def is_whole(self, entry: Entry) -> bool:
+    def is_whole(self, blob: Blob) -> bool:
         """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
-        return self._holds(entry) or (self._below is not None and self._below.is_whole(entry))
-
-    def _holds(self, entry: Entry) -> bool:
-        digest = entry["sha256"]
+        digest = blob.sha256
         path = self._at("blob", digest)
         try:
             facts = os.lstat(path)
         except OSError:
             return False
         now = signature(facts)
-        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == entry["size"]
+        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == blob.size
         if regular and self._verified.get(digest) == now:  # verified by this process, unchanged since
             return True
         found = digest_of(path) if regular else ""
@@ -259,71 +200,64 @@ class Store(StoreFolder):
 
     # Records
 
-    def put_record(self, key: str, record: dict[str, Any]) -> dict[str, Any]:
-        """Store a record unless the key has one; returns the record that is kept."""
-        kept = self.record(key)
+    def put_record(self, record: Record) -> Record:
+        """Store a record unless its key has one; returns the record that is kept."""
+        kept = self.record(record.key)
         if kept is not None:
-            if kept["outputs"] != record["outputs"]:
+            if kept.outputs != record.outputs:
                 self.counts["nondeterministic"] += 1
-                self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
+                self.warn(f"NON-DETERMINISM: {record.key[:12]} gave other bytes than before; the first ones stay")
             return kept
-        sealed = seal({**record, "key": key, "format": _FORMAT})
-        self._write(self.path("record", key), sealed)
-        parsed: dict[str, Any] = unseal(sealed)
-        return parsed
-
-    def record(self, key: str) -> dict[str, Any] | None:
-        """The record of a key if it and all its blobs are whole; else None, a miss."""
-        return self.complete(key, self.peek(key))
-
-    def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
-        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
-        if record is None or not all(self.is_whole(entry) for entry in record["outputs"].values()):
-            return None
-        with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
-            os.utime(self._at("record", key))
+        self._write(self.path("record", record.key), seal({"format": _FORMAT, **fields_of(record)}))
         return record
 
-    def peek(self, key: str) -> dict[str, Any] | None:
+    def record(self, key: str) -> Record | None:
+        """The record of a key if it and all its blobs are whole; else None, a miss."""
+        return self.complete(self.peek(key))
+
+    def complete(self, record: Record | None) -> Record | None:
+        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
+        if record is None or not all(map(self.is_whole, record.outputs.values())):
+            return None
+        with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
+            os.utime(self._at("record", record.key))
+        return record
+
+    def peek(self, key: str) -> Record | None:
         """The record of a key, without checking its blobs; for explanations."""
         path = self._at("record", key)
         raw = read_regular(path)
         record = _parse_record(raw, key)
-        if record is None:
-            if raw is not None or is_no_file(path):  # otherwise an ordinary miss, or unreadable at present
-                self._quarantine(Path(path))
-            return self._below.peek(key) if self._below is not None else None
+        # Otherwise it is an ordinary miss, or unreadable at present.
+        if record is None and (raw is not None or is_no_file(path)):
+            self._quarantine(Path(path))
         return record
 
     def give_up(self, key: str) -> None:
-        """Move a record whose blobs are missing to quarantine, unless they may be in a store below that is not
-        mounted.
-        """
-        if not os.path.lexists(self.root / _BELOW):
-            self._quarantine(self.path("record", key))
+        """Move a record whose blobs are missing to quarantine."""
+        self._quarantine(self.path("record", key))
 
     # Notes: helpful, but no result depends on them
 
-    def keep_spec(self, key: str, spec: dict[str, Any]) -> str | None:
+    def keep_spec(self, spec: Spec) -> str | None:
         """Save the spec of a task so that it can be repeated alone; returns the path, or None if it cannot be
         written.
         """
-        path = self.path("spec", key)
+        path = self.path("spec", spec.key)
         try:
-            self._write(path, json.dumps(spec, sort_keys=True).encode() + b"\n")
+            self._write(path, as_json(spec) + b"\n")
         except OSError:
             return None
         return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
-        """Keep plain data in `history`, `sources`, `events` or `index`; a read-only store skips it."""
+        """Keep plain data or a record in `history`, `sources`, `events` or `index`; a read-only store skips it."""
         with contextlib.suppress(OSError):
             self._write(self.root / folder / f"{name}.json", seal(note))
 
     def read_note(self, folder: str, name: str) -> Any:
         """The note kept by `write_note`; None if it is missing or damaged."""
-        note = unseal(read_regular(self.root / folder / f"{name}.json"))
-        return self._below.read_note(folder, name) if note is None and self._below is not None else note
+        return unseal(read_regular(self.root / folder / f"{name}.json"))
 
     def read_facts(self, folder: str, name: str) -> dict[str, Any]:
         """A note that is a dict; empty if there is none."""
@@ -335,19 +269,13 @@ class Store(StoreFolder):
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
 
-def _tells_costs(facts: dict[str, Any]) -> bool:
-    """Whether the facts about a run, or about one of its kernels, are numbers."""
-    return _NUMBERS.issuperset([type(facts[name]) for name in _COSTS if name in facts])
-
-
-def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
+def _parse_record(raw: bytes | None, key: str) -> Record | None:
     """The record in some bytes; None unless checksum, format and key are right."""
-    record = unseal(raw)
+    plain = unseal(raw)
     try:
-        whole = record["format"] == _FORMAT and record["key"] == key
-        entries, made_by = record["outputs"].values(), record["made_by"]
-        whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
-        whole = whole and _tells_costs(made_by) and all(map(_tells_costs, made_by.get("kernels", {}).values()))
-    except (KeyError, TypeError, AttributeError):
+        if plain.pop("format") != _FORMAT:
+            return None
+        record = from_plain(Record, plain)
+        return record if record.key == key and record.is_sound else None
+    except (KeyError, TypeError, ValueError, AttributeError):
         return None
-    return record if whole else None

@@ -6,6 +6,8 @@ Files are written under a temporary name and then renamed, so that nobody ever f
 
 import contextlib
 import os
+import re
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,13 +15,12 @@ from pathlib import Path
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
 from pipeline.engine.locks import Errand, locked
-from pipeline.engine.store import quarantine
-from pipeline.engine.store.sharing import rights_of
-from pipeline.engine.store.structure import FOLDERS, TABLES, VERSION, misplaced, require_store
+from pipeline.engine.store.structure import TABLES, VERSION, misplaced, require_store
 from pipeline.engine.store.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
-from pipeline.places import flaw_of
+from pipeline.folders import flaw_of
 
+_QUARANTINED = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
@@ -30,8 +31,6 @@ class StoreFolder:
     ----------
     displaced : tuple of str
         Names of things that stood in the place of a folder or file and went to quarantine when the store was opened.
-    rights : Rights
-        Access rights of everything that is made in it.
     counts : Counter
         Number of entries moved to quarantine (`damaged`), and of keys with two results (`nondeterministic`).
 
@@ -52,9 +51,7 @@ class StoreFolder:
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             require_store(self.root)
-        self.rights = rights_of(self.root)
-        self.rights.require_same_inside(FOLDERS)
-        self._workspace = Workspace(self.root / "tmp", self.rights)
+        self._workspace = Workspace(self.root / "tmp")
         self.displaced = self._mend()
         if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
             with chosen_place("make the store", self.root):
@@ -89,7 +86,6 @@ class StoreFolder:
         if has_other_names(self.root / "gc.lock"):
             with contextlib.suppress(OSError):  # a read-only store
                 (self.root / "gc.lock").unlink()
-        self.rights.make_file(self.root / "gc.lock")
         with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
             yield held
 
@@ -100,18 +96,7 @@ class StoreFolder:
             self._quarantine(path)
         elif has_other_names(path):  # writing to it would change the file with the other name
             path.unlink()
-        if self.rights.is_shared:
-            self._share(table, path)
         return path
-
-    def _share(self, table: str, path: Path) -> None:
-        """Make a lock usable for all users; a log belongs to the user who ran the task last."""
-        with contextlib.suppress(OSError):  # a process that needs it reports the problem
-            self.rights.make_folder(path.parent)
-            if table == "lock":
-                self.rights.make_file(path)
-            elif path.lstat().st_uid != os.geteuid():
-                path.unlink()
 
     def new_path(self) -> Path:
         """A temporary path on the store's file system for this process alone; leftovers are removed later."""
@@ -143,22 +128,36 @@ class StoreFolder:
 
     def _keep(self, aside: Path, final: Path) -> None:
         try:
-            self.rights.make_folder(final.parent)
+            final.parent.mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             self._mend()
-            self.rights.make_folder(final.parent)
+            final.parent.mkdir(parents=True, exist_ok=True)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
             self._quarantine(final)
         aside.replace(final)
+
+    def quarantined(self) -> list[Path]:
+        """Damaged entries that were moved away for inspection, recognised by their names: the time and a digest.
+
+        Anything else in the quarantine was in the way, may belong to somebody, and stays for ever.
+        """
+        return sorted(path for path in (self.root / "quarantine").glob("*") if _QUARANTINED.fullmatch(path.name))
 
     def _quarantine(self, path: Path) -> None:
         """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
         self.counts["damaged"] += 1
-        moved = quarantine.put_away(self.root, path)
-        done = "moved to quarantine" if moved else "which cannot be moved away"
+        folder, done = self.root / "quarantine", "moved to quarantine"
+        try:
+            if os.path.lexists(folder) and not folder.is_dir():
+                folder.rename(self.root / f"quarantine.{time.time_ns()}")
+            if path != folder:
+                folder.mkdir(exist_ok=True)
+                path.rename(folder / f"{time.time_ns()}-{path.name}")
+        except OSError:  # a read-only store keeps it
+            done = "which cannot be moved away"
         self.warn(f"damaged entry of the store, {done}: {path}")
 
     def _mend(self) -> tuple[str, ...]:

@@ -18,10 +18,10 @@ TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs"
 
 _PARENTS = ("cas", "ac")
 _OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
-_FILES = ("VERSION", "below", "gc.lock")
+_FILES = ("VERSION", "gc.lock")
 FOLDERS = (*_PARENTS, *TABLES.values(), *_OTHERS)
 _NAMES = {*_PARENTS, *TABLES.values(), *_OTHERS, *_FILES}
-_BEGUN = {"VERSION", "below", "gc.lock", "tmp"}
+_BEGUN = {"VERSION", "gc.lock", "tmp"}
 _SHARD = re.compile(r"[0-9a-f]{2}")
 
 

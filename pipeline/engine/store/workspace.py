@@ -12,7 +12,6 @@ import weakref
 from pathlib import Path
 
 from pipeline.engine.locks import try_lock
-from pipeline.engine.store.sharing import Rights
 
 ABANDONED_S = 86400.0
 """Age after which a workspace of another machine counts as abandoned [s], one day: locks may not work between machines.
@@ -31,14 +30,14 @@ def is_workspace(name: str) -> bool:
 class Workspace:
     """A folder in `tmp/`, made when first needed and removed with this object, or swept after its process has died."""
 
-    def __init__(self, tmp: Path, rights: Rights) -> None:
-        self._tmp, self._rights = tmp, rights
+    def __init__(self, tmp: Path) -> None:
+        self._tmp = tmp
         self._folder: Path | None = None
 
     def new_path(self) -> Path:
         """A path in the folder that nobody else uses."""
         if self._folder is None or not self._folder.is_dir():
-            self._folder, lock = _locked_folder(self._tmp, self._rights)
+            self._folder, lock = _locked_folder(self._tmp)
             weakref.finalize(self, _remove, self._folder, lock)
         return self._folder / uuid.uuid4().hex
 
@@ -67,12 +66,11 @@ def sweep(tmp: Path, older_than_s: float | None = None) -> int:
     return swept
 
 
-def _locked_folder(tmp: Path, rights: Rights) -> tuple[Path, int]:
+def _locked_folder(tmp: Path) -> tuple[Path, int]:
     while True:
         folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
-        rights.make_folder(tmp)
+        tmp.mkdir(exist_ok=True)
         folder.mkdir()
-        rights.give(folder)
         handle = _open_folder(folder)
         # Another process may have swept the folder before it was locked.
         if handle is not None and try_lock(handle) is not False and folder.is_dir():

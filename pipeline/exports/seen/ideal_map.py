@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.built.records import BuiltCamera, BuiltPinhole
 from pipeline.exports.errors import ExportError
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
+from pipeline.results.records import BuiltCamera, BuiltPinhole
 
 _COLUMNS, _ROWS = 49, 37
 """Traced positions along x and y: distortion of lenses is smooth over a cell."""

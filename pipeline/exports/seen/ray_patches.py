@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from pipeline.exports.seen.ideal_map import Sight
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
 
 EDGE_PX = 64
 """Edge of the patches [px]: 76 traced rays stand for 4,096."""

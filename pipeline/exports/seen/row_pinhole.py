@@ -12,7 +12,6 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.built.records import BuiltPinhole
 from pipeline.camera.figures.pinhole_fit import (
     CENTRE,
     IMAGINARY,
@@ -27,6 +26,7 @@ from pipeline.camera.figures.pinhole_fit import (
     Sightings,
 )
 from pipeline.frames import apply, inverse, rigid
+from pipeline.results.records import BuiltPinhole
 
 _UNCERTAIN = 1e-4
 """Standard error of the principal distance from which rows do not determine it, relative: a fifth of what pinholes of

@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.built.records import BuiltCamera
 from pipeline.exports.conventions import Convention, Rays
 from pipeline.exports.errors import ExportError
 from pipeline.exports.seen.ideal_map import IdealMap, Sight, ideal_map
 from pipeline.exports.seen.pixels import ours, positions
 from pipeline.exports.seen.ray_patches import rows_of_rays
-from pipeline.sight.answers import PixelRays
+from pipeline.results.answers import PixelRays
+from pipeline.results.records import BuiltCamera
 
 _AXES = {Rays.VISION: (1.0, 1.0, 1.0), Rays.USD: (1.0, -1.0, -1.0)}
 """Signs of our x, y and z in the axes of a format."""

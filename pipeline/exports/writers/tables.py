@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.rows import joined
-from pipeline.built.rows import write_parquet as parquet
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.results.rows import joined
+from pipeline.results.rows import write_parquet as parquet
 
 
 def write_parquet(material: Material, folder: Path) -> None:

@@ -1,6 +1,6 @@
 """Listener of a build that notes when its tasks began and ended, for the timeline of the report."""
 
-from pipeline.engine.events import Event
+from pipeline.engine.events import Begun, Done, Event, Started
 from pipeline.report.page.records import TaskRun
 
 
@@ -28,28 +28,30 @@ class Diary:
         return any(run.start_s is not None for run in self.runs.values())
 
     def __call__(self, event: Event) -> None:
-        """Note an event, which has the `time` that `fan_out` adds."""
+        """Note an event."""
         if self._begun is None:
-            self._begun = event["time"]
-        self.seconds = event["time"] - self._begun
-        if event["event"] == "begin":
-            self.workers = event["jobs"]
-        elif event["event"] == "started":
-            self._started[event["task"]] = self.seconds
-        elif event["event"] == "done":
-            self._note(event)
+            self._begun = event.time
+        self.seconds = event.time - self._begun
+        match event:
+            case Begun():
+                self.workers = event.jobs
+            case Started():
+                self._started[event.task] = self.seconds
+            case Done():
+                self._note(event)
 
-    def _note(self, event: Event) -> None:
-        ran = event["state"] in ("executed", "failed")
-        start = self._started.get(event["task"])
-        if ran and start is not None and event.get("seconds"):
-            start = max(start, self.seconds - event["seconds"])  # it may have waited for a worker
-        self.runs[event["task"]] = TaskRun(
-            name=event["task"],
-            kind=event["kind"],
-            state=event["state"],
+    def _note(self, event: Done) -> None:
+        task = event.result
+        ran = task.state in ("executed", "failed")
+        start = self._started.get(task.name)
+        if ran and start is not None and task.seconds:
+            start = max(start, self.seconds - task.seconds)  # it may have waited for a worker
+        self.runs[task.name] = TaskRun(
+            name=task.name,
+            kind=task.kind,
+            state=task.state,
             start_s=start if ran else None,
             end_s=self.seconds if ran else None,
             cpu_s=None,
-            peak_bytes=event.get("peak_bytes"),
+            peak_bytes=event.peak_bytes,
         )

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder
 from pipeline.files.png import png_size, read_png, write_png
 from pipeline.report.page.records import Picture
+from pipeline.results.folder import BuiltFolder
 
 _WHOLE_PX = 2048
 """Longest edge of an image that is one file: browsers decode it in a few hundredths of a second."""
@@ -24,11 +24,7 @@ _NAME = 16
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
     """Put an image of the build into the folder of the report, unless it is there; returns where it is.
 
-    Raises
-    ------
-    UsageError
-        The image is gone.
-    DamagedFile
+    Raises UsageError if the image is gone, and DamagedFile.
     """
     source, name = folder.present(file), f"images/{folder.digests[file][:_NAME]}"
     width, height = png_size(source)

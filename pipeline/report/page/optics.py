@@ -1,44 +1,41 @@
 """The optical part of a camera on the page: drawing, figures, curves, spots, and shapes for the 3-D view."""
 
+import dataclasses
 import math
-import re
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from pipeline.camera.bundle import Bundle, bundle_behind
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
 from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
-from pipeline.report import drawing, text
-from pipeline.report.page.records import Chart, Figure, Figures, Line, Optics
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.files.jsonfile import Json
+from pipeline.report import text
+from pipeline.report.page.records import Chart, Line, Optics
 from pipeline.report.page.shapes import ray_fans, surface_shapes
-from pipeline.report.page.spots import field_bundles, field_curvature, spots, transfer
-from pipeline.report.page.tables import drawn
+from pipeline.report.text import Figure, Figures
+from pipeline.results import drawing
+from pipeline.results.spots import FARTHEST_MM, RAYS, FieldBundle, drawn, field_bundles, spots
 
-_REMARK = re.compile(r"^(.*?)(?:  \((.*)\))?$")
-"""Value and remark of a row of `pipeline show`."""
-_CURVES = "real rays"
-"""Beginning of the heading of the field curves, which the page draws."""
 _ROWS = 21
 """Heights of the field curves: a smooth line on a page."""
+_NYQUIST, _FREQUENCIES = 0.5, 26
+"""Highest frequency of the MTF [cycles/px], which pixels can still tell apart, and how many there are."""
+_HEIGHTS = 9
+"""Heights of the curve of field curvature."""
 
 
-def optics(camera: Camera, name: str, record: dict[str, Any]) -> Optics:
-    """All of it, traced now.
-
-    Parameters
-    ----------
-    camera : Camera
-        The focused camera, of a channel in its light.
-    record : dict
-        Content of camera.json.
-    """
+def optics(camera: Camera, name: str, record: Json) -> Optics:
+    """All of it, traced now, of a focused camera in the light of its channel; `record` is camera.json."""
     curves = field_curves(camera, middle_focus(camera), _ROWS)
     bundles, sensor, shown = field_bundles(camera), camera.sensor, _with_infinities(record)
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
-        figures=(*_figures(text.page(name, shown, curves)), *_types(shown)),
+        figures=(*text.figures(shown, curves), *_types(shown)),
         charts=(_distortion(curves), _illumination(curves), field_curvature(camera), transfer(camera, bundles)),
         spots=spots(camera, bundles),
         surfaces=surface_shapes(camera.prescription),
@@ -58,22 +55,7 @@ def _with_infinities(value: Any) -> Any:
     return float(value) if value in ("inf", "-inf") else value
 
 
-def _figures(lines: Iterable[str]) -> Iterable[Figures]:
-    """The page of `pipeline show`, cut into rows: it alone chooses and rounds what people read. Its tables are left
-    out.
-    """
-    heading, rows = "", list[Figure]()
-    for line in [*lines, ""]:
-        if heading and line.startswith("  "):
-            value, remark = _REMARK.fullmatch(line[2 + text.WIDTH :]).groups()  # type: ignore[union-attr]
-            rows.append(Figure(name=line[2 : 2 + text.WIDTH].strip(), value=value, remark=remark or ""))
-            continue
-        if rows:
-            yield Figures(heading=heading, rows=tuple(rows))
-        heading, rows = "" if line.startswith((" ", _CURVES)) else line, []
-
-
-def _types(record: dict[str, Any]) -> Iterable[Figures]:
+def _types(record: Json) -> Iterable[Figures]:
     """The types of microlenses, where there are some."""
     rows = []
     for number, kind in enumerate(record.get("mla", {}).get("types", ())):
@@ -100,3 +82,64 @@ def _over_height(title: str, remark: str, y_name: str, curves: FieldCurves, y: n
     lines = (Line(name=title.lower(), y=tuple(value if math.isfinite(value) else None for value in y.tolist())),)
     x = drawn(curves.height_mm)
     return Chart(title=title, remark=remark, x_name="height on the sensor [mm]", y_name=y_name, x=x, lines=lines)
+
+
+def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
+    """Geometric MTF of the spots in focus, along x and y of the image."""
+    frequency = np.linspace(0.0, _NYQUIST, _FREQUENCIES)
+    distance = min(middle_focus(camera), FARTHEST_MM)
+    lines = []
+    for field in bundles:
+        shown, weight = field.spot(distance), field.bundle.weight_sr
+        for axis, name in enumerate("xy"):
+            waves = (
+                np.exp(2j * np.pi * np.outer(frequency, shown[:, axis])) if weight.any() else np.full((26, 1), np.nan)
+            )
+            contrast = np.abs(waves @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
+            lines.append(Line(name=f"{field.place}, {name}", y=drawn(contrast), is_dashed=axis == 1))
+    remark = "of the rays of one position in focus: without diffraction and without the pixel's own size"
+    return Chart(
+        title="Geometric MTF",
+        remark=remark,
+        x_name="frequency [cycles/px]",
+        y_name="contrast",
+        x=drawn(frequency),
+        lines=tuple(lines),
+    )
+
+
+def field_curvature(camera: Camera) -> Chart:
+    """Distances at which bundles of the main lens are thinnest, along and across the radius of the image."""
+    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    reach_mm = float(np.hypot(*sensor.farthest_corner_mm))
+    heights = np.linspace(0.0, reach_mm, _HEIGHTS)
+    positions = tracer.pixels_at(np.column_stack([heights, np.zeros(_HEIGHTS)]))
+    found = [bundle_behind(tracer, x, y, NO_MICROLENS, 4 * RAYS) for x, y in positions.tolist()]
+    names = ("tangential: along the radius", "sagittal: across it")
+    lines = tuple(
+        Line(name=name, y=drawn(np.array([_thinnest_mm(one, axis) for one in found])), is_dashed=axis == 1)
+        for axis, name in enumerate(names)
+    )
+    return Chart(
+        title="Field curvature",
+        remark="where the bundle of a height on the sensor is thinnest in the scene; main lens, without microlenses",
+        x_name="height on the sensor [mm]",
+        y_name="distance from the stop [mm]",
+        x=drawn(heights),
+        lines=lines,
+    )
+
+
+def _thinnest_mm(bundle: Bundle, axis: int) -> float:
+    """Vision z of the least variance of the crossings along an axis: -cov(a, s) / var(s) of the lines a + s z."""
+    weight = bundle.weight_sr
+    if np.count_nonzero(weight) < 2:
+        return math.nan
+    slope = bundle.direction[:, axis] / bundle.direction[:, 2]
+    start = bundle.origin_mm[:, axis] - slope * bundle.origin_mm[:, 2]
+    steepness = slope - np.average(slope, weights=weight)
+    variance = float(np.average(steepness**2, weights=weight))
+    if variance == 0:
+        return math.nan
+    distance = -float(np.average(start * steepness, weights=weight)) / variance
+    return distance if 0 < distance < FARTHEST_MM else math.nan

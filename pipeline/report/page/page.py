@@ -13,15 +13,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from pipeline.built.folder import finished_folder
-from pipeline.built.output import open_output
 from pipeline.errors import UsageError
-from pipeline.files.jsonfile import read_json
+from pipeline.files.jsonfile import Json, read_json
 from pipeline.records.plain import to_plain
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import Source, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, Page
 from pipeline.report.page.scripts import Scripts, replace
+from pipeline.results.folder import finished_folder
+from pipeline.results.output import open_output
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded
 
@@ -29,7 +29,7 @@ INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
-_OPTICS = ("optics.py", "spots.py", "shapes.py", "../drawing.py")
+_OPTICS = ("report/page/optics.py", "report/text.py", "report/page/shapes.py", "results/spots.py", "results/drawing.py")
 _NAME = 12
 """Digits of a digest in the name of a script."""
 
@@ -41,12 +41,7 @@ def place_of(out: Path) -> Path:
 
 
 def require_ours(report: Path) -> None:
-    """Refuse a folder that holds something else.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse a folder that holds something else, by a UsageError."""
     index = report / INDEX
     is_ours = index.is_file() and not index.is_symlink() and _MARK in index.read_bytes()
     is_free = not report.exists() or (report.is_dir() and not any(report.iterdir()))
@@ -69,25 +64,10 @@ def is_current(out: Path, report: Path) -> bool:
 
 
 def write_page(out: Path, report: Path, loaded: Loaded | None, history: History | None) -> Path:
-    """Write the report of an output folder.
+    """Write the report of an output folder; returns its page.
 
-    Parameters
-    ----------
-    loaded : Loaded or None
-        The stage of the output folder, for optics and 3-D view; None leaves them out.
-    history : History or None
-        None keeps the one of an earlier report.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    UsageError
-        There is no finished build, or `report` holds something else.
-    DamagedFile
+    Without the stage of the folder there are no optics and no 3-D view; without a history that of an earlier one stays.
+    Raises UsageError where there is no finished build or `report` holds something else, and DamagedFile.
     """
     folder, output = finished_folder(out), open_output(out)
     require_ours(report)
@@ -126,7 +106,7 @@ def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _page(source: Source, manifest: dict[str, Any], cameras: list[CameraPart], targets: Any, history: str) -> Page:
+def _page(source: Source, manifest: Json, cameras: list[CameraPart], targets: Any, history: str) -> Page:
     return Page(
         title=source.output.path.absolute().name,
         stage=manifest["stage"],
@@ -148,7 +128,7 @@ def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
     return {one.full_name: one for entry in loaded.dataset.cameras for one in entry.in_channels}
 
 
-def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -> str | None:
+def _optics(source: Source, entry: CameraEntry | None, record: Json) -> str | None:
     """Script of the optical part of a camera; traced only if no earlier report has it."""
     if entry is None:
         return None
@@ -161,8 +141,8 @@ def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -
 @functools.cache
 def _optics_code() -> str:
     """Digest of the modules that make the optical part: other code, another script."""
-    here = resources.files("pipeline.report.page")
-    return hashlib.sha256(b"".join((here / name).read_bytes() for name in _OPTICS)).hexdigest()
+    package = resources.files("pipeline")
+    return hashlib.sha256(b"".join((package / name).read_bytes() for name in _OPTICS)).hexdigest()
 
 
 def _targets(source: Source, loaded: Loaded | None) -> tuple[Any, ...]:

@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder
-from pipeline.built.output import Output
-from pipeline.built.records import BuiltCamera, BuiltView
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.report.page.images import picture_of
-from pipeline.report.page.records import CameraPart, Figure, Picture, TargetPart, View
+from pipeline.report.page.records import CameraPart, Picture, TargetPart, View
 from pipeline.report.page.residuals import residuals
 from pipeline.report.page.scripts import Scripts
 from pipeline.report.page.shapes import matrix
 from pipeline.report.page.tables import drawn, micro_image_data, table_data
+from pipeline.report.text import Figure
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.output import Output
+from pipeline.results.records import BuiltCamera, BuiltView
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
@@ -27,13 +28,7 @@ _MOST_FACES = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A build that is reported, and where the report is written.
-
-    Attributes
-    ----------
-    points : mapping
-        `points` of the manifest, and `certificate` likewise.
-    """
+    """A build that is reported, and where the report is written; `points` and `certificate` are the manifest's."""
 
     output: Output
     folder: BuiltFolder

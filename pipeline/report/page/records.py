@@ -6,7 +6,10 @@ Lists of numbers hold None where a value is unknown. `web/types.py` writes the s
 from dataclasses import dataclass
 from typing import Any
 
-Numbers = tuple[float | None, ...]
+from pipeline.files.jsonfile import Json
+from pipeline.report.text import Figure, Figures
+from pipeline.results.spots import Numbers, Spot
+
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -104,23 +107,6 @@ class Residuals:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
-    """A row of the page of `pipeline show`."""
-
-    name: str
-    value: str
-    remark: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
-    """Some rows with a heading."""
-
-    heading: str
-    rows: tuple[Figure, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
     """A curve of a chart."""
 
@@ -139,19 +125,6 @@ class Chart:
     y_name: str
     x: Numbers
     lines: tuple[Line, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
-    """Crossings of a bundle with an object plane, as displacements of the image of its mean [px]."""
-
-    place: str
-    x_px: float
-    y_px: float
-    distance_mm: float
-    dx_px: Numbers
-    dy_px: Numbers
-    rms_px: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +183,7 @@ class CameraPart:
     pitch_mm: float
     principal_distance_px: float
     key_figures: tuple[Figure, ...]
-    certificate: dict[str, Any] | None
+    certificate: Json | None
     optics: str | None
     micro_images: str | None
     pictures: tuple[Picture, ...]

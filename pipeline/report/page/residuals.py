@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.records import BuiltCamera, BuiltPinhole, BuiltView
 from pipeline.frames import apply
 from pipeline.report.page.records import Histogram, Residuals
 from pipeline.report.page.tables import drawn
+from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
 _BINS = 40
 """Bins of a histogram."""
@@ -18,13 +18,7 @@ _POINTS = 4000
 
 
 def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Residuals:
-    """Statistics over all frames; maps show evenly taken rows.
-
-    Parameters
-    ----------
-    certificate : mapping or None
-        Certificate of the camera, from the manifest.
-    """
+    """Statistics over all frames; maps show evenly taken rows. The certificate is that of the manifest, if any."""
     claim_px = certificate["claim_px"] if certificate else None
     apart = np.array(certificate["differences_px"] if certificate else (), float)
     rows = camera.correspondences

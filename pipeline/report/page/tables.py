@@ -1,14 +1,12 @@
 """Tables of a build as data of the page, with the very numbers of the files."""
 
-import math
 from typing import Any
 
 import numpy as np
 
-from pipeline.report.page.records import MicroImageData, Numbers, TableData
+from pipeline.report.page.records import MicroImageData, TableData
+from pipeline.results.spots import drawn
 
-_FINE = 3
-"""Decimals of what is only drawn: a thousandth of a pixel."""
 _OUTER = "light_"
 """Beginning of the columns of the outline of all light."""
 
@@ -38,11 +36,6 @@ def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageDa
         outline_y_px=drawn(outlines.centroid_y_px),
         outline_radius_px=tuple(drawn(np.array(one)) for one in zip(*(outlines[name] for name in names), strict=True)),
     )
-
-
-def drawn(values: np.ndarray) -> Numbers:
-    """Numbers rounded for a drawing; None where they are not finite."""
-    return tuple(value if math.isfinite(value) else None for value in np.round(values, _FINE).tolist())
 
 
 def _keys(rows: np.recarray) -> list[tuple[int, int]]:

@@ -151,7 +151,7 @@ def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
     """Number of rays of all images of a camera, white ones included, and of its position images."""
     pixels = float(camera.asked.sensor.width_px) * camera.asked.sensor.height_px
     images = pixels * samples_of(camera) * (1 + len(camera.f_numbers) + frames)
-    if camera.truth.get("method") == "direct":
+    if not camera.truth.searches:
         return images, 0.0
     return images, pixels * camera.sampling.supersampling**2 * camera.sampling.samples
 

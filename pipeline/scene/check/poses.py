@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.ranges import frames_in_words
 from pipeline.scene.lamps import lamp_prims
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import seen_meshes
@@ -28,6 +27,7 @@ from pipeline.scene.usd.poses import (
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import targets
+from pipeline.spelling import frames_in_words
 
 # Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
 _ROUNDING = {

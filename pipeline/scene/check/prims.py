@@ -51,7 +51,18 @@ def _is_dangling(prim: Usd.Prim) -> bool:
 
 def check_prim(prim: Usd.Prim) -> list[Problem]:
     """Problems of one prim, except its properties."""
-    return [*_check_type(prim), *_check_apis(prim), *_check_xform_order(prim), *_check_variants(prim)]
+    return [
+        *_check_type(prim),
+        *_check_apis(prim),
+        *_check_xform_order(prim),
+        *_check_variants(prim),
+        *_check_clips(prim),
+    ]
+
+
+def _check_clips(prim: Usd.Prim) -> Iterator[Problem]:
+    if prim.HasAuthoredMetadata("clips") or prim.HasAuthoredMetadata("clipSets"):
+        yield problem(prim, "not-yet-supported", "value clips are not supported yet")
 
 
 def _check_type(prim: Usd.Prim) -> Iterator[Problem]:

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd
 
 from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
+from pipeline.scene.check.asset_roots import check_assets, check_used
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.exports import check_exports
 from pipeline.scene.check.layers import check_layers, check_merged
@@ -24,7 +25,6 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_response, has_response
 from pipeline.scene.targets import check_target
-from pipeline.scene.trust.asset_roots import check_assets, check_used
 from pipeline.scene.usd.problems import Problem
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -44,10 +44,10 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     Parameters
     ----------
     roots : list of Path
-        Folders that the stage may read from, as `roots.allowed_roots` gives them.
+        Folders that the stage may read from, from `usd.roots.allowed_roots`.
     """
     if outside := check_used(stage, roots):
-        return outside  # the content of such a layer must not be quoted
+        return outside
     found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()

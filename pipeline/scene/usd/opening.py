@@ -1,14 +1,16 @@
 """Opening of stages, with all messages of USD collected as problems."""
 
+import os
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from pxr import Pcp, Tf, Usd, UsdUtils
 
-from pipeline.roots import real_path
-from pipeline.scene.usd.hints import of_format, of_missing_asset, of_missing_stage, of_syntax
-from pipeline.scene.usd.layer_files import is_plain_file
+from pipeline.scene.usd.hints import of_folder, of_format, of_missing_asset, of_missing_stage, of_syntax
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.roots import real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
 
 _SYNTAX = re.compile(
@@ -16,8 +18,8 @@ _SYNTAX = re.compile(
     r"(?P<message>.*?)(?: in <(?P<at>[^>]*)>)?\s*$",
     re.DOTALL,
 )
-_COPY = re.compile(r"/proc/self/fd/\d+(?:/judged\.usd[acz]?(?:\[[^\]]*\])?)?")
-"""Pattern of the path of inspected bytes; our messages show the original file instead."""
+_OF_TEXT = ("usd-syntax", "encoding")
+"""Codes of layers that cannot be read as text."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 PARTS = "PreviewParts"
 """Name of the prim below a Camera of an output folder whose payload are lens elements and rays, for viewers."""
@@ -30,26 +32,35 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     Raises
     ------
     StageError
-        The stage cannot be opened: missing file, not USD, syntax error.
+        The stage cannot be opened: missing file, not USD, syntax error in any of its layers.
     """
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
-    if not is_plain_file(path):
-        hint = of_missing_stage(path)
-        raise StageError([Problem(code="file-missing", message="no such file", file=shown_path(path), hint=hint)])
+    if not path.is_file():
+        raise StageError([_missing(path)])
     # Collects the warnings of all threads, which USD would print to stderr.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         stage = Usd.Stage.Open(path.as_posix())
     except Tf.ErrorException as error:
-        raise StageError(problems_of(error, path)) from None
+        raise StageError(_from_opening(error, path)) from None
     finally:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
     files = {layer.identifier: layer.realPath for layer in stage.GetUsedLayers()}
     errors = [error for error in stage.GetCompositionErrors() if not _is_of_parts(error)]
-    problems = [_from_composition(error, files) for error in errors]
-    return stage, list(dict.fromkeys(problems))
+    problems = list(dict.fromkeys(_from_composition(error, files) for error in errors))
+    if unreadable := [problem for problem in problems if problem.code in _OF_TEXT]:
+        raise StageError(unreadable)  # all other problems may follow from what could not be read
+    return stage, problems
+
+
+def _missing(path: Path) -> Problem:
+    file = shown_path(path)
+    if os.path.lexists(path):
+        message = f"{file} is not a plain file"
+        return Problem(code="file-kind", message=message, file=file, line=1, hint=of_folder(path))
+    return Problem(code="file-missing", message="no such file", file=file, hint=of_missing_stage(path))
 
 
 def _is_of_parts(error: Pcp.ErrorBase) -> bool:
@@ -57,22 +68,32 @@ def _is_of_parts(error: Pcp.ErrorBase) -> bool:
     return isinstance(error, Pcp.ErrorInvalidAssetPath) and error.rootSite.path.name == PARTS
 
 
-def problems_of(exception: Tf.ErrorException, path: Path, used: str | None = None) -> list[Problem]:
-    """The reasons why USD cannot read a file; `used` is a hint that names the layer that uses it."""
-    texts = [_COPY.sub(lambda _: str(path), error.commentary).strip() for error in exception.args]
-    found = [_syntax_problem(match, used) for text in texts if (match := _SYNTAX.match(text))]
-    if found:
+def _from_opening(exception: Tf.ErrorException, path: Path) -> list[Problem]:
+    """The reasons why USD cannot read the root layer."""
+    texts = [_text(partial(getattr, error, "commentary")).strip() for error in exception.args]
+    if found := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
         return found
     # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
-    file = shown_path(path)
+    file, hint = shown_path(path), of_format(path)
     return [
-        Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=used or of_format(path))
+        Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=hint)
         for text in reasons
     ]
 
 
-def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
+def _text(message: Callable[[], str]) -> str:
+    """A message of USD, which may quote bytes that are not UTF-8."""
+    try:
+        return message()
+    except UnicodeDecodeError as error:
+        return error.object.decode(errors="replace")
+
+
+def _syntax_problem(match: re.Match[str], used: str | None = None) -> Problem:
+    """A text that USD cannot parse; `used` is a hint that names the layer that uses it."""
+    if problem := _encoding_problem(Path(match["file"]), used):
+        return problem
     message, mend = of_syntax(match["file"], int(match["line"]), match["message"])
     return Problem(
         code="usd-syntax",
@@ -81,19 +102,44 @@ def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
         line=int(match["line"]),
         column=int(match["column"]),
         at=match["at"],
-        hint="; ".join(filter(None, (mend, hint))) or None,
+        hint="; ".join(filter(None, (mend, used))) or None,
     )
+
+
+def _encoding_problem(file: Path, used: str | None) -> Problem | None:
+    """The first byte of a text that is not UTF-8; None if there is none, or the text is a member of a package."""
+    try:
+        content = file.read_bytes()
+        content.decode()
+    except OSError:
+        return None
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        mend = "save the file as UTF-8; in ISO 8859-1, for example, letters with accents are other bytes"
+        return Problem(
+            code="encoding",
+            message=f"byte {content[error.start]:#04x} is not UTF-8",
+            file=shown_path(file),
+            line=line,
+            hint="; ".join(filter(None, (mend, used))),
+        )
+    return None
 
 
 def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     # A Pcp error has a type and a site; layer, asset and reason are only in its text.
-    text = _ANONYMOUS_LAYER.sub("", str(error)).strip()
-    introduced = re.search(r"introduced by @([^@]*)@<([^>]*)>", text)
+    text = _ANONYMOUS_LAYER.sub("", _text(partial(str, error))).strip()
+    introduced = re.search(r"(?:introduced by|of layer) @([^@]*)@(?:<([^>]*)>)?", text)
     # The text repeats asset paths, which may hold anything: only layers of the stage are considered.
-    layer, path = (files[introduced[1]], introduced[2]) if introduced and introduced[1] in files else _site(error)
+    layer, path = _site(error)
+    if introduced and introduced[1] in files:
+        layer, path = files[introduced[1]], introduced[2] or path
+    # An asset that can be opened may be mentioned more than once; then the prim is more helpful.
+    opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
+    line = (None if opens else _line_of_asset(layer, text)) or line_of(layer, path)
     _, _, reason = text.partition(" -- ")
-    if inner := _SYNTAX.search(reason.rstrip(".\n ")):
-        return changed(inner["file"])  # it could be parsed a moment ago; its present content must not be quoted
+    if inner := _SYNTAX.match(reason.removesuffix("; skipping.").rstrip(".\n ")):
+        return _syntax_problem(inner, f"the file is used by {shown_path(layer)}:{line or 1}")
     hint = _FORWARD_SLASHES if "\\" in text else None
     if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
         hint = of_missing_asset(_as_written(asset[1], layer), layer)
@@ -101,16 +147,7 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, _, _ = text.partition(" introduced by ")
     message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
-    # An asset that can be opened may be mentioned more than once; then the prim is more helpful.
-    opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
-    line = (None if opens else _line_of_asset(layer, str(error))) or line_of(layer, path)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
-
-
-def changed(file: str | Path) -> Problem:
-    """The problem that a file has changed since its inspection."""
-    message = "it changed, or appeared, while the stage was read"
-    return Problem(code="changed", message=message, file=shown_path(file), line=1, hint="try again when it is quiet")
 
 
 def _as_written(asset: str, layer: str) -> str:

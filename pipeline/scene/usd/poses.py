@@ -10,9 +10,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.frames import VISION_FROM_CAMERA, rigid
+from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
 from pipeline.scene.usd.values import plain, read, take
-from pipeline.units import mm_per_unit
 
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""

@@ -5,7 +5,7 @@ import os
 from pxr import Ar, Plug, Usd
 
 from pipeline.errors import EnvironmentFault
-from pipeline.share import share
+from pipeline.folders import share
 
 PLUGIN_NAME = "plenScene"
 

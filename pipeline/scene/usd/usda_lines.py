@@ -6,14 +6,10 @@ value, the text is scanned again; names, brackets and strings are enough.
 
 import re
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 from pxr import Ar
 
 from pipeline.scene.usd.whole_numbers import SUFFIX, CutNumbers
@@ -33,8 +29,6 @@ _TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 """Pattern of tokens. A large mesh is mostly arrays of numbers: a whole array is one token, `numbers`."""
-MOST_NESTED = 200
-"""Deepest nesting of brackets: USD and its parser recurse once for each, until the stack overflows."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
 
@@ -57,8 +51,6 @@ class TextMap:
         Lines of the metadata of the layer.
     cut : list
         (path, what, value in USD, line) of numbers that USD would cut to whole ones.
-    too_deep : int or None
-        First line with brackets nested deeper than `MOST_NESTED`; the map ends there.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
@@ -67,10 +59,6 @@ class TextMap:
     bodies: dict[str, int] = field(default_factory=dict)
     metadata: dict[str, int] = field(default_factory=dict)
     cut: list[tuple[str, str, str, int]] = field(default_factory=list)
-    too_deep: int | None = None
-
-
-_KNOWN: ContextVar[dict[str, TextMap]] = ContextVar("maps of the texts that were read for a stage")
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -90,20 +78,8 @@ def sample_key(time: float) -> str:
     return f"[{float(time)!r}]"
 
 
-@contextmanager
-def knowing() -> Iterator[dict[str, TextMap]]:
-    """Context for reading a stage: `text_map` returns these maps and does not read the files again."""
-    token = _KNOWN.set({})
-    try:
-        yield _KNOWN.get()
-    finally:
-        _KNOWN.reset(token)
-
-
 def text_map(file: str | Path) -> TextMap:
     """Map of a .usda file or of a member of a package; empty if it is not text."""
-    if (known := _KNOWN.get({}).get(str(file))) is not None:
-        return known
     # For USD package.usdz[member] is a member of a package, even if a file has that name.
     path = Path(Ar.SplitPackageRelativePathOuter(str(file))[0] if Ar.IsPackageRelativePath(str(file)) else file)
     return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
@@ -167,10 +143,6 @@ class _Scanner:
             line += text.count("\n", position, match.start())
             position, self.end = match.start(), match.end()
             self._token(match.lastgroup or "", match.group(), line)
-            within = _depth(match.group()) if match.lastgroup == "numbers" else 0
-            if len(self.stack) + within > MOST_NESTED:
-                self.map.too_deep = line
-                break
         return self.map
 
     def _token(self, kind: str, token: str, line: int) -> None:
@@ -280,9 +252,3 @@ class _Scanner:
             elif kind == "prim":
                 path += name if path.endswith("}") else "/" + name
         return path
-
-
-def _depth(numbers: str) -> int:
-    """Deepest nesting of brackets in an array of numbers."""
-    letters = np.frombuffer(numbers.encode(), np.uint8)
-    return 1 + int(np.cumsum((letters == ord("(")).astype(np.int64) - (letters == ord(")"))).max())

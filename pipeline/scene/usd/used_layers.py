@@ -1,6 +1,6 @@
 """Layers that a composed stage was read from."""
 
-from pxr import Sdf, Usd
+from pxr import Ar, Sdf, Tf, Usd
 
 
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
@@ -8,3 +8,12 @@ def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
     root = stage.GetRootLayer()
     others = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
     return [root, *sorted(others, key=lambda layer: layer.realPath)]
+
+
+def file_of(identifier: str) -> str:
+    """The file of a layer identifier: without format arguments, and for a member its package. Empty if malformed."""
+    try:
+        path, _ = Sdf.Layer.SplitIdentifier(identifier)
+    except Tf.ErrorException:
+        return ""
+    return str(Ar.SplitPackageRelativePathOuter(path)[0])

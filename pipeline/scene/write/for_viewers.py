@@ -14,13 +14,13 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
+from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS
 from pipeline.scene.write.boards import write_board
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import Target
-from pipeline.units import mm_per_unit
 
 _TENTHS = 10.0
 """Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""

@@ -8,8 +8,8 @@ from typing import Any
 
 from pxr import Gf, Sdf
 
+from pipeline.frames import mm_per_unit
 from pipeline.scene.write.text import filled, text_of
-from pipeline.units import mm_per_unit
 
 LENS_DISTORTION = frozenset(
     f"OmniLensDistortion{name}API"

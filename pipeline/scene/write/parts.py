@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, Vt
 
-from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit
 from pipeline.records.shapes import Float64
 from pipeline.scene.usd.opening import PARTS
-from pipeline.units import mm_per_unit
 
 _RAY_MM = 0.05
 """Width of a ray [mm]: thin beside a lens, and still seen."""

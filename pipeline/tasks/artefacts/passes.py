@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,17 +21,8 @@ LEVEL, VERDICT = "level.json", "verdict.json"
 
 
 class SoFar(NamedTuple):
-    """Facts about some rows after a pass.
-
-    Attributes
-    ----------
-    passes : int
-        Passes that took samples.
-    noise : float
-        Root mean square of the standard errors of the pixels that have any, relative irradiance.
-    light : float
-        Sum of all pixels.
-    pixels : int
+    """Some rows after a pass: passes that took samples, the root mean square of the standard errors of the pixels that
+    have any and the sum of all pixels, both as relative irradiance, and the number of pixels.
     """
 
     passes: int
@@ -57,14 +48,9 @@ def hand_on(inputs: Inputs, out: Path) -> None:
 
 
 def means_of(number: int, samples: int, inputs: Inputs, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
-    """Means over all samples so far of each replica, (replicas, ...).
+    """Means over all samples so far of each replica, (replicas, ...), after a pass of batches.
 
-    Parameters
-    ----------
-    samples : int
-        Rays of the first pass, in all replicas together.
-    render : callable
-        Image of a batch.
+    The first pass takes `samples` rays in all replicas together.
     """
     first = max(1, samples // REPLICAS)
     now = np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
@@ -79,14 +65,8 @@ def write_pass(out: Path, means: np.ndarray, seen: np.ndarray, passes: int, ligh
 
 
 class Ended(NamedTuple):
-    """An image after its last pass.
-
-    Attributes
-    ----------
-    pixels, error : (h, w) float64
-        Its mean over all replicas, and the standard error of that.
-    labels : dict
-        Attributes in the header of the file.
+    """An image after its last pass: the mean over its replicas, and the standard error of that, (h, w) float64 each;
+    labels are attributes in the header of the file.
     """
 
     pixels: np.ndarray
@@ -103,12 +83,7 @@ class Ended(NamedTuple):
 def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -> Ended:
     """An image whose strips are after their last pass, the roles `tile0`, `tile1`, ….
 
-    Parameters
-    ----------
-    asked : float
-        Noise that was asked for, relative to the mean of the image.
-    replicas : callable
-        Number of a strip to its images (replicas, h, w).
+    `asked` is the noise relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
     """
     strips = range(sum(role.startswith(STRIP) for role in inputs))
     images = (replicas(strip) for strip in strips)
@@ -125,7 +100,7 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
     return Ended(np.concatenate(pixels), np.concatenate(errors), labels)
 
 
-def part_of(name: str, pixels: np.ndarray, attributes: dict[str, Any]) -> BandedPart:
+def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
     """A part of a file with one channel, (h, w)."""
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:

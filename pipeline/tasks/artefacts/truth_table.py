@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
@@ -56,17 +57,7 @@ def column_order(table: TruthTable) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class PosedPoints:
-    """Points of a target at its pose in a frame.
-
-    Attributes
-    ----------
-    target : str
-        Its name.
-    points : TargetPoints
-        Points in the target frame.
-    vision_from_target : (4, 4) float64
-        Its pose before the camera [mm].
-    """
+    """Points of a target, in its own frame, at its pose vision_from_target in a frame, (4, 4) [mm]."""
 
     target: str
     points: TargetPoints
@@ -117,16 +108,8 @@ def columns_of(
 class TargetNote:
     """Counts and remarks about the points of a target, or about some of them.
 
-    Attributes
-    ----------
-    counts : dict or None
-        Numbers of rows by reason; None if the camera sees the back of the target.
-    away : int
-        Number of points that face away.
-    sag_mm : float
-        Largest distance of the surface from its tangent plane over the blur of a row.
-    sets : tuple of SetNote
-        Notes about the optional columns.
+    Counts are numbers of rows by reason, None if the camera sees the back of the target; `away` is the number of points
+    that face away; `sag_mm` is the largest distance of the surface from its tangent plane over the blur of a row.
     """
 
     target: str
@@ -160,10 +143,10 @@ class TargetNote:
         )
 
 
-def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: bool) -> list[str]:
+def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> list[str]:
     """Comment lines of a table, without those about its targets; no supersampling K without position images."""
     settings, labels, light = table.settings, table.labels, table.labels.light
-    empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
+    empty = "" if camera.microlenses else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     channel = [] if labels.channel is None else [labels.channel.text]
     mean = "" if labels.channel is None else ", their mean"
@@ -176,7 +159,7 @@ def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: boo
         f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
         f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm{mean}; indices: {labels.index_source};"
-        f" stop: {labels.stop}; footprint: {light.footprint}",
+        f" stop: {camera.prescription.stop.aperture}; footprint: {light.footprint}",
         f"seed: {labels.seed}" + (f"; K: {supersampling}; samples: {labels.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",

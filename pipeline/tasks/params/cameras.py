@@ -1,9 +1,9 @@
-"""Parameters of the tasks that determine a camera: `focus`, `planes`, `stop`, `pinhole`."""
+"""Parameters of the tasks that determine a camera, describe it, and trace its bundles and micro-images."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.camera.focusing.focus_request import FocusRequest
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 
 
@@ -18,6 +18,19 @@ class Focus:
 
     camera: Camera | None
     request: FocusRequest | None
+
+    @classmethod
+    def of(cls, asked: Camera | FocusRequest) -> "Focus":
+        """What a stage asks for, with numbers for names of lens groups, and without what only `planes` reads."""
+        groups = asked.prescription.groups
+        numbered = tuple(replace(group, name=str(number)) for number, group in enumerate(groups))
+        prescription = replace(asked.prescription, groups=numbered)
+        plain = replace(asked, prescription=prescription, near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
+        if isinstance(plain, Camera):
+            return cls(camera=plain, request=None)
+        numbers = {group.name: str(number) for number, group in enumerate(groups)}
+        moving = tuple(sorted(numbers[name] for name in plain.focus_groups))
+        return cls(camera=None, request=replace(plain, focus_groups=moving))
 
     @property
     def asked(self) -> Camera | FocusRequest:
@@ -63,3 +76,100 @@ class ChannelLabel:
         """For the header of a table."""
         nodes = zip(self.wavelengths_nm, self.shares, strict=True)
         return f"channel: {self.name}; " + ", ".join(f"{nm:.6g} nm ({share:.4f})" for nm, share in nodes)
+
+
+CONVENTIONS = {
+    "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
+    "vision_frame": "origin at the centre of the aperture stop, x right, y down, z forward, mm",
+    "target_frame": "origin at the pattern centre, x right, y up, z towards the viewer, mm",
+    "distances": "vision z from the aperture stop, mm",
+    "pinhole": "centre of projection in the vision frame, axes as there; k1, k2, p1, p2, k3 as in OpenCV",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Light:
+    """Light of a camera's bundles: the weight of their rays, their footprint, and the wavelength."""
+
+    weight: str
+    footprint: str
+    wavelength_nm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusLabels:
+    """A focus request, as camera.json states it."""
+
+    focus_distance_mm: float | None
+    focus_type: int | None
+    focus_groups: tuple[str, ...]
+    group_shift_mm: float | None
+    stop_match: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraLabels:
+    """Labels of a camera in camera.json, besides its figures."""
+
+    lens_name: str
+    index_source: str
+    light: Light
+    focus_request: FocusLabels | None
+    channels: tuple[Channel, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstOrder:
+    """Labels of camera.json besides its figures."""
+
+    labels: CameraLabels
+    circle_of_confusion_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RaysTile:
+    """A band of rows of the image; `square_px` is the edge of the square on which the rays of J start.
+
+    `device` is where they are traced, see `graph.devices`; None: by the processor.
+    """
+
+    first_row: int
+    end_row: int
+    sampling: Sampling
+    square_px: float
+    device: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rays:
+    """The bundles of a camera, from a number of tiles."""
+
+    tiles: int
+    sampling: Sampling
+    light: Light
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImagesTile:
+    """One of a number of equal shares of the microlenses."""
+
+    tile: int
+    tiles: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImages:
+    """The micro-images from a number of tiles; 0: the task does the work itself."""
+
+    tiles: int
+
+
+PARTS = "parts.usda"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parts:
+    """The metadata of the stage that names the parts of a camera, for viewers."""
+
+    meters_per_unit: float
+    up_axis: str

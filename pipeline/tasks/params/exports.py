@@ -1,9 +1,9 @@
 """Parameters of the task `export`."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from pipeline.exports.noise import Noise
+from pipeline.files.jsonfile import Json
 from pipeline.tasks.params.placed import View
 
 
@@ -55,7 +55,7 @@ class Export:
     noise: Noise
     stage: str
     files: dict[str, tuple[str, str]]
-    records: dict[str, Any]
+    records: Json
     numbers: tuple[int, ...]
     sights: dict[str, SightedCamera]
     views: tuple[SeenFrame, ...]

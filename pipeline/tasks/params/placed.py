@@ -1,4 +1,4 @@
-"""Targets and occluders in a frame, as parameters of the tasks that see them."""
+"""Targets, occluders and pictures, as parameters of the tasks that see them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -48,3 +48,30 @@ class PaintedView(View):
     lighting: Lighting | None = None
     colours: tuple[Colours, ...] = ()
     lights: tuple[Slices, ...] = ()
+
+
+PICTURE = "picture.npy"
+
+
+def source_name(suffix: str) -> str:
+    """Name of the unchanged picture among the products of its task."""
+    return f"source{suffix}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A picture file: its kind by the end of its name, its bytes in base 64, and its colour space."""
+
+    suffix: str
+    encoded: str
+    space: str
+
+
+SHEET = "sheet.png"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """A target whose pattern viewers show."""
+
+    target: dict[str, Any]

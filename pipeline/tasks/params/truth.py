@@ -1,11 +1,10 @@
-"""Parameters of the tasks `positions`, `truth` and `truth_tile`."""
+"""Parameters of the tasks about ground truth: `positions`, `truth`, `certificate`, and the poses of all frames."""
 
 from dataclasses import dataclass
 
 from pipeline.camera.parts.camera import Sampling
-from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.placed import Matrix, View
-from pipeline.tasks.params.rays import Light
+from pipeline.tasks.params.cameras import ChannelLabel, Light
+from pipeline.tasks.params.placed import Matrix, PlacedTarget, View
 from pipeline.truth.settings import TruthSettings
 
 
@@ -35,7 +34,6 @@ class TableLabels:
 
     light: Light
     index_source: str
-    stop: str
     seed: int
     samples: int | None
     channel: ChannelLabel | None = None
@@ -69,3 +67,63 @@ class Truth:
     tiles: int
     view: View | None
     square_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedFrame:
+    """Targets of a frame."""
+
+    number: int
+    targets: tuple[PlacedTarget, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate:
+    """The tables of all frames of a camera; no claim if the method promises none."""
+
+    frames: tuple[JudgedFrame, ...]
+    claim_px: float | None
+    square_px: float
+    seed: int
+
+
+BASELINES = "baselines.csv"
+"""Output of the task `baselines`."""
+
+
+def poses_file(number: int) -> str:
+    """Output of the task `frame_poses` that holds a frame."""
+    return f"{number:04d}.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosedFrame:
+    """Poses in a frame; camera_from_target by the name of the target."""
+
+    number: int
+    camera_from_world: Matrix
+    targets: dict[str, Matrix]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FramePoses:
+    """Poses of a camera, with its name, in all frames."""
+
+    camera: str
+    frames: tuple[PosedFrame, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFrame:
+    """camera_from_world of all cameras in a frame, in the order of their names."""
+
+    number: int
+    camera_from_world: tuple[Matrix, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baselines:
+    """All cameras of a dataset, by name."""
+
+    cameras: tuple[str, ...]
+    frames: tuple[RigFrame, ...]

@@ -1,6 +1,7 @@
 """Correspondences of the points of one plane in one frame: search, half-pixel rule, blur, and the rows that exist."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,6 @@ from pipeline.truth.grid.position_image import crossing_share
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine, matrix_4
 from pipeline.truth.rows import Correspondences, Found, existing
 from pipeline.truth.settings import TruthSettings
-from pipeline.units import DEGREE_RAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     quad_search.quads_that_hold(image, grid.cell, points, quads)
     quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
     status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), quad_search.SOLUTION), np.nan)
-    limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD)
+    limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
     quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
     counts = {
         "quads": len(quads),

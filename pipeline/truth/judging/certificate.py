@@ -6,11 +6,11 @@ from quadrature and are judged by random rays. Both rules share the trace, which
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
+from pipeline.files.jsonfile import Json
 from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import SHARPER, differences, rms
 
@@ -31,7 +31,7 @@ pixels around a row, so rows nearer to a border have fewer of them.
 """
 
 
-def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:
+def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
     """Solve rows again and state the differences, as plain data for the manifest.
 
     Parameters
@@ -75,7 +75,7 @@ def _kinds(rows: Rows) -> list[tuple[str, np.ndarray]]:
     return [(kind, rows.is_direct == is_direct) for kind, is_direct in zip(KINDS, (False, True), strict=True)]
 
 
-def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> dict[str, Any]:
+def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> Json:
     within = None if claim_px is None else int(np.sum(length <= claim_px))
     return {"kind": kind, "rows": len(length), "of": round(weights.sum()), "within_claim": within, **_figures(length)}
 

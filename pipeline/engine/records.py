@@ -1,0 +1,224 @@
+"""Records of the engine: what it passes to other processes and keeps in the store.
+
+They are JSON only at these two borders: `as_json` writes any of them, `records.plain.from_plain` reads it.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.engine.digest import DIGEST, key_of
+
+KEY_DOMAIN = "task/v1"
+"""Domain of the keys of tasks."""
+
+_TRAILER = b"\n#sha256="
+"""Begin of the last line of a sealed file."""
+
+Params = dict[str, Any]
+"""Plain parameters of a task, as `records.plain.to_plain` makes them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Blob:
+    """Some bytes in the store, by their digest and number."""
+
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Components:
+    """All parts of the key of a task; kept in its record, so that a rerun can be explained.
+
+    Attributes
+    ----------
+    version : plain value
+        `VERSION` of the module.
+    code : str
+        Fingerprint of the module and all that it imports of its own package.
+    libraries, machine : dict of str
+        Versions of libraries, and facts about the machine, by name.
+    inputs : dict
+        Role -> name of an output -> digest.
+    """
+
+    kind: str
+    version: Any
+    code: str
+    libraries: dict[str, str]
+    machine: dict[str, str]
+    params: Params
+    inputs: dict[str, dict[str, str]]
+
+    @property
+    def key(self) -> str:
+        """The key of the task."""
+        return key_of(KEY_DOMAIN, fields_of(self))
+
+    def digests(self) -> list[str]:
+        """Digests of all inputs."""
+        return [digest for outputs in self.inputs.values() for digest in outputs.values()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """The run that made a record.
+
+    Attributes
+    ----------
+    seconds, cpu_seconds, loading_seconds : float
+        Time by the clock, of the processor, and of the processor for loading or compiling code [s]; None if unknown.
+    peak_bytes : int
+        Largest memory of the process meanwhile.
+    kernels : dict
+        Fields of `jit.work.KernelWork` that are not 0, by name of the kernel.
+    news : str
+        A few words of the task to whoever watches the build.
+    """
+
+    seconds: float = 0.0
+    cpu_seconds: float | None = None
+    loading_seconds: float = 0.0
+    peak_bytes: int = 0
+    kernels: dict[str, dict[str, float]] = field(default_factory=dict)
+    news: str = ""
+    host: str = ""
+    pid: int = 0
+    when: str = ""
+
+    @property
+    def rays(self) -> float:
+        """Number of rays started."""
+        return sum(kernel.get("rays", 0) for kernel in self.kernels.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """The result of a task: its outputs by name, and what made them."""
+
+    key: str
+    outputs: dict[str, Blob]
+    components: Components
+    made_by: Run = field(default_factory=Run)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether digests and numbers of bytes are such; to be asked of records that were read."""
+        sizes = [self.made_by.peak_bytes, *(blob.size for blob in self.outputs.values())]
+        digests = [blob.sha256 for blob in self.outputs.values()]
+        return {*map(type, sizes)} == {int} and all(map(DIGEST.fullmatch, digests))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spec:
+    """A task ready to run, without its graph. With `force` it runs even if there is a record of the key."""
+
+    name: str
+    key: str
+    components: Components
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """What became of a task that was given to an engine.
+
+    Attributes
+    ----------
+    state : str
+        executed, cached, failed, or lost, if its worker died. begun and waiting announce that it has or lacks its lock.
+    differs : tuple of str
+        Outputs that are not what the store already had for the key.
+    machine : bool
+        Whether the machine and not the task is to blame.
+    damaged : bool
+        Whether an input was found damaged, or was written to while the task used it.
+    memory : bool
+        Whether there was too little memory.
+    """
+
+    name: str
+    state: str
+    seconds: float = 0.0
+    record: Record | None = None
+    differs: tuple[str, ...] = ()
+    error: str = ""
+    log: str | None = None
+    machine: bool = False
+    damaged: bool = False
+    memory: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskResult:
+    """The end of a task.
+
+    Attributes
+    ----------
+    state : str
+        executed, cached (or computed meanwhile by another builder), failed or skipped.
+    seconds : float
+        Wall time spent now; 0 when cached [s].
+    key : str or None
+        None if the task was skipped before its inputs were known.
+    machine : bool
+        Whether it failed because of the machine (disk full, …).
+    place : str or None
+        Place in the stage of the subject of a failed task, such as its camera.
+    spec : str or None
+        For a failed task, the file from which `pipeline run-task` repeats it.
+    differs : tuple of str
+        Outputs that differ from earlier ones with the same key.
+    made_by : Run or None
+        The run that made its record, this one or an earlier one.
+    """
+
+    name: str
+    kind: str
+    state: str
+    seconds: float = 0.0
+    key: str | None = None
+    error: str | None = None
+    log: str | None = None
+    machine: bool = False
+    place: str | None = None
+    spec: str | None = None
+    differs: tuple[str, ...] = ()
+    made_by: Run | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as in the summary of a build."""
+        facts = {"name": self.name, "kind": self.kind, "state": self.state, "seconds": self.seconds, "key": self.key}
+        if self.state == "failed":
+            facts |= {"error": self.error, "log": self.log, "place": self.place, "spec": self.spec}
+        return {**facts, "differs": list(self.differs)} if self.differs else facts
+
+
+def as_json(value: Any) -> bytes:
+    """JSON text of plain values and records, with names in order."""
+    return json.dumps(value, sort_keys=True, default=fields_of).encode()
+
+
+def fields_of(record: Any) -> dict[str, Any]:
+    """Fields of a record by name; their values stay as they are."""
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+
+def seal(value: Any) -> bytes:
+    """JSON text of plain values and records with a last line that holds its digest, so that damage is noticed."""
+    body = as_json(value)
+    return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
+
+
+def unseal(raw: bytes | None) -> Any:
+    """The sealed content; None if a byte is missing or altered, or if it is not JSON that can be parsed safely."""
+    body, _, tail = (raw or b"").rpartition(_TRAILER)
+    if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
+        return None
+    try:
+        return json.loads(body)
+    except (ValueError, RecursionError):
+        return None

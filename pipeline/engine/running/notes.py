@@ -1,0 +1,145 @@
+"""Notes in the store about the builds of a project into its folder: losing them changes no result."""
+
+import os
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import key_of
+from pipeline.engine.events import Done, Emit, Event
+from pipeline.engine.planning.forecast import Cost, means_by_kind
+from pipeline.engine.project import Project
+from pipeline.engine.records import Run
+from pipeline.engine.running.driver import Outcome
+from pipeline.engine.store.store import Store
+from pipeline.records.plain import from_plain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """What is known from earlier builds: keys by task, peaks of memory [bytes] and mean costs by kind of task."""
+
+    out: str
+    stage: str
+    keys: dict[str, str] = field(default_factory=dict)
+    peaks: dict[str, int] = field(default_factory=dict)
+    costs: dict[str, Cost] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskLog:
+    """The last run of a task: how it ended, its log if it printed anything, and what its record says of it."""
+
+    name: str
+    key: str | None
+    state: str
+    log: str | None
+    error: str | None
+    spec: str | None
+    made_by: Run | None
+
+
+def history_of(project: Project, store: Store) -> History:
+    """History of the builds of this stage into this folder; empty if there is none."""
+    kept = history_named(_name(project), store)
+    return kept or History(out=os.path.realpath(project.out), stage=project.stage_id)
+
+
+def history_named(name: str, store: Store) -> History | None:
+    """The history in a note, unless it is missing or not one of ours."""
+    try:
+        return from_plain(History, store.read_note("history", name))
+    except (TypeError, ValueError, AttributeError):
+        return None
+
+
+def costs_of_others(project: Project, store: Store) -> Mapping[str, Cost]:
+    """Mean costs by kind of task, from the builds of all other projects."""
+    others = (history_named(name, store) for name in store.notes("history") if name != _name(project))
+    return ChainMap(*(history.costs for history in others if history is not None))
+
+
+def keep_history(project: Project, store: Store, outcome: Outcome, before: History, *, whole: bool) -> None:
+    """Keep the keys of all finished tasks and what they took, so that the next plan can tell what has changed."""
+    keys = {name: key for name, key in before.keys.items() if name in project.graph or not whole}
+    keys |= {name: record.key for name, record in outcome.records.items()}
+    ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
+    after = History(
+        out=before.out,
+        stage=before.stage,
+        keys=keys,
+        peaks={**before.peaks, **outcome.peaks},
+        costs={**before.costs, **means_by_kind(ran)},
+    )
+    if after != before:
+        store.write_note("history", _name(project), after)
+    if project.source is not None:
+        _keep_source(project, store, outcome.records)
+
+
+def sources_of(project: Project, *, store: Store | None = None) -> dict[str, Any]:
+    """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
+    note = (store or Store()).read_facts("sources", _name(project))
+    return {name: note["sources"][index] for name, index in note.get("of", {}).items()}
+
+
+def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
+    """Keep the source of the project for the tasks that are finished, and older ones as long as other tasks are."""
+    before = sources_of(project, store=store)
+    of = {name: source for name, source in before.items() if name in project.graph}
+    of |= dict.fromkeys([*finished, ""], project.source)
+    sources: list[Any] = []
+    numbers: dict[int, int] = {}
+    for source in {id(source): source for source in of.values()}.values():
+        sources += [] if source in sources else [source]
+        numbers[id(source)] = sources.index(source)
+    if of != before:
+        note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
+        store.write_note("sources", _name(project), note)
+
+
+class Endings:
+    """A listener that passes events on and records how tasks ended, for `pipeline logs`."""
+
+    def __init__(self, on_event: Emit) -> None:
+        self._on_event = on_event
+        self._ended: dict[str, dict[str, Any]] = {}
+
+    def __call__(self, event: Event) -> None:
+        """Note the end of a task."""
+        if isinstance(event, Done) and event.result.state in ("executed", "failed"):
+            self._ended[event.result.name] = event.result.to_dict()
+        self._on_event(event)
+
+    def keep(self, project: Project, store: Store) -> None:
+        """Keep the ends in the store, beside older ones of other tasks."""
+        if self._ended:
+            store.write_note("events", _name(project), {**store.read_facts("events", _name(project)), **self._ended})
+
+
+def logs_of(project: Project, tasks: list[str], store: Store) -> list[TaskLog]:
+    """Facts about the last run of tasks."""
+    keys, last = history_of(project, store).keys, store.read_facts("events", _name(project))
+    return [_log_of(name, last.get(name, {}), keys.get(name), store) for name in tasks]
+
+
+def _log_of(name: str, ending: dict[str, Any], built: str | None, store: Store) -> TaskLog:
+    key = ending.get("key") or built
+    record = store.peek(key) if key else None
+    log: Path | None = store.path("log", key) if key else None
+    return TaskLog(
+        name=name,
+        key=key,
+        state=ending.get("state", "built" if key else "never built"),
+        log=str(log) if log and log.is_file() else None,
+        error=ending.get("error"),
+        spec=ending.get("spec"),
+        made_by=record.made_by if record else None,
+    )
+
+
+def _name(project: Project) -> str:
+    # realpath, because one folder may have two names
+    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])

@@ -1,0 +1,64 @@
+"""Folders: of the data that ships with the package, of a user's results, and why a chosen path cannot be used."""
+
+import contextlib
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.errors import EnvironmentFault
+
+_ASIDE = 64
+"""Letters kept free in a path [bytes]: longer than what is added while files are put into place."""
+
+
+def share(name: str) -> Path:
+    """Folder `name` of the shipped data.
+
+    In an installed wheel it is in `pipeline/_share/`, in a checkout beside the package.
+    """
+    package = Path(__file__).resolve().parent
+    installed = package / "_share" / name
+    return installed if installed.is_dir() else package.parent / name
+
+
+def user_cache() -> Path:
+    """`plenoptic-pipeline/` in $XDG_CACHE_HOME, else in `.cache/` of the user's home.
+
+    Raises
+    ------
+    EnvironmentFault
+        The user has no home, as in a container that runs under a user number without a name.
+    """
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
+    except RuntimeError:
+        raise EnvironmentFault(
+            f"user {os.geteuid()} has no home: HOME is not set, and no entry of the system says where it is",
+            hint="set XDG_CACHE_HOME to a folder that you may write to: results and compiled kernels are kept there",
+        ) from None
+
+
+def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
+    """The reason why nothing can be read or written under a path, or under names below it; None if no problem is
+    known.
+
+    Our texts and USD use UTF-8, and a file system limits the number of bytes.
+    """
+    whole = str(folder.absolute())
+    if "\0" in whole:
+        return f"holds a character that no path can hold: {str(folder)!r}"
+    try:
+        whole.encode()
+    except UnicodeEncodeError:
+        with contextlib.suppress(UnicodeError):
+            os.fsencode(whole).decode()
+            return f"has letters that Python does not know in this locale (set PYTHONUTF8=1): {str(folder)!a}"
+        return f"is not UTF-8: {str(folder)!a}"
+    name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")
+    if any(len(os.fsencode(name)) > name_max for name in whole.split("/")):
+        return f"has a name of more than {name_max} bytes"
+    longest = max((os.fsencode(f"/{file}") for file in files), key=len, default=b"")
+    if len(os.fsencode(whole)) + len(longest) + _ASIDE > path_max:
+        return f"is longer than {path_max} bytes with all that comes below it"
+    return None

@@ -1,0 +1,117 @@
+"""Answers of a camera made ready: image positions of points, rays of image positions, and where such rays end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.channel_names import body_and_channel
+from pipeline.records.declared import number
+
+if TYPE_CHECKING:
+    from pipeline.render.surroundings import Surroundings  # loads Embree, which only rays that end need
+
+
+class Fate(StrEnum):
+    """Fate of a point: whether it has image positions, and if not, why."""
+
+    SEEN = "seen"
+    BEHIND = "behind the camera, or not in front of its lens"
+    AWAY = "its surface faces away"
+    NO_LIGHT = "outside the field: none of its light passes the lens"
+    OUTSIDE = "outside the image, or in no micro-image"
+    DARK = "too little light: below the least hit fraction"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Projected:
+    """Image positions of points: one row per point, or in a plenoptic camera per point and microlens that sees it.
+
+    Rows are sorted by point, l and k.
+
+    Attributes
+    ----------
+    point : (n,) int64
+        Number of the point, as they were given.
+    x_px, y_px : (n,) float64
+        (0, 0) is the centre of the top-left pixel.
+    error_px : (n, 2) float64
+        Error of the integral and what Newton's method left, along x and y.
+    hit_fraction : (n,) float64
+    microlens : (n, 2) int64 or None
+        k and l; None of a conventional camera.
+    microlens_type : (n,) int64 or None
+    fates : tuple of Fate
+        One per point.
+    """
+
+    point: np.ndarray
+    x_px: np.ndarray
+    y_px: np.ndarray
+    error_px: np.ndarray
+    hit_fraction: np.ndarray
+    microlens: np.ndarray | None
+    microlens_type: np.ndarray | None
+    fates: tuple[Fate, ...]
+
+    @property
+    def is_seen(self) -> np.ndarray:
+        """Whether each point has a position, (p,) bool."""
+        return np.array([fate is Fate.SEEN for fate in self.fates], bool)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelRays:
+    """Rays of image positions, vision frame: the straight line of J; NaN where no light leaves the camera.
+
+    Attributes
+    ----------
+    x_px, y_px : (n,) float64
+    origin_mm : (n, 3) float64
+        Crossing of the line with the plane z = 0 through the centre of the aperture stop.
+    direction : (n, 3) float64
+        Into the scene, of length 1.
+    error_px : (n, 2) float64
+        Error of the integral, as a distance of image positions.
+    hit_fraction : (n,) float64
+    microlens : (n, 2) int64 or None
+        k and l of the microlens in whose cell the position lies; None of a conventional camera.
+    """
+
+    x_px: np.ndarray
+    y_px: np.ndarray
+    origin_mm: np.ndarray
+    direction: np.ndarray
+    error_px: np.ndarray
+    hit_fraction: np.ndarray
+    microlens: np.ndarray | None
+
+    def at_distance(self, z_mm: float) -> np.ndarray:
+        """Points where they cross the plane at vision z, (n, 3) [mm]: J there."""
+        z_mm = number("z_mm", z_mm, CameraError)
+        along = (z_mm - self.origin_mm[:, 2:]) / self.direction[:, 2:]
+        return self.origin_mm + along * self.direction
+
+
+@dataclass(eq=False)
+class SeenScene:
+    """Targets and occluders before the cameras of a build.
+
+    Attributes
+    ----------
+    around : callable
+        Everything before a camera in a frame, by the frame's number and the camera's name without a channel.
+    """
+
+    around: Callable[[int, str], "Surroundings"]
+    _last: "tuple[tuple[int, str], Surroundings] | None" = field(default=None, repr=False)
+
+    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: none."""
+        view = frame, body_and_channel(camera)[0]
+        if self._last is None or self._last[0] != view:  # a band of rows follows another of the same view
+            self._last = view, self.around(*view)
+        return self._last[1].distance_mm(origin_mm, direction)

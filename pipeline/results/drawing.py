@@ -1,0 +1,368 @@
+"""A drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
+
+Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
+upper or lower edge, whichever is farther from the axis, and at 0.7 of the way; where the edge is dark, near the rim of
+the image circle instead. Where their bundles are is found by real rays from the sensor back to the scene. Lengths in mm
+from the stop, + towards the sensor, as light travels; the drawing is to scale.
+"""
+
+import dataclasses
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.lattice import Lattice, cell, extent_mm, lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.files import svg as svg_file
+from pipeline.frames import apply
+from pipeline.optics.displacement import displacements
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
+
+FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
+"""Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
+_RIM = 0.99
+"""Share of the image circle at which a bundle of its rim is drawn: at the rim itself it has no width."""
+_STEEPEST = math.tan(math.radians(86))
+"""Slope in the scene up to which bundles are drawn; light from beyond 90 degrees would go backwards."""
+_WIDEST_RAD = math.radians(60)
+"""Half the field of a lens alone whose image circle is looked for, as a lens without distortion would have it."""
+_RAYS = 7
+"""Rays of a bundle in the drawing of the whole camera: odd, so that one is in the middle; more would fill the lens."""
+_FAN = 2001
+"""Rays that are tried across the lens to find those that pass: finer than pixels of the drawing, odd for the middle."""
+AHEAD = 0.35
+"""Length drawn before the lens over the length from the first vertex to the sensor."""
+_WIDTH_PX, _MARGIN_PX = 1200, 40
+"""Width of the drawing and its blank edge [px]: a page of a browser, and room for the words at the edge."""
+_INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
+"""Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
+
+Points = list[svg_file.Point]
+
+
+def svg(camera: Camera, title: str, film: str = "sensor") -> str:
+    """The drawing as the text of an SVG file; `film` is what its last plane is called."""
+    first = camera.prescription.vertices_from_stop_mm[0]
+    left = first - AHEAD * (camera.sensor_distance_mm - first)
+    half = _half_height(camera)
+    scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
+    height = 2 * half * scale + 3 * _MARGIN_PX
+    sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
+    sheet.line([(left, 0.0), (camera.sensor_distance_mm + 4, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    for points in elements(camera.prescription):
+        sheet.area(points, "#cfe3f2")
+    for field, colour in FIELDS:
+        for ray in bundle(camera, field, left):
+            sheet.line(ray, colour, 0.7)
+    for surface, profile in zip(camera.prescription.surfaces, profiles(camera.prescription), strict=True):
+        if not surface.is_stop:
+            sheet.line(profile, "#24506e", 1.2)
+    _draw_stop(sheet, camera.prescription, half)
+    _draw_film(sheet, camera, film)
+    _draw_scale(sheet, left, camera.sensor_distance_mm, half)
+    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {_place(middle_focus(camera))}", 14, "start")
+    if camera.microlenses is None:
+        return sheet.text(height)
+    before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
+    words = f"microlenses at the centre of the sensor, {before}; more rays of the point there"
+    sheet.words((_MARGIN_PX, height + 20), words, 11, "start")
+    sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
+    return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
+
+
+def with_full_field(camera: Camera) -> Camera:
+    """The camera with a sensor as high as its image circle; as it is where light arrives even beyond 60 degrees."""
+    focal = first_order(camera.prescription).efl_mm
+    farthest = math.tan(_WIDEST_RAD) * focal
+    ends = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, farthest))
+    share = lit_share(*_rear(camera), *ends)
+    if share in (0.0, 1.0):
+        return camera
+    pitch = 2 * _RIM * share * farthest / camera.sensor.height_px
+    return dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, pitch_mm=pitch))
+
+
+def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
+    """The microlenses at the centre of the sensor with more rays of the point there, enlarged: a picture of its own."""
+    scale = _INSET_PX / (_INSET_LENSES * array.pitch_mm)
+    width, end = (_WIDTH_PX - 2 * _MARGIN_PX) / scale, camera.sensor_distance_mm
+    film, start = end - array.distance_mm, end + 0.05 * width - width
+    centre = _height(camera, 0.0)
+    low, high = centre - width, centre + width
+    sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2 + centre * scale)
+    sheet.area([(start, low), (end + width, low), (end + width, high), (start, high)], "#fbfbfb")
+    sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    for ray in bundle(camera, 0.0, left, _INSET_RAYS):
+        sheet.line(ray[-3:], FIELDS[0][1], 0.7)
+    half, vertices = float(cell(array)[:, 1].max()), lattice(array)
+    if array.disc_diameter_mm is None and array.layout == "hexagonal":
+        half = array.pitch_mm * math.sqrt(3) / 4
+    elif array.disc_diameter_mm is not None:
+        half = array.disc_diameter_mm / 2
+    x, y_all = _about_axis(camera, vertices)
+    rows = y_all[np.abs(x) <= array.pitch_mm]
+    for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
+        own = _own(camera, vertices, y)
+        bulge = 0.12 * array.pitch_mm
+        sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
+        sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
+    sheet.line([(end, low), (end, high)], "#111111", 3)
+    box = {"x": _MARGIN_PX, "y": round(top_px), "width": _WIDTH_PX - 2 * _MARGIN_PX, "height": _INSET_PX}
+    return svg_file.element("svg", "", *sheet.items, "", **box)
+
+
+def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
+    """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
+
+    Parameters
+    ----------
+    field : float
+        0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
+    count : int
+        Rays, evenly over those that pass.
+    """
+    height = _lit_height(camera, field)
+    central = _central_ray(camera, height)
+    while central and not 0 <= central[2] * math.copysign(1, height) < _STEEPEST and abs(height) > 1e-9:
+        height *= _RIM
+        central = _central_ray(camera, height)
+    if central is None:
+        return []
+    reach = 1.5 * camera.prescription.surfaces[0].semi_diameter_mm
+    offsets = np.linspace(-reach, reach, _FAN)
+    # Twice: the bundle of a narrow stop is a small part of the front surface.
+    for _ in range(2):
+        start, slopes = _fan(central, offsets, middle_focus(camera))
+        x, y, passes, out = _trace(camera.prescription, start[:, 0], start[:, 1], slopes)
+        passing = np.flatnonzero(passes)
+        if not passing.size:
+            return []
+        step, ends = offsets[1] - offsets[0], offsets[passing[[0, -1]]]
+        offsets = np.linspace(ends[0] - step, ends[1] + step, _FAN)
+    chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
+    rays = []
+    for i in dict.fromkeys(chosen.tolist()):
+        points = list(zip(x[1:, i].tolist(), y[1:, i].tolist(), strict=True))
+        first = _entry(points[0], float(slopes[i]), left_mm, _half_height(camera))
+        rays.append([first, *points, *_behind(camera, points[-1], float(out[i]))])
+    return rays
+
+
+def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float] | None:
+    """The middle one of the rays that leave the lens from a height on the sensor; None if none does.
+
+    Where it meets the front surface, along and across the axis, and its slope in the scene.
+    """
+    table = towards_scene(camera.prescription)
+    # Vision y and z are the drawing's height and length with the other sign.
+    reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    aim = np.linspace(-reach, reach, _FAN)
+    position = np.tile([0.0, -height_mm, -camera.sensor_distance_mm], (_FAN, 1))
+    direction = np.stack([np.zeros(_FAN), aim, np.full(_FAN, table[0, VERTEX])], axis=1) - position
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(_FAN)
+    trace_rays(table, position, direction, alive)
+    passing = np.flatnonzero(alive > 0)
+    if not passing.size:
+        return None
+    (_, y, z), (_, dy, dz) = (rays[passing[passing.size // 2]].tolist() for rays in (position, direction))
+    return -z, -y, dy / dz
+
+
+def _fan(central: tuple[float, float, float], offsets: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) beside the central ray where it meets the lens, and slopes of the rays of its object point there.
+
+    The object point lies in the plane in focus, or on rays beyond 60 degrees twice as far away as that; parallel rays
+    where it is infinitely far.
+    """
+    x, y, slope = central
+    along = np.array([1.0, slope]) / math.hypot(1.0, slope)
+    points = np.array([x, y]) + offsets[:, None] * np.array([-along[1], along[0]])
+    if math.isinf(distance):
+        return points, np.full(len(points), slope)
+    way = points - (np.array([x, y]) - (distance + x) / max(along[0], 0.5) * along)
+    return points, way[:, 1] / way[:, 0]
+
+
+def _entry(first: tuple[float, float], slope: float, left_mm: float, limit_mm: float) -> tuple[float, float]:
+    """Point at which a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
+    x, y = first
+    at_left = y + slope * (left_mm - x)
+    if abs(at_left) <= limit_mm:
+        return left_mm, at_left
+    edge = math.copysign(limit_mm, at_left)
+    return x + (edge - y) / slope, edge
+
+
+def _trace(
+    prescription: Prescription, start: np.ndarray, heights: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
+    position = np.stack([np.zeros_like(heights), heights, start], axis=1)
+    direction = np.stack([np.zeros_like(heights), slopes, np.ones_like(heights)], axis=1)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive, table = np.ones(len(heights)), towards_sensor(prescription)
+    along, across = [position[:, 2].copy()], [position[:, 1].copy()]
+    for row in range(len(table)):
+        trace_rays(table[row : row + 1], position, direction, alive)
+        along.append(position[:, 2].copy())
+        across.append(position[:, 1].copy())
+    return np.array(along), np.array(across), alive > 0, direction[:, 1] / direction[:, 2]
+
+
+def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
+    """On to the sensor, through the microlens in whose cell the ray meets the array, drawn as a thin one."""
+    x, y = last
+    array = camera.microlenses
+    if array is None:
+        return [(camera.sensor_distance_mm, y + slope * (camera.sensor_distance_mm - x))]
+    film = camera.sensor_distance_mm - array.distance_mm
+    at_film = y + slope * (film - x)
+    vertices = lattice(array)
+    own = _own(camera, vertices, at_film)
+    bent = (
+        slope
+        - (at_film - float(_about_axis(camera, vertices)[1][own])) / array.focal_lengths_mm[int(vertices.type[own])]
+    )
+    return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
+
+
+def _own(camera: Camera, vertices: Lattice, y: float) -> int:
+    """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
+    x, heights = _about_axis(camera, vertices)
+    return int(np.argmin(np.hypot(x, heights - y).round(9)))
+
+
+def _about_axis(camera: Camera, vertices: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """Microlens vertices from the optical axis, which need not meet the centre of the sensor."""
+    return vertices.x_mm - camera.sensor.offset_x_mm, vertices.y_mm - camera.sensor.offset_y_mm
+
+
+def _half_sensor(camera: Camera) -> float:
+    return camera.sensor.height_px * camera.sensor.pitch_mm / 2
+
+
+def _height(camera: Camera, field: float) -> float:
+    """Height on the drawing of a place on the sensor: 0 its centre, 1 its edge that is farther from the axis."""
+    centre = 0.0 - camera.sensor.offset_y_mm
+    return centre + field * math.copysign(_half_sensor(camera), centre)
+
+
+def _half_height(camera: Camera) -> float:
+    """Reach of the drawing above and below the axis."""
+    return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
+
+
+def _rear(camera: Camera) -> tuple[np.ndarray, int]:
+    """Surfaces towards the scene, and the row of the stop."""
+    return towards_scene(camera.prescription), len(camera.prescription.surfaces) - 1 - camera.prescription.stop_index
+
+
+def _lit_height(camera: Camera, field: float) -> float:
+    """As `_height`, with the rim of the image circle for 1 where the edge of the sensor is dark."""
+    centre, edge = _height(camera, 0.0), _height(camera, 1.0)
+    axis, end = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, edge))
+    share = lit_share(*_rear(camera), axis, end)
+    return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)
+
+
+def profiles(prescription: Prescription) -> list[Points]:
+    """Sections of all surfaces where they really stand, drawn as they look from the side."""
+    found = []
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    for surface, vertex, motion in placed:
+        heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
+        points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
+        points = points if motion is None else apply(motion, points)
+        found.append([(float(z), float(y)) for _, y, z in points])
+    return found
+
+
+def elements(prescription: Prescription) -> list[Points]:
+    """Outlines of the lens elements: what lies between two surfaces and is not air."""
+    placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
+    outlines = []
+    for (front, ahead), (_, behind) in pairwise(placed):
+        if front.index != 1:
+            upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
+            top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
+            bottom = [(behind[0][0], lower), (ahead[0][0], lower)]
+            outlines.append([*ahead, *top, *reversed(behind), *bottom])
+    return outlines
+
+
+def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None:
+    edge = prescription.stop.semi_diameter_mm
+    widest = max(surface.semi_diameter_mm for surface in prescription.surfaces)
+    for side in (-1, 1):
+        sheet.line([(0.0, side * edge), (0.0, side * max(1.05 * widest, 1.3 * edge))], "#111111", 3)
+    sheet.label(0.0, half, "stop")
+
+
+def _draw_film(sheet: "_Sheet", camera: Camera, name: str) -> None:
+    half, end, centre = _half_sensor(camera), camera.sensor_distance_mm, _height(camera, 0.0)
+    sheet.line([(end, centre - half), (end, centre + half)], "#111111", 3)
+    sheet.label(end, centre + half, name, "start")
+    if camera.microlenses:
+        array = camera.microlenses
+        film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
+        sheet.line([(film, middle - reach), (film, middle + reach)], "#8e44ad", 1.5, dashes="2 2")
+        sheet.label(film, middle + reach, "MLA", "end")
+
+
+def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None:
+    sheet.line([(left, -half), (right, -half)], "#555555", 0.8)
+    step = 10 ** math.floor(math.log10((right - left) / 3))
+    for tick in range(math.ceil(left / step), math.floor(right / step) + 1):
+        sheet.line([(tick * step, -half), (tick * step, -half - 4 / sheet.scale)], "#555555", 0.8)
+        words = f"{tick * step:g}" + (" mm" if tick == 0 else "")
+        sheet.words(sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
+
+
+def _place(distance: float) -> str:
+    return "infinity" if math.isinf(distance) else f"{distance:.1f} mm before the stop"
+
+
+class _Sheet:
+    """Elements of a drawing in the making; x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
+
+    def __init__(self, left: float, scale: float, axis_px: float) -> None:
+        self.left, self.scale, self.axis_px = left, scale, axis_px
+        self.items: list[str] = []
+
+    def place(self, x: float, y: float) -> svg_file.Point:
+        """A point in pixels of the drawing, y downwards."""
+        return _MARGIN_PX + (x - self.left) * self.scale, self.axis_px - y * self.scale
+
+    def line(self, points: Points, colour: str, width: float, dashes: str = "") -> None:
+        """Draw a line, in mm; `dashes` are lengths in pixels."""
+        dashed = {"stroke_dasharray": dashes} if dashes else {}
+        placed = [self.place(*point) for point in points]
+        self.items.append(svg_file.line(placed, stroke=colour, stroke_width=width, **dashed))
+
+    def area(self, points: Points, colour: str) -> None:
+        """Fill a polygon, in mm."""
+        placed = [self.place(*point) for point in points]
+        self.items.append(svg_file.area(placed, fill=colour, stroke="#24506e", stroke_width=0.6))
+
+    def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
+        """Write words a little above a point, in mm."""
+        x_px, y_px = self.place(x, y)
+        self.words((x_px, y_px - 6), words, 11, anchor)
+
+    def words(self, at_px: svg_file.Point, words: str, size: int, anchor: str = "middle") -> None:
+        """Write words at a point, in pixels."""
+        style = {"font_family": "sans-serif", "font_size": str(size), "text_anchor": anchor, "fill": "#222222"}
+        self.items.append(svg_file.words(words, at_px, **style))
+
+    def text(self, height: float) -> str:
+        """The text of the SVG file."""
+        narrower = "max-width: 100%; height: auto"  # on a page or in a notebook that has no room for all of it
+        return svg_file.document((_WIDTH_PX, round(height)), *self.items, style=narrower)

@@ -1,0 +1,119 @@
+"""Cameras made ready, and the scene before them: from a stage, the folder of a build, or records without USD."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.errors import UsageError
+from pipeline.results.answers import SeenScene
+from pipeline.results.folder import finished_folder
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.load import load, open_dataset
+from pipeline.scene.usd.problems import StageError, blamed_on
+from pipeline.scene.views import surroundings
+from pipeline.spelling import did_you_mean
+from pipeline.truth.settings import TruthSettings
+
+STAGE = "dataset.usda"
+"""The stage as it was built, in the folder of a build: it explains itself, so no other file is needed."""
+_ACCURACY_PX = 1e-3
+"""Error that answers may have where a stage claims nothing [px]: the default claim of tables."""
+
+
+def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> ReadyCamera:
+    """A camera that projects points and knows its rays, by the solver of the ground truth.
+
+    Parameters
+    ----------
+    source : path or Camera
+        A stage, the folder that a build filled, or a record.
+    name : str, optional
+        Name of the camera, as in tables: `Rig.Camera`, or `Rig.Camera@red` for a channel; by default the only one.
+    allow_roots : iterable of path
+        Folders that the stage may read from, besides its project and the shipped library.
+
+    Raises
+    ------
+    UsageError
+        There is no such stage, folder or camera.
+    StageError
+        The stage has errors.
+    CameraError
+        The camera cannot be focused.
+
+    Examples
+    --------
+    >>> camera = pipeline.ready("build/01_conventional")  # doctest: +SKIP
+    >>> camera.project([[0, 0, 435.0]]).x_px  # doctest: +SKIP
+    """
+    if isinstance(source, Camera):
+        settings = TruthSettings()
+        rig = Rig.of(Tracer(source))
+        return ReadyCamera(name="", rig=rig, min_hit_fraction=settings.min_hit_fraction, accuracy_px=_ACCURACY_PX)
+    return opened(Path(source), name, allow_roots).ready()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """A camera of a stage, or one of its channels, not yet made ready.
+
+    Attributes
+    ----------
+    stage : Path
+        The stage; of a build the one in its folder.
+    seed : int
+        Seed of the dataset; 0 of a rig alone.
+    """
+
+    stage: Path
+    entry: CameraEntry
+    seed: int
+
+    def ready(self) -> ReadyCamera:
+        """The camera made ready as a build does it."""
+        entry = self.entry
+        with blamed_on(entry.file, entry.line, entry.prim_path):
+            camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
+            rig = Rig.of(Tracer(camera, self.seed), entry.square_px)
+        return ReadyCamera(
+            name=entry.full_name,
+            rig=rig,
+            min_hit_fraction=entry.truth.min_hit_fraction,
+            accuracy_px=entry.truth.claim_px or _ACCURACY_PX,
+        )
+
+
+def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Opened:
+    """A camera of a stage or of the folder that a build filled; raises as `ready`."""
+    stage = finished_folder(path).path / STAGE if path.is_dir() else path
+    loaded = load(stage, allow_roots)
+    if loaded.errors:
+        raise StageError(loaded.problems)
+    cameras = loaded.dataset.cameras if loaded.dataset else loaded.cameras
+    seed = loaded.dataset.seed if loaded.dataset else 0
+    return Opened(stage=stage, entry=_entry(cameras, name, path), seed=seed)
+
+
+def _entry(cameras: Iterable[CameraEntry], name: str | None, path: Path) -> CameraEntry:
+    entries = {entry.full_name: entry for camera in cameras for entry in camera.in_channels}
+    if name is None and len(entries) == 1:
+        return next(iter(entries.values()))
+    if not entries:
+        raise UsageError(f"{path} has no camera", hint="name a dataset, a rig or the folder of a build")
+    listed = ", ".join(entries)
+    if name is None:
+        raise UsageError(f"{path} has {len(entries)} cameras", hint=f"choose: {listed}")
+    if name not in entries:
+        raise UsageError(f"{path} has no camera {name!r}", hint=did_you_mean(name, entries) or f"its cameras: {listed}")
+    return entries[name]
+
+
+def scene_of(out: Path) -> SeenScene:
+    """The scene of the stage that was built."""
+    dataset = open_dataset(finished_folder(out).path / STAGE)
+    frames = {frame.number: frame for frame in dataset.frames}
+    return SeenScene(lambda number, camera: surroundings(dataset, frames[number], camera))

@@ -1,0 +1,178 @@
+"""The output folder of a build as records: cameras, frames, targets, poses, and the ground truth as arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.channel_names import body_and_channel, name_with
+from pipeline.errors import UsageError
+from pipeline.results.folder import BuiltFolder, finished_folder
+from pipeline.results.notebook import html_table
+from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView, target
+from pipeline.results.rows import CorrespondenceRows, all_of, as_pandas, joined, rows_of
+from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Named(dict[str, Any]):
+    """Things by name; a wrong name is told with those that there are, and only these are printed."""
+
+    def __missing__(self, name: Any) -> Any:
+        raise KeyError(f"{name!r} is none of {', '.join(self)}")
+
+    def __repr__(self) -> str:
+        return f"<{', '.join(self)}>"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """Content of an output folder. Tables and poses are read when they are first asked for.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    stage : str
+        The stage that was built, as the manifest names it.
+    cameras : mapping of str to BuiltCamera
+        Cameras sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
+    targets : mapping of str to BuiltTarget
+    frames : tuple of int
+        Sorted; each has a view of every camera.
+    """
+
+    path: Path
+    stage: str
+    cameras: Mapping[str, BuiltCamera]
+    targets: Mapping[str, BuiltTarget] = field(repr=False)
+    frames: tuple[int, ...]
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @property
+    def camera(self) -> BuiltCamera:
+        """The only camera.
+
+        Raises
+        ------
+        UsageError
+            There are several.
+        """
+        if len(self.cameras) != 1:
+            raise UsageError(f"{self.path} has {len(self.cameras)} cameras", hint=f"choose: {', '.join(self.cameras)}")
+        return next(iter(self.cameras.values()))
+
+    def view(self, frame: int, camera: str | None = None) -> BuiltView:
+        """A camera in a frame; by default the only camera.
+
+        Raises
+        ------
+        UsageError
+            There is no such camera or frame.
+        """
+        if camera is not None and camera not in self.cameras:
+            hint = did_you_mean(camera, self.cameras) or f"its cameras: {', '.join(self.cameras)}"
+            raise UsageError(f"{self.path} has no camera {camera!r}", hint=hint)
+        views = (self.camera if camera is None else self.cameras[camera]).views
+        for view in views:
+            if view.frame == frame:
+                return view
+        raise UsageError(f"{self.path} has no frame {frame}", hint=f"its frames: {', '.join(map(str, self.frames))}")
+
+    @cached_property
+    def correspondences(self) -> CorrespondenceRows:
+        """The ground truth of all cameras and frames.
+
+        Raises
+        ------
+        UsageError
+            Some cameras are plenoptic and others are not: their columns differ.
+        """
+        parts = [camera.correspondences for camera in self.cameras.values()]
+        return all_of(joined(parts), parts)
+
+    @cached_property
+    def baselines(self) -> np.recarray | None:
+        """Rows of baselines.csv; None with one camera."""
+        name = "baselines.csv"
+        return rows_of(self._folder.table(name)) if self._folder.file(name) else None
+
+    def pandas(self) -> "pandas.DataFrame":
+        """The correspondences as a data frame."""
+        return as_pandas(self.correspondences)
+
+    def _repr_html_(self) -> str:
+        """Cameras and targets, for a notebook."""
+        facts = self._folder.record("manifest.json")["points"]
+        cameras = []
+        for name, camera in self.cameras.items():
+            width, height = camera.size_px
+            rows = sum(frame["rows"] for frame in facts[name]["frames"]) if name in facts else "-"
+            kind = "plenoptic" if camera.is_plenoptic else "conventional"
+            cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(self.frames), rows))
+        targets = [(one.name, one.kind, len(one.points_mm)) for one in self.targets.values()]
+        names = ("camera", "kind", "lens", "image [px]", "frames", "rows of truth")
+        return html_table(names, cameras, str(self.path)) + html_table(("target", "kind", "points"), targets)
+
+
+def open_output(out: str | Path) -> Output:
+    """Open the folder that a build filled.
+
+    Only the files that docs/outputs.md promises are read, and the store is not needed. Nothing is verified:
+    `pipeline verify` does that.
+
+    Parameters
+    ----------
+    out : path
+        The output folder.
+
+    Raises
+    ------
+    UsageError
+        It holds no finished build, or one of another version.
+    DamagedFile
+        A file in it cannot be read.
+
+    Examples
+    --------
+    >>> out = pipeline.open_output("build/01_conventional")  # doctest: +SKIP
+    >>> out.camera.correspondences.x_px  # doctest: +SKIP
+    """
+    return output_of(finished_folder(out))
+
+
+def output_of(folder: BuiltFolder) -> Output:
+    """The content of a folder; raises as `open_output`."""
+    frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
+    bodies = folder.folders("cameras", "camera.json")
+    cameras = {name: _camera(folder, name, frames) for body in bodies for name in _in_channels(folder, body)}
+    names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))
+    return Output(
+        path=folder.path,
+        stage=folder.stage,
+        cameras=Named(cameras),
+        targets=Named({name: target(name, folder.record(f"targets/{name}.json")) for name in names}),
+        frames=frames,
+        _folder=folder,
+    )
+
+
+def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
+    """Names of the channels of a camera, each a camera of its own; of a camera of one wavelength its own name."""
+    channels = folder.record(f"cameras/{name}/camera.json").get("channels", ())
+    return [name_with(name, channel["name"]) for channel in channels] or [name]
+
+
+def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
+    record = folder.record(f"cameras/{body_and_channel(name)[0]}/camera.json")
+    (width, height), is_plenoptic = record["resolution"], "mla" in record
+    views = (
+        BuiltView(camera=name, frame=frame, is_plenoptic=is_plenoptic, size_px=(width, height), _folder=folder)
+        for frame in frames
+    )
+    return BuiltCamera(name=name, record=record, views=tuple(views), _folder=folder)

@@ -1,0 +1,229 @@
+"""A camera made ready for questions in a notebook: where points are imaged, and which rays positions see.
+
+It answers by the solver of the ground truth, method `direct`: a row of correspondences.csv and a projection of the same
+point are the same number.
+"""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.rig import Rig
+from pipeline.optics.first_order import first_order
+from pipeline.records.declared import number
+from pipeline.results.answers import Fate, PixelRays, Projected
+from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+from pipeline.truth.direct.mean_rays import mean_rays
+from pipeline.truth.planes import faces_camera
+from pipeline.truth.rows import Correspondences
+
+if TYPE_CHECKING:
+    from pipeline.results.spots import SpotDiagram
+
+_FACING = np.diag([1.0, -1.0, -1.0])
+"""Axes of a plane that faces the camera, by rows: x right, y up, and its front towards the camera."""
+_LEAST_PX = 1e-9
+"""Finest accuracy that can be asked for [px]: finer than this, traces in double precision round."""
+_PLANES_FOCAL_LENGTHS = (10.0, 20.0)
+"""Distances of the two planes of rays in focal lengths [1], of a camera that is not focused: any do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadyCamera:
+    """A camera that projects points and knows its rays.
+
+    Attributes
+    ----------
+    name : str
+        Name as in tables; empty for a camera from no stage.
+    rig : Rig
+    min_hit_fraction : float
+        Positions with less light count as dark.
+    accuracy_px : float
+        Error that answers may have by default [px].
+    """
+
+    name: str
+    rig: Rig = field(repr=False)
+    min_hit_fraction: float
+    accuracy_px: float
+
+    def __str__(self) -> str:
+        sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
+        what = f"{sensor.width_px} x {sensor.height_px} px, f = {lens.efl_mm:.5g} mm, F/{lens.f_number:.3g}"
+        return f"{self.name or 'camera'}: {what}"
+
+    @property
+    def camera(self) -> Camera:
+        """The record of the camera."""
+        return self.rig.tracer.camera
+
+    @property
+    def is_plenoptic(self) -> bool:
+        """Whether a microlens array stands before the sensor."""
+        return self.rig.images is not None
+
+    def project(
+        self, points_mm: ArrayLike, normals: ArrayLike | None = None, *, accuracy_px: float | None = None
+    ) -> Projected:
+        """Image positions of points: where the mean of a position's bundle is the point, J(x) = p.
+
+        Parameters
+        ----------
+        points_mm : (p, 3)
+            Vision frame: origin at the centre of the aperture stop, x right, y down, z forward.
+        normals : (p, 3) or (3,), optional
+            Fronts of the surfaces on which the points lie. J is the mean on the tangent plane, so out of focus a
+            tilted surface has other positions. By default planes perpendicular to the axis.
+        accuracy_px : float, optional
+            Error that positions may have; by default that of the camera.
+
+        Raises
+        ------
+        CameraError
+            An argument holds no such numbers.
+        """
+        points = _numbers("points_mm", points_mm, 3)
+        planes = np.empty((len(points), 4, 3))
+        planes[:, 0], planes[:, 1:] = points, _axes(normals, len(points))
+        fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
+        fates[points[:, 2] <= self._front_mm] = Fate.BEHIND
+        open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
+        guess, _ = guesses(self.rig, planes[open_])
+        guess = Guess(open_[guess.point], guess.cell, guess.x_px)
+        found = solve(self.rig, guess, planes, self._accuracy(accuracy_px), 0.0)
+        is_lit = found.hit_fraction >= self.min_hit_fraction
+        for points_there, fate in (
+            (guess.point, Fate.OUTSIDE),
+            (found.found.point, Fate.DARK),
+            (found.found.point[is_lit], Fate.SEEN),
+        ):
+            fates[points_there] = fate
+        return self._projected(found.only(is_lit), tuple(fates))
+
+    def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
+        """Rays of image positions: the line of J(x) through all planes perpendicular to the axis.
+
+        Parameters
+        ----------
+        x_px, y_px : (n,)
+            (0, 0) is the centre of the top-left pixel; any positions, also between pixels.
+
+        Raises
+        ------
+        CameraError
+            An argument holds no such numbers.
+        """
+        x, y = _numbers("x_px", x_px), _numbers("y_px", y_px)
+        if len(x) != len(y) and 1 not in (len(x), len(y)):
+            raise CameraError(f"{len(x)} x_px have {len(y)} y_px", hint="as many of both, or one for all")
+        x, y = np.broadcast_arrays(x, y)
+        near_mm, far_mm = self.planes_mm
+        found = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
+        near, far = found.crossings_mm[:, 0], found.crossings_mm[:, 1]
+        slope = (far - near) / (far_mm - near_mm)
+        direction = np.column_stack([slope, np.ones(len(x))])
+        origin = np.column_stack([near - near_mm * slope, np.zeros(len(x))])
+        return PixelRays(
+            x_px=x.copy(),
+            y_px=y.copy(),
+            origin_mm=np.where(np.isnan(near[:, :1]), np.nan, origin),
+            direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
+            error_px=found.error_px,
+            hit_fraction=found.hit_fraction,
+            microlens=self.rig.axial[found.microlens] if self.is_plenoptic else None,
+        )
+
+    def plot(self, *, axes: Any = None) -> Any:
+        """Plot lens, stop, sensor and real rays of three object points in focus, by matplotlib; returns the axes.
+
+        Raises
+        ------
+        UsageError
+            matplotlib is not installed.
+        """
+        from pipeline.results.lens_plot import plot  # what only projects points needs no pictures
+
+        return plot(self.camera, self.name or "camera", axes)
+
+    def spots(self) -> "SpotDiagram":
+        """Trace spots from the centre to the corner of the image, in focus and at the ends of the depth of field.
+
+        A notebook shows them as a picture; `plot()` of the answer needs matplotlib.
+        """
+        from pipeline.results.spots import spot_diagram
+
+        return spot_diagram(self.camera, self.name)
+
+    def _repr_html_(self) -> str:
+        """Key figures and the drawing with real rays, for a notebook."""
+        from pipeline.results.lens_plot import card
+
+        return card(self.camera, self.name or "camera")
+
+    @property
+    def _front_mm(self) -> float:
+        """Vision z of the first vertex of the lens."""
+        return -float(self.camera.prescription.vertices_from_stop_mm[0])
+
+    @property
+    def planes_mm(self) -> tuple[float, float]:
+        """Vision z of the two planes on which rays are found: those of J_near and J_far, if they are settled."""
+        near_mm, far_mm = self.camera.near_mm, self.camera.far_mm
+        if near_mm is not None and far_mm is not None and np.isfinite([near_mm, far_mm]).all():
+            return near_mm, far_mm
+        efl_mm = abs(first_order(self.camera.prescription).efl_mm)
+        first, second = (self._front_mm + times * efl_mm for times in _PLANES_FOCAL_LENGTHS)
+        return first, second
+
+    def _accuracy(self, asked_px: float | None) -> float:
+        return self.accuracy_px if asked_px is None else number("accuracy_px", asked_px, CameraError, _LEAST_PX, 1.0)
+
+    def _projected(self, rows: Correspondences, fates: tuple[Fate, ...]) -> Projected:
+        cell, lattice = rows.found.cell, self.rig.tracer.lattice
+        return Projected(
+            point=rows.found.point,
+            x_px=rows.found.x_px,
+            y_px=rows.found.y_px,
+            error_px=rows.sigma_px,
+            hit_fraction=rows.hit_fraction,
+            microlens=None if lattice is None else self.rig.axial[cell],
+            microlens_type=None if lattice is None else lattice.type[cell],
+            fates=fates,
+        )
+
+
+def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:
+    """Finite float64 (n,), or (n, columns); one number or one point becomes an array of one."""
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise CameraError(f"{name} holds something that is no number") from None
+    if columns is not None:
+        values = np.atleast_2d(values)
+    if values.ndim != (1 if columns is None else 2) or (columns is not None and values.shape[1] != columns):
+        wanted = "(n,)" if columns is None else f"(n, {columns})"
+        raise CameraError(f"{name} has the shape {values.shape}", hint=f"it has to be {wanted}")
+    if not np.isfinite(values).all():
+        raise CameraError(f"{name} holds numbers that are not finite", hint="leave them out, or mend them")
+    return values
+
+
+def _axes(normals: ArrayLike | None, count: int) -> np.ndarray:
+    """Axes of tangent planes by rows, (count, 3, 3) or (3, 3): first, second, normal."""
+    if normals is None:
+        return _FACING
+    given = _numbers("normals", normals, 3)
+    length = np.linalg.norm(given, axis=1, keepdims=True)
+    if not length.all():
+        raise CameraError("a normal has no direction", hint="normals are vectors of any length but 0")
+    if len(given) not in (1, count):
+        raise CameraError(f"{count} points have {len(given)} normals", hint="one for all, or one for each")
+    normal = np.broadcast_to(given / length, (count, 3))
+    second = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    return np.stack([np.cross(second, normal), second, normal], axis=1)

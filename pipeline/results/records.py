@@ -1,0 +1,296 @@
+"""Records of what a build wrote: cameras, targets, and views with their poses and correspondences."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.channel_names import body_and_channel, folder_of
+from pipeline.files.jsonfile import Json
+from pipeline.records.shapes import Float64
+from pipeline.results.folder import BuiltFolder
+from pipeline.results.rows import (
+    MICROLENS,
+    Backdrop,
+    CorrespondenceRows,
+    all_of,
+    as_pandas,
+    joined,
+    rows_of,
+    with_backdrop,
+)
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPinhole:
+    """The equivalent pinhole of a camera, as camera.json has it; `Pinhole` of camera/figures is what fits it.
+
+    Attributes
+    ----------
+    centre_mm : (3,) float64
+        Centre of projection in the vision frame [mm].
+    principal_distance_px : float
+    principal_point_px : (2,) float64
+        (0, 0) is the centre of the top-left pixel.
+    distortion : (5,) float64
+        k1, k2, p1, p2, k3 of OpenCV; zeros in the pinhole without distortion.
+    rms_px, max_px : float
+        Residual of the mean rays of the camera.
+    """
+
+    centre_mm: np.ndarray
+    principal_distance_px: float
+    principal_point_px: np.ndarray
+    distortion: np.ndarray
+    rms_px: float
+    max_px: float
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Camera matrix of OpenCV, (3, 3)."""
+        (x, y), f = self.principal_point_px, self.principal_distance_px
+        return np.array([[f, 0.0, x], [0.0, f, y], [0.0, 0.0, 1.0]])
+
+    def projected(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints`."""
+        k1, k2, p1, p2, k3 = self.distortion.tolist()
+        x, y = (points_mm[:, :2] / points_mm[:, 2:]).T
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ]
+        return np.stack(bent, axis=1) * self.principal_distance_px + self.principal_point_px
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPoses:
+    """Poses of a view: transforms on column vectors, (4, 4) float64 [mm]; see CONVENTIONS.md, Frames.
+
+    Attributes
+    ----------
+    camera_from_world, camera_from_target : array, and arrays by the name of a target
+        Transforms to the vision frame, whose origin is the centre of the aperture stop: right for rays.
+    pinhole_from_world, pinhole_from_target : array or None, and arrays by the name of a target
+        Transforms to the centre of the equivalent pinhole: right for OpenCV. Empty where no pinhole fits.
+    """
+
+    camera_from_world: np.ndarray
+    camera_from_target: Mapping[str, np.ndarray]
+    pinhole_from_world: np.ndarray | None
+    pinhole_from_target: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltView:
+    """A camera in a frame.
+
+    Attributes
+    ----------
+    camera : str
+    frame : int
+    is_plenoptic : bool
+    size_px : tuple of int
+        Width and height of its image.
+    """
+
+    camera: str
+    frame: int
+    is_plenoptic: bool
+    size_px: tuple[int, int]
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @cached_property
+    def correspondences(self) -> CorrespondenceRows:
+        """Rows of correspondences.csv, without the columns of microlenses where there are none.
+
+        docs/outputs.md says what the columns mean.
+        """
+        table = self._folder.table(self._place("correspondences.csv"))
+        rows = rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
+        pictures = {(self.camera, self.frame): self.preview_path} if self.preview_path else {}
+        return with_backdrop(rows, Backdrop({self.camera: self.size_px}, pictures))
+
+    @cached_property
+    def poses(self) -> BuiltPoses:
+        """Poses of the view, from poses.json."""
+        return _poses(self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json"))
+
+    @property
+    def image_path(self) -> Path | None:
+        """image.exr; None where the build made none."""
+        return self._folder.file(self._place("image.exr"))
+
+    @property
+    def preview_path(self) -> Path | None:
+        """image.png; None where the build made none."""
+        return self._folder.file(self._place("image.png"))
+
+    @property
+    def positions_path(self) -> Path | None:
+        """positions.exr; None where the build made none."""
+        return self._folder.file(self._place("positions.exr"))
+
+    def _place(self, file: str) -> str:
+        return f"frames/{self.frame:04d}/{folder_of(self.camera)}/{file}"
+
+    def _repr_png_(self) -> bytes | None:
+        """The preview, for a notebook; None where the build made none."""
+        return None if self.preview_path is None else self.preview_path.read_bytes()
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltCamera:
+    """A camera of a build, or one of the channels of its sensor.
+
+    Attributes
+    ----------
+    name : str
+        `Rig.Camera`, or `Rig.Camera@red` of a channel.
+    record : dict
+        All of camera.json: docs/outputs.md says what its keys mean.
+    views : tuple of BuiltView
+        Sorted by frame.
+    """
+
+    name: str
+    record: Json = field(repr=False)
+    views: tuple[BuiltView, ...] = field(repr=False)
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @cached_property
+    def correspondences(self) -> CorrespondenceRows:
+        """Rows of all frames."""
+        parts = [view.correspondences for view in self.views]
+        return all_of(joined(parts), parts)
+
+    @property
+    def is_plenoptic(self) -> bool:
+        """Whether a microlens array stands before the sensor."""
+        return "mla" in self.record
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its images."""
+        width, height = self.record["resolution"]
+        return width, height
+
+    @property
+    def pitch_mm(self) -> float:
+        """Distance of pixels."""
+        return float(self.record["pixel_pitch_mm"])
+
+    @cached_property
+    def pinhole(self) -> BuiltPinhole | None:
+        """The equivalent pinhole without distortion; None where none fits."""
+        return _pinhole(self.record["pinhole"], self.record["pinhole"])
+
+    @cached_property
+    def pinhole_with_distortion(self) -> BuiltPinhole | None:
+        """The equivalent pinhole with distortion; None where none fits."""
+        plain = self.record["pinhole"]
+        return _pinhole(plain, plain and plain["with_distortion"])
+
+    @property
+    def white_path(self) -> Path | None:
+        """white.exr; None where there is none."""
+        return self._folder.file(self._place("white.exr"))
+
+    @property
+    def rays_path(self) -> Path | None:
+        """rays.exr; None where there is none."""
+        return self._folder.file(self._place("rays.exr"))
+
+    @cached_property
+    def micro_images(self) -> np.recarray | None:
+        """Rows of micro_images.csv, one per microlens; None of a conventional camera."""
+        return self._table("micro_images.csv")
+
+    @cached_property
+    def micro_image_outlines(self) -> np.recarray | None:
+        """Rows of micro_image_outlines.csv; None of a conventional camera."""
+        return self._table("micro_image_outlines.csv")
+
+    def pandas(self) -> "pandas.DataFrame":
+        """The correspondences of all frames as a data frame."""
+        return as_pandas(self.correspondences)
+
+    def _table(self, file: str) -> np.recarray | None:
+        name = self._place(file)
+        return rows_of(self._folder.table(name)) if self._folder.file(name) else None
+
+    def _place(self, file: str) -> str:
+        return f"cameras/{folder_of(self.name)}/{file}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltTarget:
+    """A target of a build.
+
+    Attributes
+    ----------
+    name, kind : str
+        Name of the prim, and its pattern: docs/targets.md.
+    parameters : dict
+        Parameters of the pattern.
+    points_mm, nominal_mm, normals : (n, 3) float64
+        Target frame: x right, y up, z towards the viewer. The row is the point_id. Actual points differ from
+        nominal ones on warped and measured boards.
+    is_flat : bool
+    """
+
+    name: str
+    kind: str
+    parameters: Json
+    points_mm: np.ndarray
+    nominal_mm: np.ndarray
+    normals: np.ndarray
+    is_flat: bool
+
+
+def target(name: str, record: Json) -> BuiltTarget:
+    """A target from its JSON file."""
+    points = record["points"]
+    arrays = {key: np.array([point[key] for point in points]) for key in ("actual_mm", "nominal_mm", "normal")}
+    return BuiltTarget(
+        name=name,
+        kind=record["kind"],
+        parameters=record["parameters"],
+        points_mm=arrays["actual_mm"],
+        nominal_mm=arrays["nominal_mm"],
+        normals=arrays["normal"],
+        is_flat=record["surface"]["kind"] == "flat",
+    )
+
+
+def _pinhole(plain: Json | None, model: Json | None) -> BuiltPinhole | None:
+    """The pinhole of camera.json, whose centre is stated once, by one of its models."""
+    if plain is None or model is None:
+        return None
+    return BuiltPinhole(
+        centre_mm=np.array(plain["centre_mm"]),
+        principal_distance_px=model["principal_distance_px"],
+        principal_point_px=np.array(model["principal_point_px"]),
+        distortion=np.array(model.get("distortion", [0.0] * 5)),
+        rms_px=model["residual_px"]["rms"],
+        max_px=model["residual_px"]["max"],
+    )
+
+
+def _poses(record: Json) -> BuiltPoses:
+    targets, pinhole = record["targets"], record["pinhole"]
+    return BuiltPoses(
+        camera_from_world=np.array(record["camera_from_world"]),
+        camera_from_target={name: np.array(pose["camera_from_target"]) for name, pose in targets.items()},
+        pinhole_from_world=np.array(pinhole["pinhole_from_world"]) if pinhole else None,
+        pinhole_from_target={
+            name: np.array(pose["pinhole"]["pinhole_from_target"]) for name, pose in targets.items() if pose["pinhole"]
+        },
+    )

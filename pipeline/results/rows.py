@@ -1,0 +1,218 @@
+"""Tables as NumPy record arrays, as pandas where that is installed, and as plots over the image."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.channel_names import name_with
+from pipeline.errors import UsageError
+from pipeline.files.tables import Table
+from pipeline.results.notebook import axes as new_axes
+from pipeline.results.notebook import html_table
+from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    import pandas
+
+_INSTALL = 'python -m pip install "plenoptic-pipeline[frames]"'
+MICROLENS = frozenset({"microlens_k", "microlens_l", "microlens_type"})
+"""Columns that a conventional camera has no values for."""
+_TEXTS = frozenset({"camera", "channel", "second_camera", "target", "method"})
+_COUNTS = MICROLENS | {"frame", "point_id", "complete"}
+
+
+def rows_of(table: Table, without: frozenset[str] = frozenset()) -> np.recarray:
+    """A table as a record array: text, int64, and float64 that is NaN where a cell is empty; without some columns."""
+    columns = {name: _column(table, name) for name in table.columns if name not in without}
+    return np.rec.fromarrays(list(columns.values()), dtype=[(name, column.dtype) for name, column in columns.items()])
+
+
+def joined(parts: Sequence[np.recarray]) -> np.recarray:
+    """Rows of several tables; UsageError if their columns differ, as of plenoptic and conventional cameras."""
+    names = {part.dtype.names for part in parts}
+    if len(names) > 1:
+        raise UsageError(
+            "tables of plenoptic and conventional cameras have different columns",
+            hint="take those of one camera: output.cameras[NAME].correspondences",
+        )
+    return np.concatenate(parts).view(np.recarray) if parts else np.recarray(0, dtype=[])
+
+
+def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
+    """Rows as a data frame; UsageError if pandas is not installed."""
+    try:
+        import pandas
+    except ImportError:
+        raise UsageError("pandas is not installed", hint=_INSTALL) from None
+    return pandas.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
+
+
+def write_parquet(path: Path, rows: np.ndarray, remarks: Sequence[str]) -> None:
+    """Write rows as Parquet; its metadata hold the remarks, `attrs` of the data frame.
+
+    UsageError if pandas or pyarrow is not installed.
+    """
+    frame = as_pandas(rows)
+    frame.attrs["remarks"] = list(remarks)
+    try:
+        frame.to_parquet(path, engine="pyarrow", index=False)
+    except ImportError:
+        raise UsageError("pyarrow is not installed", hint=_INSTALL) from None
+
+
+def _column(table: Table, name: str) -> np.ndarray:
+    if name in _TEXTS:
+        return np.array(table.columns[name], dtype=str)
+    if name not in _COUNTS:
+        return table.numbers(name)
+    cells: list[Any] = table.columns[name]
+    return np.array(cells, dtype=np.int64)
+
+
+_SHOWN = 8
+"""Rows in a notebook: enough to see what a table holds."""
+_WIDTH_IN = 8.0
+"""Width of a plot [inch]: that of a notebook's page."""
+_SHAPE = 0.75
+"""Height over width of a plot of rows whose image is not known [1]."""
+_COLOURS = ("#f07818", "#2f7fe0", "#27a05a", "#c8489a", "#8f63e8", "#b8901a")
+"""Colours of the kinds of rows, told apart on grey images; more kinds begin again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Backdrop:
+    """Images behind the rows of some cameras.
+
+    Attributes
+    ----------
+    sizes_px : mapping of str to (int, int)
+        Width and height of the image of each camera.
+    pictures : mapping of (str, int) to Path
+        Preview of each camera and frame, where the build has one.
+    """
+
+    sizes_px: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    pictures: Mapping[tuple[str, int], Path] = field(default_factory=dict)
+
+
+class CorrespondenceRows(np.recarray):
+    """Rows of the ground truth; columns are attributes, and docs/outputs.md says what they mean.
+
+    Attributes
+    ----------
+    backdrop : Backdrop
+        The picture over which plots are drawn.
+    """
+
+    backdrop: Backdrop
+
+    def __array_finalize__(self, parent: Any) -> None:
+        """Keep the backdrop in every selection of rows."""
+        super().__array_finalize__(parent)  # type: ignore[misc]  # NumPy states no type
+        self.backdrop = getattr(parent, "backdrop", None) or Backdrop()
+
+    @property
+    def seen_by(self) -> np.ndarray:
+        """Names of cameras as `Output.cameras` has them, with the channel where a sensor has channels, (n,) str."""
+        if "channel" not in (self.dtype.names or ()):
+            return np.asarray(self.camera)
+        pairs = zip(self.camera.tolist(), self.channel.tolist(), strict=True)
+        return np.array([name_with(camera, channel) if channel else camera for camera, channel in pairs], dtype=str)
+
+    def plot(self, frame: int | None = None, camera: str | None = None, *, axes: Any = None) -> Any:
+        """Plot positions over the image of their frame, one colour per target and type of microlens.
+
+        Parameters
+        ----------
+        frame : int, optional
+            The frame to draw; by default all rows, those of several frames without an image.
+        camera : str, optional
+            Name of the camera, as `Rig.Camera` or `Rig.Camera@red`, where rows are of several.
+        axes : matplotlib Axes, optional
+            The axes to draw on; by default those of a new figure.
+
+        Returns
+        -------
+        Axes
+            The axes, in pixels: (0, 0) is the centre of the top-left one.
+
+        Raises
+        ------
+        UsageError
+            There are no such rows, or rows of several cameras, or matplotlib is not installed.
+        """
+        rows = self._of_camera(camera)._of_frame(frame)
+        name, frames = str(rows.seen_by[0]), np.unique(rows.frame).tolist()
+        size_px = rows.backdrop.sizes_px.get(name)
+        shape = size_px[1] / size_px[0] if size_px else _SHAPE
+        sheet = new_axes(_WIDTH_IN, _WIDTH_IN * shape) if axes is None else axes
+        picture = rows.backdrop.pictures.get((name, frames[0])) if len(frames) == 1 else None
+        if picture is not None:
+            from pipeline.files.png import read_png
+
+            sheet.imshow(read_png(picture), cmap="gray", vmin=0, vmax=255)
+        for number, (kind, here) in enumerate(rows._kinds()):
+            x, y, colour = rows.x_px[here], rows.y_px[here], _COLOURS[number % len(_COLOURS)]
+            sheet.plot(x, y, "+", color=colour, markersize=5, label=f"{kind}: {len(x)}")
+        if size_px:
+            sheet.set(xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5))
+        when = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+        sheet.set(aspect="equal", xlabel="x [px]", ylabel="y [px]", title=f"{name}, {when}: {len(rows)} rows")
+        sheet.legend(loc="upper right", fontsize="small")
+        return sheet
+
+    def _repr_html_(self) -> str:
+        """The first rows, for a notebook."""
+        names = self.dtype.names or ()
+        more = f", the first {_SHOWN}" if len(self) > _SHOWN else ""
+        return html_table(names, (row.item() for row in self[:_SHOWN]), f"{len(self):,} rows of correspondences{more}")
+
+    def _of_camera(self, camera: str | None) -> "CorrespondenceRows":
+        if not len(self):
+            raise UsageError("there are no rows to plot", hint="no target point is seen: look at an image of the frame")
+        names = np.unique(self.seen_by).tolist()
+        if camera is None and len(names) == 1:
+            return self
+        if camera not in names:
+            said = "rows are of several cameras" if camera is None else f"no row is of a camera {camera!r}"
+            hint = (did_you_mean(camera, names) if camera else None) or f"choose: {', '.join(names)}"
+            raise UsageError(said, hint=hint)
+        return self[self.seen_by == camera]
+
+    def _of_frame(self, frame: int | None) -> "CorrespondenceRows":
+        if frame is None:
+            return self
+        rows = self[self.frame == frame]
+        if not len(rows):
+            numbers = ", ".join(map(str, np.unique(self.frame).tolist()))
+            raise UsageError(f"no row is of frame {frame!r}", hint=f"frames with rows: {numbers}")
+        return rows
+
+    def _kinds(self) -> Iterable[tuple[str, np.ndarray]]:
+        """Targets, and behind microlenses their types, with the rows of each."""
+        for target in np.unique(self.target).tolist():
+            here = self.target == target
+            if "microlens_type" not in (self.dtype.names or ()):
+                yield target, here
+                continue
+            for kind in np.unique(self.microlens_type[here]).tolist():
+                yield f"{target}, microlenses of type {kind}", here & (self.microlens_type == kind)
+
+
+def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:
+    """The same rows, which know what they are drawn over."""
+    found = rows.view(CorrespondenceRows)
+    found.backdrop = backdrop
+    return found
+
+
+def all_of(rows: np.recarray, parts: Iterable[CorrespondenceRows]) -> CorrespondenceRows:
+    """Joined rows with the backdrops of their parts."""
+    sizes, pictures = dict[str, tuple[int, int]](), dict[tuple[str, int], Path]()
+    for part in parts:
+        sizes.update(part.backdrop.sizes_px)
+        pictures.update(part.backdrop.pictures)
+    return with_backdrop(rows, Backdrop(sizes, pictures))

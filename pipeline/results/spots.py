@@ -1,0 +1,225 @@
+"""Spots of a camera: bundles of some field positions, seen in the image, as numbers, as an SVG picture, and as a plot.
+
+A spot is the crossings of a bundle with an object plane, as displacements in the image to first order: with J(x) the
+mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)^-1 (p - J(x)).
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.bundle import Bundle, bundle_behind
+from pipeline.camera.focusing.depth_of_field import foci, middle_focus
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.files import svg
+from pipeline.results.notebook import axes as new_axes
+
+Numbers = tuple[float | None, ...]
+
+_FINE = 3
+"""Decimals of what is only drawn: a thousandth of a pixel."""
+_FIELDS = ((0.0, "centre"), (0.5, "0.5 of the way to the corner"), (0.75, "0.75 of the way"), (1.0, "corner"))
+RAYS = 256
+"""Rays of a spot: enough to show its shape, few enough for a page."""
+_STEP_PX = 0.05
+"""Half the distance of positions between which J is differentiated: bundles hardly change over a tenth of a pixel."""
+FARTHEST_MM = 1e6
+"""Distance that stands for infinity: a kilometre."""
+_CELL_PX, _HEAD_PX = 150, 40
+"""Edge of a spot's square in the picture, and the height of the words above it [px]."""
+_CELL_IN = 2.2
+"""Edge of a spot's axes in a plot [inch]: four of them fill the width of a page."""
+_LEAST_PX = 0.6
+"""Least half width of a square [px]: the outline of the pixel is seen in it."""
+_INK, _PIXEL = "#2f7fe0", "#e8702a"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """Crossings of a bundle with an object plane, as displacements of the image of its mean [px]."""
+
+    place: str
+    x_px: float
+    y_px: float
+    distance_mm: float
+    dx_px: Numbers
+    dy_px: Numbers
+    rms_px: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FieldBundle:
+    """A bundle with the place of its position, and those of two neighbours along x and two along y."""
+
+    place: str
+    x_px: float
+    y_px: float
+    bundle: Bundle
+    around: tuple[Bundle, Bundle, Bundle, Bundle]
+
+    def spot(self, distance_mm: float) -> np.ndarray:
+        """Displacements in the image, (n, 2) [px]; NaN where the bundle is empty."""
+        left, right, above, below = (one.mean_at(distance_mm) for one in self.around)
+        slope = np.stack([right - left, below - above], axis=1) / (2 * _STEP_PX)
+        miss = self.bundle.at_distance(distance_mm) - self.bundle.mean_at(distance_mm)
+        if not np.isfinite(slope).all() or abs(np.linalg.det(slope)) < 1e-12:
+            return np.full_like(miss, np.nan)
+        return -np.linalg.solve(slope, miss.T).T
+
+
+def field_bundles(camera: Camera) -> list[FieldBundle]:
+    """Bundles from the centre of the image to the corner that is farthest from the axis."""
+    tracer, sensor = Tracer(camera), camera.sensor
+    middle = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
+    corner = np.where(tracer.pixels_at(sensor.farthest_corner_mm[None])[0] < middle, 0.0, 2 * middle)
+    found = []
+    for share, place in _FIELDS:
+        x_px, y_px, microlens = _nearest_light(tracer, middle + share * (corner - middle))
+        shifts = ((0, 0), (-_STEP_PX, 0), (_STEP_PX, 0), (0, -_STEP_PX), (0, _STEP_PX))
+        own, *around = (bundle_behind(tracer, x_px + u, y_px + v, microlens, RAYS) for u, v in shifts)
+        found.append(FieldBundle(place, x_px, y_px, own, (around[0], around[1], around[2], around[3])))
+    return found
+
+
+def _nearest_light(tracer: Tracer, position_px: np.ndarray) -> tuple[float, float, int]:
+    """The pixel at a position and no microlens; or the middle pixel behind the nearest microlens of the middle type."""
+    if tracer.lattice is None:
+        x, y = np.round(position_px).tolist()
+        return x, y, NO_MICROLENS
+    from pipeline.camera.micro_images.centres import micro_images
+
+    centres = tracer.pixels_at(micro_images(tracer).centre_mm)
+    away = np.hypot(*(centres - position_px).T)
+    away[tracer.lattice.type != _middle_type(tracer.camera)] = math.inf
+    size = np.array([tracer.camera.sensor.width_px, tracer.camera.sensor.height_px])
+    away[(centres < 0).any(axis=1) | (centres > size - 1).any(axis=1)] = math.inf
+    row = int(np.argmin(away))
+    x, y = np.round(centres[row]).tolist()
+    return x, y, row
+
+
+def _middle_type(camera: Camera) -> int:
+    distances = [focus.focus_distance_mm for focus in foci(camera)]
+    return distances.index(middle_focus(camera))
+
+
+def spots(camera: Camera, bundles: list[FieldBundle]) -> tuple[Spot, ...]:
+    """Spots of every place at the distance in focus and at both ends of the depth of field."""
+    middle = min(middle_focus(camera), FARTHEST_MM)
+    depth = foci(camera)[_middle_type(camera)].depth_of_field_mm
+    distances = [depth[0], middle, *([depth[1]] if depth[1] < FARTHEST_MM else [])]
+    return tuple(_spot(one, distance) for distance in distances for one in bundles)
+
+
+def _spot(field: FieldBundle, distance_mm: float) -> Spot:
+    shown = field.spot(distance_mm)
+    rms = None
+    if len(shown) and np.isfinite(shown).all():
+        rms = float(np.sqrt(np.average((shown**2).sum(axis=1), weights=field.bundle.weight_sr)))
+    return Spot(
+        place=field.place,
+        x_px=field.x_px,
+        y_px=field.y_px,
+        distance_mm=distance_mm,
+        dx_px=drawn(shown[:, 0]),
+        dy_px=drawn(shown[:, 1]),
+        rms_px=rms,
+    )
+
+
+def drawn(values: np.ndarray) -> Numbers:
+    """Numbers rounded for a drawing; None where they are not finite."""
+    return tuple(value if math.isfinite(value) else None for value in np.round(values, _FINE).tolist())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpotDiagram:
+    """Spots from the centre to the corner of the image, at the ends and in the middle of the depth of field.
+
+    Attributes
+    ----------
+    name : str
+        Name of the camera.
+    spots : tuple of Spot
+        Rays of one image position where they cross a plane of the scene, as displacements in the image [px].
+    """
+
+    name: str
+    spots: tuple[Spot, ...] = field(repr=False)
+
+    @property
+    def rows(self) -> list[list[Spot]]:
+        """The spots of each distance, from the centre to the corner."""
+        distances = dict.fromkeys(one.distance_mm for one in self.spots)
+        return [[one for one in self.spots if one.distance_mm == distance] for distance in distances]
+
+    @property
+    def reach_px(self) -> float:
+        """Half width of the squares in which all spots are drawn [px]."""
+        parts = (value for one in self.spots for value in (*one.dx_px, *one.dy_px) if value is not None)
+        return 1.1 * max(_LEAST_PX, *map(abs, parts), 0.0)
+
+    def plot(self) -> Any:
+        """Plot all spots at one scale, with the square of a pixel; returns the axes, a row per distance.
+
+        Raises
+        ------
+        UsageError
+            matplotlib is not installed.
+        """
+        rows, reach = self.rows, self.reach_px
+        width, height = len(rows[0]), len(rows)
+        sheets = new_axes(_CELL_IN * width, _CELL_IN * height + 0.4, rows=height, columns=width)
+        for line, row in zip(sheets, rows, strict=True):
+            for sheet, spot in zip(line, row, strict=True):
+                _plot(sheet, spot, reach)
+        return sheets
+
+    def _repr_svg_(self) -> str:
+        """The picture, for a notebook."""
+        rows = self.rows
+        cells = [_cell(spot, (i, j), self.reach_px) for j, row in enumerate(rows) for i, spot in enumerate(row)]
+        size = (float(_CELL_PX * len(rows[0])), float((_CELL_PX + _HEAD_PX) * len(rows)))
+        return svg.document(size, *(item for cell in cells for item in cell))
+
+
+def spot_diagram(camera: Camera, name: str) -> SpotDiagram:
+    """Trace the spots of a focused camera."""
+    return SpotDiagram(name=name, spots=spots(camera, field_bundles(camera)))
+
+
+def _words(spot: Spot) -> tuple[str, str]:
+    size = "no light" if spot.rms_px is None else f"{spot.rms_px:.3g} px rms"
+    return spot.place, f"{spot.distance_mm:.5g} mm: {size}"
+
+
+def _plot(sheet: Any, spot: Spot, reach_px: float) -> None:
+    sheet.plot(spot.dx_px, spot.dy_px, ".", color=_INK, markersize=2)
+    sheet.plot([-0.5, 0.5, 0.5, -0.5, -0.5], [-0.5, -0.5, 0.5, 0.5, -0.5], color=_PIXEL, linewidth=0.8)
+    sheet.set(aspect="equal", xlim=(-reach_px, reach_px), ylim=(reach_px, -reach_px))
+    sheet.set_title("\n".join(_words(spot)), fontsize=8)
+
+
+def _cell(spot: Spot, at: tuple[int, int], reach_px: float) -> list[str]:
+    """Elements of a spot in its column and row."""
+    left, top, scale = at[0] * _CELL_PX, at[1] * (_CELL_PX + _HEAD_PX), _CELL_PX / 2 / reach_px
+    middle = left + _CELL_PX / 2, top + _HEAD_PX + _CELL_PX / 2
+    pairs = zip(spot.dx_px, spot.dy_px, strict=True)
+    dots = [(middle[0] + dx * scale, middle[1] + dy * scale) for dx, dy in pairs if dx is not None and dy is not None]
+    round_ends: dict[str, str | float] = {
+        "stroke": _INK,
+        "stroke_width": 2.0,
+        "stroke_linecap": "round",
+    }  # a line of no length is a dot
+    shown = svg.path([step for dot in dots for step in (("M", (dot,)), ("L", (dot,)))], fill="none", **round_ends)
+    style = {"font_family": "sans-serif", "font_size": "10"}
+    lines = [svg.words(text, (left + 4, top + 14 + 14 * i), **style) for i, text in enumerate(_words(spot))]
+    corners = [(middle[0] + x * scale / 2, middle[1] + y * scale / 2) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    frame = svg.element(
+        "rect", x=left + 2, y=top + _HEAD_PX, width=_CELL_PX - 4, height=_CELL_PX - 2, fill="none", stroke="#dddddd"
+    )
+    return [*lines, frame, svg.area(corners, fill="none", stroke=_PIXEL), shown]

@@ -1,0 +1,38 @@
+"""Asset roots: the folders that a stage may read, which keep a dataset in one place that can be copied whole.
+
+The project of the stage, the shipped library, and what the caller adds. Real paths are compared, so that neither `..`
+nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of docs/strangers.md.
+"""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.folders import share
+
+OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
+_PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
+
+
+def real_path(path: str | Path) -> Path:
+    """The absolute path with links followed; a link that leads to itself is followed as far as possible."""
+    return Path(os.path.realpath(path))
+
+
+def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Path]:
+    """Real paths of the folders whose files a stage may read.
+
+    The project that holds the stage (nearest ancestor with pyproject.toml, pipeline.toml or .git, else the stage's own
+    folder), the shipped library, and what the caller adds.
+    """
+    folder = real_path(stage_file).parent
+    project = next(
+        (up for up in (folder, *folder.parents) if any((up / mark).exists() for mark in _PROJECT_MARKS)), folder
+    )
+    return [project, real_path(share("stages")), *map(real_path, more)]
+
+
+def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
+    """Whether a file, with links followed, lies below one of the roots."""
+    real = real_path(path)
+    return any(real.is_relative_to(root) for root in roots)

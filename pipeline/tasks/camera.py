@@ -1,0 +1,111 @@
+"""Tasks of a camera: `focus`, `channel`, `stop`, `planes`, `pinhole` and `first_order`.
+
+The first three write `focused.json`, the camera that all others read. What no image depends on is no part of it: planes
+of J_near and J_far come from `planes`, and names are written by `first_order`: renaming a lens touches no ray.
+"""
+
+import dataclasses
+from pathlib import Path
+
+from pipeline.camera.figures import equivalent_pinhole
+from pipeline.camera.figures.equivalent_pinhole import Pinhole
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.figures.pinhole_fit import Projection
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.focus_request import solved
+from pipeline.camera.focusing.stop import stopped_down
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.spectrum import Channel
+from pipeline.files.jsonfile import Json, write_json
+from pipeline.optics import first_order as paraxial
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
+from pipeline.tasks.params.cameras import CONVENTIONS, CameraLabels, FirstOrder, Focus, InChannel, Nothing, Planes, Stop
+
+
+def focus(params: Focus, inputs: Inputs, out: Path) -> None:
+    """Place the sensor and set the stop: focused.json."""
+    write_json(out / FOCUSED, to_plain(solved(params.asked)))
+
+
+def channel(params: InChannel, inputs: Inputs, out: Path) -> None:
+    """A camera as one of its colour channels sees it: focused.json."""
+    write_json(out / FOCUSED, to_plain(focused_camera(inputs).in_light(params.channel)))
+
+
+def stop(params: Stop, inputs: Inputs, out: Path) -> None:
+    """The camera with its stop set to another F-number, for a further white image: focused.json."""
+    write_json(out / FOCUSED, to_plain(stopped_down(focused_camera(inputs), params.f_number)))
+
+
+def planes(params: Planes, inputs: Inputs, out: Path) -> None:
+    """The planes of J_near and J_far: planes.json."""
+    camera = focused(dataclasses.replace(focused_camera(inputs), **dataclasses.asdict(params)))
+    write_json(out / PLANES, {"near_mm": camera.near_mm, "far_mm": camera.far_mm})
+
+
+def pinhole(params: Nothing, inputs: Inputs, out: Path) -> None:
+    """The equivalent pinhole, for programs that know no other model: pinhole.json, null where none can be fitted."""
+    write_json(out / PINHOLE, to_plain(equivalent_pinhole.pinhole(focused_camera(inputs))))
+
+
+_FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
+
+
+def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> Json:
+    """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
+    figures = report(camera)
+    lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
+    head = {name: figures.pop(name) for name in _FIRST}
+    shone = labels.light
+    light: Json = {
+        "weight": shone.weight,
+        "footprint": shone.footprint,
+        "wavelengths_nm": [shone.wavelength_nm],
+    }
+    if labels.channels:
+        light["channels"] = [_channel(camera, channel) for channel in labels.channels]
+    head["focus_request"] = to_plain(labels.focus_request)
+    pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
+    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
+
+
+def _channel(camera: Camera, channel: Channel) -> Json:
+    """A channel: its wavelengths, and what the lens is at their mean."""
+    lens = paraxial.first_order(camera.in_light(channel).prescription)
+    return {
+        "name": channel.name,
+        "mean_wavelength_nm": channel.middle.wavelength_nm,
+        "wavelengths_nm": [node.wavelength_nm for node in channel.nodes],
+        "shares": [node.weight for node in channel.nodes],
+        "focal_length_mm": lens.efl_mm,
+        "rear_focus_mm": lens.rear_focus_mm,
+    }
+
+
+def _pinhole(pinhole: Pinhole, pitch_mm: float) -> Json:
+    return {
+        "centre_mm": list(pinhole.centre_mm),
+        **_projection(pinhole.plain, pitch_mm),
+        "with_distortion": {
+            **_projection(pinhole.distorted, pitch_mm),
+            "distortion": list(pinhole.distorted.distortion),
+        },
+        "fitted_at_mm": list(pinhole.planes_mm),
+        "lit_share": pinhole.lit_share,
+    }
+
+
+def _projection(projection: Projection, pitch_mm: float) -> Json:
+    return {
+        "principal_distance_px": projection.principal_distance_px,
+        "principal_distance_mm": projection.principal_distance_px * pitch_mm,
+        "principal_point_px": list(projection.principal_point_px),
+        "residual_px": {"rms": projection.rms_px, "max": projection.max_px},
+    }
+
+
+def first_order(params: FirstOrder, inputs: Inputs, out: Path) -> None:
+    """The first-order report of a camera and its equivalent pinhole: camera.json."""
+    camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
+    write_json(out / "camera.json", document(params.labels, camera, pinhole_of(inputs)))

@@ -1,0 +1,42 @@
+"""Tasks `picture`, `sheet` and `parts`: pictures that prims name, and what USD viewers show besides dataset.usda."""
+
+import base64
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.files.npy import write_npy
+from pipeline.files.pictures import decoded
+from pipeline.files.png import write_png
+from pipeline.report.page.camera_parts import camera_parts
+from pipeline.scene.write.parts import parts_text
+from pipeline.targets.preview import preview_picture
+from pipeline.targets.target import Target, target_from_plain
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
+from pipeline.tasks.params.cameras import PARTS, Parts
+from pipeline.tasks.params.placed import PICTURE, SHEET, Picture, Sheet, source_name
+
+
+def picture(params: Picture, inputs: Inputs, out: Path) -> None:
+    """A picture on a surface or in the sky: picture.npy, (h, w, 4) float32 and linear, and the file as it is."""
+    content = base64.b64decode(params.encoded)
+    write_npy(out / PICTURE, decoded(content, params.suffix, params.space))
+    (out / source_name(params.suffix)).write_bytes(content)
+
+
+_EDGE_PX = 1024
+"""Edge of the picture of a flat board [px]: its squares stay sharp on a whole screen."""
+
+
+def sheet(params: Sheet, inputs: Inputs, out: Path) -> None:
+    """Reflectances of all patches of a target side by side, linear, in 8 bits, for viewers: sheet.png."""
+    target = target_from_plain(params.target)
+    assert isinstance(target, Target)  # a mesh has no sheet
+    grey = np.clip(preview_picture(target, _EDGE_PX), 0, 1)
+    write_png(out / SHEET, np.rint(255 * grey).astype(np.uint8))
+
+
+def parts(params: Parts, inputs: Inputs, out: Path) -> None:
+    """Lens elements, stop, sensor, microlenses and rays of a camera as a layer for viewers: parts.usda."""
+    text = parts_text(camera_parts(focused_camera(inputs)), params.meters_per_unit, params.up_axis)
+    (out / PARTS).write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,182 @@
+"""Tasks `expose`, `transmission` and `fixed_pattern`: raw images, and the truth behind them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.channel_names import colour_of
+from pipeline.files.dng import Negative, write_dng
+from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.jsonfile import Json, read_json, write_json
+from pipeline.files.png import write_png
+from pipeline.files.tiff import mapped, write_tiff
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.render.field_transmission import FieldTransmission, field_transmission
+from pipeline.render.radiometry import photon_rate
+from pipeline.render.sensor import fixed_pattern as patterns
+from pipeline.render.sensor.demosaic import PRIMARIES, has_colours, in_colour
+from pipeline.render.sensor.read_out import Shot, digital_numbers
+from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.spectral.preview import srgb_preview
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
+from pipeline.tasks.colour_image import letter_of
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern, Transmission
+
+_PART = "image"
+"""The part of image.exr that holds relative irradiance."""
+_PREVIEW_ROWS = 512
+"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
+
+
+def expose(params: Expose, inputs: Inputs, out: Path) -> None:
+    """The raw image of a camera in a frame, from its linear image: raw.tiff, raw.dng and raw.png."""
+    image = ExrWindows(inputs["image"]["image.exr"])
+    shape, response = image.headers[_PART].shape, params.response
+    at_one, lens = _photons_at_one(params, inputs), transmission_of(inputs)
+    shot = Shot(
+        seed=params.seed,
+        camera=params.camera,
+        frame=params.frame,
+        exposure_time_s=params.irradiation.exposure_time_s,
+    )
+
+    def light(first: int, end: int) -> dict[str, np.ndarray]:
+        pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
+        for name, one in lens.items():
+            pixels[letter_of(name)] *= one.relative_rows(first, end, shape[1])
+        return pixels
+
+    def rows(first: int, end: int) -> np.ndarray:
+        around = _with_margin(light, shape[0], (first, end), response.margin_px)
+        photons = {name: at_one[name] * around[letter_of(name)] for name in response.channels}
+        return digital_numbers(response, photons, shot, (first, 0))
+
+    about = _about(params, at_one)
+    write_tiff(out / TIFF, shape, rows, about)
+    numbers = mapped(out / TIFF)
+    negative = Negative(
+        model=params.camera,
+        black_dn=response.black_level_dn,
+        white_dn=response.white_dn,
+        filters=response.filters,
+        exposure_time_s=params.irradiation.exposure_time_s,
+        **_colours(params, at_one),
+    )
+    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
+    write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
+
+
+def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
+    """Mean number of photons in a pixel at relative irradiance 1, by channel."""
+    irradiation, response = params.irradiation, params.response
+    if irradiation.channels:
+        rates = {
+            one.channel: photon_rate(focused_camera(inputs, f"camera_{one.channel}"), one)
+            for one in irradiation.channels
+        }
+        return {name: irradiation.photons_at_one(response, rates[name]) for name in response.channels}
+    radiance = irradiation.radiance
+    rate = None if radiance is None else photon_rate(focused_camera(inputs), radiance)
+    return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
+
+
+def _colours(params: Expose, photons_at_one: dict[str, float]) -> dict[str, Any]:
+    """Fields of `Negative` about the colours of a mosaic of red, green and blue; of others nothing."""
+    known, response = params.colorimetry, params.response
+    efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
+    electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}
+    if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
+        return {}
+    of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / known[0].counted, {}
+    for one in known:
+        white = of_unit * one.counted
+        from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
+    return {"neutral": tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES), "from_xyz": from_xyz}
+
+
+def _with_margin(
+    light: Callable[[int, int], dict[str, np.ndarray]], height: int, rows: tuple[int, int], margin: int
+) -> dict[str, np.ndarray]:
+    """Channels of some rows and the pixels around them; beyond the border of the image its outermost pixels go on."""
+    first, end = rows
+    low, high = max(0, first - margin), min(height, end + margin)
+    around = (low - first + margin, end + margin - high), (margin, margin)
+    return {name: np.pad(pixels, around, "edge") for name, pixels in light(low, high).items()}
+
+
+def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
+    """Meaning of the digital numbers: the description of the files."""
+    response, first = params.response, next(iter(photons_at_one.values()))
+    return {
+        "content": "raw digital numbers: black level + gain x electrons, rounded",
+        "camera": params.camera,
+        "frame": params.frame,
+        "seed": params.seed,
+        "specimen": response.specimen,
+        "bit_depth": response.bit_depth,
+        "black_level_dn": response.black_level_dn,
+        "white_level_dn": response.white_dn,
+        "gain_dn_per_e": response.gain_dn_per_e,
+        "filters": list(response.filters),
+        "quantum_efficiency": list(response.quantum_efficiency),
+        "exposure_time_s": params.irradiation.exposure_time_s,
+        "photons_at_relative_irradiance_1": photons_at_one if params.irradiation.channels else first,
+    }
+
+
+def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, float] | None) -> np.ndarray:
+    """The numbers from black to white as sRGB, (h, w, 3) uint8; a mosaic of red, green and blue in colour."""
+    black, white = response.black_level_dn, max(float(response.white_dn), response.black_level_dn + 1.0)
+    if not has_colours(response):
+        bands = range(0, len(numbers), _PREVIEW_ROWS)
+        parts = [srgb_preview(numbers[first : first + _PREVIEW_ROWS] - black, white - black) for first in bands]
+        return np.concatenate(parts)
+    parts, margin = [], response.period_px
+    for first in range(0, len(numbers), _PREVIEW_ROWS):
+        low, end = max(0, first - margin), min(len(numbers), first + _PREVIEW_ROWS)
+        around = in_colour(numbers[low : min(len(numbers), end + margin)], response, low, photons)
+        colours = around[first - low : end - low]
+        parts.append(np.stack([srgb_preview(one, 1.0)[..., 0] for one in np.moveaxis(colours, -1, 0)], axis=-1))
+    return np.concatenate(parts)
+
+
+_ALONE = "mono"
+"""Name of the light of a camera without channels, as filters have it."""
+
+
+def transmission(params: Transmission, inputs: Inputs, out: Path) -> None:
+    """The share of light that the lens of a camera lets pass, over its image: transmission.json."""
+    found = {}
+    for light in params.lights:
+        camera = focused_camera(inputs, "camera" if light.channel is None else f"camera_{light.channel}")
+        found[light.channel or _ALONE] = field_transmission(camera, light.of_each)
+    write_json(out / TRANSMISSION, {name: to_plain(one) for name, one in found.items()})
+
+
+def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
+    """Transmission by channel, as the task wrote it; empty where it is no input."""
+    if "transmission" not in inputs:
+        return {}
+    plain = read_json(inputs["transmission"][TRANSMISSION])
+    return {name: from_plain(FieldTransmission, one) for name, one in plain.items() if one is not None}
+
+
+_CHANNELS = ("dark_e", "hot_e_per_s", "response")
+
+
+def fixed_pattern(params: FixedPattern, inputs: Inputs, out: Path) -> None:
+    """Differences from pixel to pixel of the sensor of a camera: fixed_pattern.exr."""
+    width = params.shape[1]
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        maps = patterns.fixed_pattern(params.spread, params.camera, (first, 0), (end - first, width))
+        return {name: getattr(maps, name) for name in _CHANNELS}
+
+    attributes: dict[str, str | float | int] = {
+        "content": "DSNU dark_e [e-], PRNU response [1, 0: dead], further dark current hot_e_per_s [e-/s]",
+        "specimen": params.spread.specimen,
+    }
+    part = BandedPart(name="fixed_pattern", shape=params.shape, channels=_CHANNELS, rows=rows, attributes=attributes)
+    write_bands(out / MAPS, [part])

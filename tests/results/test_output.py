@@ -1,0 +1,157 @@
+"""`pipeline.open_output` gives back what the files of a build say, by readers that are not ours."""
+
+import csv
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from builds import tiny
+
+import pipeline
+from pipeline.errors import PipelineError, UsageError
+from pipeline.frames import apply
+
+
+@pytest.fixture(scope="module")
+def conventional(tmp_path_factory, common_store):
+    return tiny("conventional", tmp_path_factory.mktemp("built"), common_store)
+
+
+@pytest.fixture(scope="module")
+def plenoptic(tmp_path_factory, common_store):
+    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+
+
+def cells(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def test_rows_are_those_of_the_tables_in_every_column(plenoptic):
+    out = pipeline.open_output(plenoptic)
+    stated = [
+        row for frame in out.frames for row in cells(plenoptic / f"frames/{frame:04d}/Rig.Camera/correspondences.csv")
+    ]
+    rows = out.correspondences
+    assert len(rows) == len(stated) > 100 and list(rows.dtype.names) == list(stated[0])
+    for name in rows.dtype.names:
+        kind = type(rows[name][0].item())
+        assert rows[name].tolist() == [kind(row[name] or "nan") for row in stated] or name.startswith(("blur", "rho"))
+    assert rows.dtype["microlens_k"] == rows.dtype["point_id"] == np.int64
+    assert np.isnan(rows.rho_px).sum() == sum(not row["rho_px"] for row in stated)
+
+
+def test_pandas_reads_the_same_from_the_files(conventional):
+    out = pipeline.open_output(conventional)
+    files = sorted(conventional.glob("frames/*/*/correspondences.csv"))
+    stated = pd.concat([pd.read_csv(file, comment="#") for file in files])
+    empty = ["microlens_k", "microlens_l", "microlens_type"]
+    assert stated[empty].isna().all().all()
+    stated = stated.drop(columns=empty).reset_index(drop=True)
+    pd.testing.assert_frame_equal(out.pandas(), stated, check_dtype=False, check_exact=True)
+    pd.testing.assert_frame_equal(out.pandas(), out.camera.pandas())
+
+
+def test_a_conventional_camera_has_no_columns_of_microlenses(conventional, plenoptic):
+    plain, behind = (pipeline.open_output(out).camera for out in (conventional, plenoptic))
+    assert not plain.is_plenoptic and plain.micro_images is None
+    assert "microlens_k" not in plain.correspondences.dtype.names
+    stated = cells(plenoptic / "cameras/Rig.Camera/micro_images.csv")
+    assert behind.is_plenoptic and behind.micro_images.centre_x_px.tolist() == [float(r["centre_x_px"]) for r in stated]
+    assert behind.micro_image_outlines.shape[0] <= len(stated)
+
+
+def test_poses_take_points_of_the_target_to_the_places_of_the_table(conventional):
+    """Two files of a build, written by two tasks, say the same."""
+    out = pipeline.open_output(conventional)
+    for view in out.camera.views:
+        rows = view.correspondences
+        points = out.targets["Board"].points_mm[rows.point_id]
+        seen = apply(view.poses.camera_from_target["Board"], points)
+        np.testing.assert_allclose(seen, np.stack([rows.camera_x_mm, rows.camera_y_mm, rows.camera_z_mm], 1), atol=1e-9)
+        shift = out.camera.pinhole.centre_mm
+        through = apply(view.poses.pinhole_from_target["Board"], points)
+        np.testing.assert_allclose(through, seen - shift, atol=1e-9)
+
+
+def test_the_pinhole_projects_points_to_their_positions(conventional):
+    out = pipeline.open_output(conventional)
+    model = out.camera.pinhole_with_distortion
+    assert model.max_px < out.camera.pinhole.max_px
+    (view, *_) = out.camera.views
+    rows = view.correspondences
+    seen = apply(view.poses.pinhole_from_target["Board"], out.targets["Board"].points_mm[rows.point_id])
+    pixels = (out.camera.pinhole.matrix @ (seen / seen[:, 2:]).T)[:2].T
+    np.testing.assert_allclose(pixels, np.stack([rows.x_px, rows.y_px], 1), atol=0.2)
+
+
+def test_files_that_no_manifest_lists_are_not_seen(conventional):
+    out = pipeline.open_output(conventional)
+    view = out.view(out.frames[0])
+    assert view.image_path.is_file() and view.preview_path.is_file()
+    assert out.camera.white_path.is_file() and out.camera.rays_path.is_file() and out.baselines is None
+    foreign = view.image_path.with_name("positions.exr")
+    foreign.touch()
+    assert pipeline.open_output(conventional).view(out.frames[0]).positions_path is None
+    foreign.unlink()
+
+
+def test_records_are_frozen(conventional):
+    out = pipeline.open_output(conventional)
+    for record in (out, out.camera, out.camera.pinhole, out.camera.views[0], out.targets["Board"]):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(record, dataclasses.fields(record)[0].name, None)
+
+
+def told(path) -> str:
+    with pytest.raises(UsageError) as error:
+        pipeline.open_output(path)
+    return str(error.value)
+
+
+def test_whatever_is_no_finished_build_is_named(conventional, tmp_path):
+    assert "is a stage, and no output folder" in told("tests/data/tiny_conventional/dataset.usda")
+    assert "is no folder" in told(tmp_path / "nowhere")
+    assert f"did you mean {conventional}?" in told(conventional.parent)
+    assert "it has no manifest.json" in told(tmp_path)
+    (tmp_path / "frames").mkdir()
+    assert "interrupted" in told(tmp_path)
+    (tmp_path / "manifest.json").write_text("{")
+    assert "damaged" in told(tmp_path)
+    manifest = json.loads((conventional / "manifest.json").read_text())
+    (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "format": 7}))
+    assert "format 7" in told(tmp_path)
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    assert "missing, though manifest.json lists it" in told(tmp_path)
+    pictures = {name: entry for name, entry in manifest["files"].items() if name.endswith(".png")}
+    (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "files": pictures}))
+    assert "holds a preview, without truth" in told(tmp_path)
+    with pytest.raises(KeyError, match=r"0 is none of Rig\.Camera"):
+        pipeline.open_output(conventional).cameras[0]
+
+
+def test_frames_and_cameras_that_are_not_there_are_named(conventional):
+    out = pipeline.open_output(conventional)
+    with pytest.raises(PipelineError, match="no frame 99"):
+        out.view(99)
+    with pytest.raises(PipelineError, match=r"did you mean \"Rig.Camera\"\?"):
+        out.view(1, "Rig.Camara")
+
+
+def test_tables_of_both_kinds_of_cameras_are_not_mixed(conventional, plenoptic):
+    from pipeline.results.rows import joined
+
+    tables = [pipeline.open_output(out).correspondences for out in (conventional, plenoptic)]
+    with pytest.raises(UsageError, match="different columns"):
+        joined(tables)
+
+
+def test_opening_needs_no_optics_and_no_usd(conventional):
+    code = f"import sys, pipeline; pipeline.open_output({str(conventional)!r}).correspondences; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"pxr", "numba", "scipy", "cv2", "pandas", "OpenEXR", "pipeline.camera"} & set(loaded)

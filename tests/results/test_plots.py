@@ -1,0 +1,145 @@
+"""Pictures of records in notebooks: drawn where the numbers are, by matplotlib only where it is installed."""
+
+import csv
+import math
+import re
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from builds import tiny
+
+import pipeline
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.errors import UsageError
+from pipeline.files.png import write_png
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.results.notebook import html_table
+from pipeline.results.rows import Backdrop, with_backdrop
+
+matplotlib.use("Agg")
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory, common_store):
+    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    from matplotlib import pyplot
+
+    pyplot.close("all")
+
+
+@pytest.fixture(scope="module")
+def ideal():
+    """An ideal thin lens of 50 mm with its stop of 10 mm, focused at 500 mm."""
+    lens = Surface(semi_diameter_mm=5.0, focal_length_mm=50.0, thickness_mm=0.0)
+    stop = Surface(semi_diameter_mm=5.0, is_stop=True)
+    sensor = Sensor(width_px=600, height_px=400, pitch_mm=0.01)
+    camera = Camera(prescription=Prescription(surfaces=(lens, stop)), sensor=sensor, sensor_distance_mm=500 * 50 / 450)
+    return pipeline.ready(camera)
+
+
+def crosses(axes) -> np.ndarray:
+    """Places of all crosses of a plot, (n, 2), sorted."""
+    places = [np.column_stack(line.get_data()) for line in axes.lines if line.get_marker() == "+"]
+    return np.array(sorted(map(tuple, np.concatenate(places))))
+
+
+def test_crosses_lie_at_the_positions_of_the_table_over_the_pixels_of_the_image(out):
+    """(0, 0) is the centre of the first pixel: the image reaches half a pixel beyond it."""
+    lines = (out / "frames/0002/Rig.Camera/correspondences.csv").read_text().splitlines()
+    stated = [(float(row["x_px"]), float(row["y_px"])) for row in csv.DictReader(x for x in lines if x[0] != "#")]
+    axes = pipeline.open_output(out).correspondences.plot(2)
+    assert crosses(axes).tolist() == sorted(map(list, stated))
+    (image,) = axes.images
+    assert image.get_extent() == [-0.5, 47.5, 39.5, -0.5] and axes.get_ylim() == (39.5, -0.5)
+    types = {f"Board, microlenses of type {kind}" for kind in range(3)}
+    assert {text.get_text().split(":")[0] for text in axes.get_legend().get_texts()} == types
+
+
+def test_a_selection_of_rows_still_knows_its_image_and_several_frames_have_none(out):
+    rows = pipeline.open_output(out).camera.correspondences
+    chosen = rows[(rows.frame == 1) & (rows.microlens_type == 0)]
+    assert len(crosses(chosen.plot())) == len(chosen) > 0 and len(chosen.plot().images) == 1
+    assert not rows.plot().images
+    assert type(rows.x_px) is np.ndarray
+
+
+def test_a_channel_of_a_sensor_is_drawn_over_its_own_image(tmp_path):
+    """Rows of two channels share the name of their camera."""
+    columns = {"camera": ["Cam"] * 3, "channel": ["red", "blue", "blue"], "target": ["Board"] * 3, "frame": [1] * 3}
+    arrays = [np.array(column) for column in columns.values()] + [np.array([1.0, 2.0, 3.0])] * 2
+    rows = np.rec.fromarrays(arrays, names=[*columns, "x_px", "y_px"])
+    write_png(tmp_path / "blue.png", np.full((8, 8), 7, np.uint8))
+    sizes = {"Cam@red": (9, 9), "Cam@blue": (8, 8)}
+    shown = with_backdrop(rows, Backdrop(sizes, {("Cam@blue", 1): tmp_path / "blue.png"}))
+    assert shown.seen_by.tolist() == ["Cam@red", "Cam@blue", "Cam@blue"]
+    blue = shown.plot(1, "Cam@blue")
+    assert crosses(blue).tolist() == [[2.0, 2.0], [3.0, 3.0]] and blue.images[0].get_array().max() == 7
+    with pytest.raises(UsageError, match="several cameras") as told:
+        shown.plot(1)
+    assert told.value.hint == "choose: Cam@blue, Cam@red"
+
+
+def test_what_cannot_be_plotted_is_named(out, monkeypatch):
+    rows = pipeline.open_output(out).correspondences
+    with pytest.raises(UsageError, match=r"no row is of frame 9") as told:
+        rows.plot(9)
+    assert told.value.hint == "frames with rows: 1, 2"
+    with pytest.raises(UsageError, match="did you mean") as told:
+        rows.plot(1, "Rig.Camra")
+    with pytest.raises(UsageError, match="no rows to plot"):
+        rows[:0].plot()
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
+    with pytest.raises(UsageError, match=r"plenoptic-pipeline\[plot\]"):
+        rows.plot(1)
+
+
+def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ideal):
+    """Object points are in focus: all rays of a colour end at one point, which is as far from the axis as its place."""
+    axes = ideal.plot()
+    rays = [line for line in axes.lines if line.get_linewidth() == 0.6]
+    ends = {}
+    for line in rays:
+        x, y = line.get_data()
+        ends.setdefault(line.get_color(), []).append(y[-1])
+        assert x[-1] == ideal.camera.sensor_distance_mm
+        assert np.abs(np.interp(0, x, y)) < 5 + 1e-9
+    heights = sorted(abs(np.mean(found)) for found in ends.values())
+    assert [len(found) for found in ends.values()] == [7, 7, 7]
+    assert max(np.ptp(found) for found in ends.values()) < 1e-9
+    np.testing.assert_allclose(heights, [0, 1.4, 2.0], atol=1e-9)
+
+
+def test_spots_are_drawn_to_scale(ideal):
+    """At the near end of the depth of field a disc, whose radius similar triangles state."""
+    diagram = ideal.spots()
+    z_mm = diagram.rows[0][0].distance_mm
+    radius_px = 5.0 * abs(z_mm - 500) / 500 * ideal.camera.sensor_distance_mm / z_mm / 0.01
+    axes = diagram.plot()
+    x, y = np.array(axes[0, 0].lines[0].get_data())
+    assert np.hypot(x, y).max() == pytest.approx(radius_px, rel=0.02)
+    assert np.diff(axes[0, 0].get_xlim()) == pytest.approx(2 * diagram.reach_px)
+    picture = diagram._repr_svg_()
+    dots = re.findall(r'd="(M[^"]*)"', picture)
+    first = np.array([list(map(float, pair.split(","))) for pair in re.findall(r"M([\d.,-]+)", dots[0])])
+    off = (first - (75, 40 + 75)) / 75 * diagram.reach_px  # the first cell is 150 px wide, below 40 px of words
+    assert np.hypot(*off.T).max() == pytest.approx(radius_px, rel=0.02)
+    assert float(re.search(r"mm: ([\d.]+) px rms", picture)[1]) == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
+
+
+def test_notebooks_show_figures_rows_and_images(out, ideal):
+    output = pipeline.open_output(out)
+    shown = output._repr_html_()
+    assert f"<td>{len(output.correspondences)}</td>" in shown and "<td>48 x 40</td>" in shown
+    rows = output.correspondences._repr_html_()
+    assert rows.count("<tr>") == 9 and f"{output.correspondences.x_px[0]:.6g}" in rows
+    assert "<td>50 mm</td>" in ideal._repr_html_() and "<svg" in ideal._repr_html_()
+    assert output.view(1)._repr_png_()[:4] == b"\x89PNG"
+    assert "<b>" not in html_table(("a<b>",), [("<b>",)], "<b>")

@@ -1,0 +1,152 @@
+"""`camera.project` and `camera.rays` answer as the ground truth does, and each is the other's inverse."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builds import DATA, tiny
+
+import pipeline
+from pipeline.camera.parts.errors import CameraError
+from pipeline.errors import UsageError
+from pipeline.frames import apply
+from pipeline.results.answers import Fate
+
+SAME_PX = 1e-9
+"""Two runs of one solver from the same points [px]: planes have other axes, so last digits may differ."""
+ROUNDING_PX = 1e-8
+"""Roundings of traces and poses as image positions [px], added to errors that are stated smaller than these."""
+DISTANCES_MM = (390.0, 434.4, 700.0)
+"""Before, in and behind the focus of the rigs."""
+
+
+@pytest.fixture(scope="module")
+def plenoptic_out(tmp_path_factory, common_store):
+    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+
+
+@pytest.fixture(scope="module")
+def ready_plenoptic(plenoptic_out):
+    return pipeline.ready(plenoptic_out)
+
+
+def positions(camera, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions anywhere in the image, on no pixel's centre."""
+    sensor, random = camera.camera.sensor, np.random.default_rng(5)
+    return random.uniform(0, sensor.width_px - 1, count), random.uniform(0, sensor.height_px - 1, count)
+
+
+def test_a_point_on_the_ray_of_a_position_is_imaged_there(conventional):
+    camera = pipeline.ready(conventional)
+    x, y = positions(camera, 20)
+    rays = camera.rays(x, y)
+    assert np.isfinite(rays.direction).all() and (np.hypot(*rays.error_px.T) < 1e-3).all()
+    for z_mm in DISTANCES_MM:
+        found = camera.project(rays.at_distance(z_mm))
+        off = np.abs(np.stack([found.x_px - x, found.y_px - y], axis=1))
+        assert found.point.tolist() == list(range(20)) and found.is_seen.all()
+        assert (off <= found.error_px + rays.error_px + ROUNDING_PX).all()
+
+
+def test_behind_microlenses_the_own_one_of_several_images_is_there(ready_plenoptic):
+    camera = ready_plenoptic
+    x, y = positions(camera, 24)
+    rays = camera.rays(x, y)
+    lit = np.flatnonzero(rays.hit_fraction > 0.5)
+    found = camera.project(rays.at_distance(410.0)[lit])
+    assert len(lit) > 8 and len(found.point) > 2 * len(lit)
+    for number, row in enumerate(lit):
+        (own,) = np.flatnonzero((found.point == number) & (found.microlens == rays.microlens[row]).all(axis=1))
+        error = found.error_px[own] + rays.error_px[row] + ROUNDING_PX
+        assert abs(found.x_px[own] - x[row]) <= error[0] and abs(found.y_px[own] - y[row]) <= error[1]
+
+
+def test_it_equals_the_rows_of_the_table(plenoptic_out, ready_plenoptic):
+    """All rows of all frames, and no others: points, microlenses and types, positions, errors and light."""
+    out = pipeline.open_output(plenoptic_out)
+    for view in out.camera.views:
+        rows, pose = view.correspondences, view.poses.camera_from_target["Board"]
+        points = apply(pose, out.targets["Board"].points_mm)
+        found = ready_plenoptic.project(points, pose[:3, 2])
+        assert found.point.tolist() == rows.point_id.tolist()
+        assert found.microlens.tolist() == np.stack([rows.microlens_k, rows.microlens_l], 1).tolist()
+        assert found.microlens_type.tolist() == rows.microlens_type.tolist()
+        np.testing.assert_allclose(found.x_px, rows.x_px, rtol=0, atol=SAME_PX)
+        np.testing.assert_allclose(found.y_px, rows.y_px, rtol=0, atol=SAME_PX)
+        np.testing.assert_allclose(found.hit_fraction, rows.hit_fraction, rtol=1e-9)
+    upright = ready_plenoptic.project(points[:1])  # tilted by 20 degrees in the last frame: the surface matters
+    same = upright.x_px[:, None] - rows.x_px[rows.point_id == 0]
+    assert np.abs(same).min(axis=1).max() > 100 * SAME_PX
+
+
+def test_the_ray_is_the_mean_of_single_rays(conventional):
+    """By random rays, which share the trace and nothing else."""
+    camera = pipeline.ready(conventional)
+    x, y = 85.3, 60.2
+    rays = camera.rays(x, y)
+    for z_mm in DISTANCES_MM:
+        single = pipeline.bundle(conventional, x, y, samples=1 << 14)
+        spread = np.sqrt(np.cov(single.at_distance(z_mm).T, aweights=single.weight_sr).trace() / len(single.weight_sr))
+        assert np.hypot(*(single.mean_at(z_mm) - rays.at_distance(z_mm)[0, :2])) < 3 * spread
+
+
+def test_a_finer_answer_states_a_smaller_error(conventional):
+    near = pipeline.ready(conventional).project([[3.0, 2.0, 500.0]], accuracy_px=1e-1)
+    fine = pipeline.ready(conventional).project([[3.0, 2.0, 500.0]], accuracy_px=1e-7)
+    assert np.hypot(*fine.error_px[0]) < 1e-7
+    assert np.hypot(fine.x_px - near.x_px, fine.y_px - near.y_px) <= np.hypot(*(near.error_px + fine.error_px)[0])
+
+
+def test_points_without_a_position_say_why(conventional):
+    camera = pipeline.ready(conventional)
+    points = [[0, 0, 434.0], [0, 0, -50.0], [0, 0, 5.0], [2000.0, 0, 434.0], [40.0, 0, 434.0]]
+    found = camera.project(points)
+    assert found.fates == (Fate.SEEN, Fate.BEHIND, Fate.BEHIND, Fate.NO_LIGHT, Fate.OUTSIDE)
+    assert found.point.tolist() == [0] and found.is_seen.tolist() == [True, False, False, False, False]
+    assert camera.project(points[:1], [0, 0, 1.0]).fates == (Fate.AWAY,)
+    dark = dataclasses.replace(camera, min_hit_fraction=1.5)
+    assert dark.project(points[:1]).fates == (Fate.DARK,) and not len(dark.project(points[:1]).x_px)
+    assert not len(camera.project(np.zeros((0, 3))).point)
+
+
+def test_a_position_without_light_has_no_ray(ready_plenoptic):
+    rays = ready_plenoptic.rays([24.0, 5000.0], [20.0, 5000.0])
+    assert np.isfinite(rays.direction[0]).all()
+    assert np.isnan(rays.direction[1]).all() and np.isnan(rays.origin_mm[1]).all()
+
+
+def test_stage_and_output_give_the_same_camera(plenoptic_out, ready_plenoptic):
+    from_stage = pipeline.ready(DATA / "tiny_plenoptic/dataset.usda", "Rig.Camera")
+    assert from_stage.camera == ready_plenoptic.camera and from_stage.name == ready_plenoptic.name == "Rig.Camera"
+    assert from_stage.rig.tracer.seed == ready_plenoptic.rig.tracer.seed == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([[1, 2]],), r"points_mm has the shape \(1, 2\)"),
+        (([[1, 2, np.nan]],), "points_mm holds numbers that are not finite"),
+        (("here",), "points_mm holds something that is no number"),
+        (([[1, 2, 3]], [0, 0, 0]), "a normal has no direction"),
+        (([[1, 2, 3]], [[0, 0, -1], [0, 0, -1]]), "1 points have 2 normals"),
+    ],
+)
+def test_wrong_numbers_are_named(conventional, arguments, said):
+    with pytest.raises(CameraError, match=said):
+        pipeline.ready(conventional).project(*arguments)
+
+
+def test_a_camera_says_what_it_is_and_which_positions_do_not_go_together(conventional):
+    camera = pipeline.ready(conventional)
+    assert str(camera) == "camera: 96 x 72 px, f = 100.72 mm, F/7.71"
+    with pytest.raises(CameraError, match="2 x_px have 3 y_px"):
+        camera.rays([1, 2], [1, 2, 3])
+
+
+def test_wrong_cameras_are_named(plenoptic_out, tmp_path):
+    with pytest.raises(UsageError, match=r'did you mean "Rig.Camera"\?'):
+        pipeline.ready(plenoptic_out, "Rig.Camra")
+    with pytest.raises(UsageError, match=r"it has no manifest.json"):
+        pipeline.ready(tmp_path)
+    with pytest.raises(CameraError, match="accuracy_px"):
+        pipeline.ready(plenoptic_out).project([[0, 0, 400]], accuracy_px=-1)
