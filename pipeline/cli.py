@@ -13,9 +13,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks
+from pipeline.app.verbs import building, exporting, fitting, graph, library, planning, reporting, tasks
 from pipeline.app.verbs.authoring import imports, new
-from pipeline.app.verbs.cache import cache
+from pipeline.app.verbs.care import cache, doctor
 from pipeline.app.verbs.terminal import (
     CHECKING,
     OUTPUT,
@@ -28,6 +28,7 @@ from pipeline.app.verbs.terminal import (
     new_family,
     note,
     number_of,
+    require_suffix,
     say,
     say_json,
     written,
@@ -87,8 +88,8 @@ def check(
             for line in cost_lines(loaded.dataset, loaded.cameras):
                 note(line)
     for path in stages if not errors else ():
-        for line in said_of(path, write=fix):
-            note(printable(line))  # it names the file of the stage, which may have any name
+        if said := said_of(path, write=fix):
+            note(printable(said))  # it names the file of the stage, which may have any name
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
@@ -127,8 +128,7 @@ def show(
     from pipeline.app.show import show as cameras_of
 
     for file in (plot, psf):
-        if file is not None and file.suffix != ".svg":
-            raise UsageError(f"{file} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+        require_suffix(file, ".svg")
     if psf is None and (at, distance) != (None, None):
         raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
     if distance is not None and not distance > 0:
@@ -166,8 +166,7 @@ def print_target(
     from pipeline.app.printed_target import artwork
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
-        if path is not None and path.suffix != suffix:
-            raise UsageError(f"{path} is no {suffix} file")
+        require_suffix(path, suffix)
     shown = artwork(stage, target, tuple(allow_root or ()))
     for warning in shown.warnings:
         note(str(warning))
@@ -226,7 +225,7 @@ _VERBS = (
     (USE, "report", reporting.report),
     (USE, "export", exporting.export),
     (USE, "fit", fitting.fit),
-    (CARE, "doctor", doctor.doctor),
+    (CARE, "doctor", doctor),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:

@@ -1,10 +1,10 @@
 """Limits of the size of a dataset, checked before memory is allocated for it; see docs/limits.md."""
 
-import difflib
 import os
 from dataclasses import dataclass, fields
 
 from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
 
 VARIABLE = "PIPELINE_LIMITS"
 MOST_SAMPLES = 1 << 16
@@ -74,8 +74,7 @@ def _name(name: str, item: str) -> str:
     known = [field.name for field in fields(Limits)]
     if name in known:
         return name
-    guess = difflib.get_close_matches(name, known, n=1)
-    hint = f'did you mean "{guess[0]}"?' if guess else f"limits are: {', '.join(known)}"
+    hint = did_you_mean(name, known) or f"limits are: {', '.join(known)}"
     raise UsageError(f'{VARIABLE}: "{item}" names no limit', hint=hint)
 
 

@@ -92,7 +92,7 @@ ALONE = BuildOptions(jobs=1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caller:
-    """The caller's part of a run: its listener of events, its preparation, its signals.
+    """The caller's part of a run: its listener of events, its preparation, its signals, and what it knows.
 
     Attributes
     ----------
@@ -100,27 +100,17 @@ class Caller:
         Called once in this process before the first task runs; not called if no task runs. Signals stop it at once.
     interrupts : Interrupts or None
         Open interrupts of a caller that does further work which signals may end.
-    """
-
-    on_event: Emit = silent
-    prepare: Callable[[], None] | None = None
-    interrupts: Interrupts | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
-    """Known facts about tasks before they run.
-
-    Attributes
-    ----------
     peaks : dict
         Peak memory of earlier tasks of each kind [bytes]; only as many tasks run together as fit.
     places : dict
         `Project.places`.
     """
 
+    on_event: Emit = silent
+    prepare: Callable[[], None] | None = None
+    interrupts: Interrupts | None = None
     peaks: dict[str, int] = field(default_factory=dict)
     places: dict[str, str] = field(default_factory=dict)
 
 
-NOBODY, NOTHING = Caller(), Known()
+NOBODY = Caller()

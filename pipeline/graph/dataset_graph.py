@@ -8,19 +8,20 @@ import dataclasses
 
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.focusing.stop import shown_f_number
+from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.graph.adding import add, add_tiles
+from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
-from pipeline.graph.pass_tasks import add_passes
 from pipeline.graph.poses import target_poses, targets_json
-from pipeline.graph.raw_images import add_raw
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
+from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
+from pipeline.tasks.params import exposing
 from pipeline.tasks.params.cameras import (
     PARTS,
     CameraLabels,
@@ -37,6 +38,7 @@ from pipeline.tasks.params.cameras import (
     RaysTile,
     Stop,
 )
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
 from pipeline.tasks.params.placed import SHEET, Matrix, Picture, Sheet, source_name
 from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
@@ -224,3 +226,41 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
     }
     params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
     return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})
+
+
+def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
+    """Add the raw images of a camera in all frames, and their fixed pattern, if the stage says how much light falls."""
+    name, response, irradiation, sensor = entry.name, entry.response, entry.irradiation, entry.asked.sensor
+    if response is None or irradiation is None:
+        return
+    kind = "colour_image" if entry.channels else "image"
+    cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
+    cameras |= {f"camera_{one.channel}": f"channel/{name_with(name, one.channel)}" for one in irradiation.channels}
+    # Behind microlenses the share is that of the axis everywhere.
+    lossy = None if entry.asked.microlenses else _lossy(irradiation)
+    if lossy is not None:
+        transmission = add(graph, f"transmission/{name}", lossy, cameras)
+        files[f"cameras/{name}/{TRANSMISSION}"] = (transmission, TRANSMISSION)
+    for frame in dataset.frames:
+        params = Expose(
+            camera=name,
+            frame=frame.number,
+            seed=entry.sampling.seed,
+            response=response,
+            irradiation=irradiation,
+            colorimetry=entry.colorimetry,
+        )
+        image = f"{kind}/{name}/{frame.number:04d}"
+        reads = {"image": image} | cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
+        raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
+        files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
+    pattern = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
+    files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)
+
+
+def _lossy(irradiation: Irradiation) -> exposing.Transmission | None:
+    """Losses of an exposure by radiance in the lens; None: there are none."""
+    lights = [exposing.LossesOfLight(channel=one.channel, of_each=one.losses) for one in irradiation.channels]
+    if irradiation.radiance:
+        lights = [exposing.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
+    return exposing.Transmission(lights=tuple(lights)) if any(any(one.of_each) for one in lights) else None

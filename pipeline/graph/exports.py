@@ -14,9 +14,6 @@ from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
 from pipeline.tasks.params.placed import View
 
-_ACCURACY_PX = 1e-3
-"""Error that rays may have where a stage claims nothing [px]: the default claim of tables."""
-
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
     """Add the exports of a dataset, after all tasks that make the files of its build; `files` receives theirs.
@@ -81,7 +78,7 @@ class _Read:
             seed=seen.sampling.seed,
             square_px=seen.square_px,
             min_hit_fraction=seen.truth.min_hit_fraction,
-            accuracy_px=seen.truth.claim_px or _ACCURACY_PX,
+            accuracy_px=seen.truth.aim_px,
         )
 
     def _paths(self, camera: CameraEntry, numbers: list[int]) -> list[str]:

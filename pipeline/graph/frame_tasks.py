@@ -8,9 +8,8 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply
-from pipeline.graph.adding import add, add_tiles
+from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
 from pipeline.graph.frame_contents import Things, matrix
-from pipeline.graph.pass_tasks import add_passes, pass_name, passes_of
 from pipeline.graph.poses import target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry

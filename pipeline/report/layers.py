@@ -158,25 +158,15 @@ def _stack(column: list[_Place]) -> None:
 
 def _sort(column: list[_Place], side: str) -> None:
     """Order a column by the middles of its neighbours on one side, then bring each as near to them as there is room."""
+    from scipy.optimize import isotonic_regression  # only what draws a graph waits for it
+
     wanted = {}
     for place in column:
         neighbours = getattr(place, side)
         wanted[place] = sum(other.y for other in neighbours) / len(neighbours) if neighbours else place.y
     column.sort(key=lambda place: wanted[place])
-    # Blocks of touching places, each about the mean of what its members want (pool adjacent violators).
-    blocks: list[tuple[float, float, list[_Place]]] = []  # sum of wanted top ends, height, members
-    for place in column:
-        block = (wanted[place] - place.half, 2 * place.half, [place])
-        while blocks and _top(blocks[-1]) + blocks[-1][1] > _top(block):
-            total, height, members = blocks.pop()
-            block = (total + block[0] - len(block[2]) * height, height + block[1], members + block[2])
-        blocks.append(block)
-    for block in blocks:
-        y = _top(block)
-        for place in block[2]:
-            place.y = y + place.half
-            y += 2 * place.half
-
-
-def _top(block: tuple[float, float, list[_Place]]) -> float:
-    return block[0] / len(block[2])
+    _stack(column)
+    # Moves from the stack, each at least that of the place above it: no two overlap.
+    moves = isotonic_regression([wanted[place] - place.y for place in column]).x
+    for place, move in zip(column, moves.tolist(), strict=True):
+        place.y += move

@@ -20,8 +20,6 @@ from pipeline.truth.settings import TruthSettings
 
 STAGE = "dataset.usda"
 """The stage as it was built, in the folder of a build: it explains itself, so no other file is needed."""
-_ACCURACY_PX = 1e-3
-"""Error that answers may have where a stage claims nothing [px]: the default claim of tables."""
 
 
 def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> ReadyCamera:
@@ -53,7 +51,7 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
     if isinstance(source, Camera):
         settings = TruthSettings()
         rig = Rig.of(Tracer(source))
-        return ReadyCamera(name="", rig=rig, min_hit_fraction=settings.min_hit_fraction, accuracy_px=_ACCURACY_PX)
+        return ReadyCamera(name="", rig=rig, min_hit_fraction=settings.min_hit_fraction, accuracy_px=settings.aim_px)
     return opened(Path(source), name, allow_roots).ready()
 
 
@@ -83,7 +81,7 @@ class Opened:
             name=entry.full_name,
             rig=rig,
             min_hit_fraction=entry.truth.min_hit_fraction,
-            accuracy_px=entry.truth.claim_px or _ACCURACY_PX,
+            accuracy_px=entry.truth.aim_px,
         )
 
 

@@ -4,7 +4,6 @@ Text is only inserted: comments, layout and existing statements stay.
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd
@@ -16,73 +15,36 @@ from pipeline.scene.check.prims import all_prims
 from pipeline.scene.usd.instances import write_out_instances
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import shown_path
-from pipeline.scene.usd.source_locations import place
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.write.for_viewers import fallback_types, pinhole, view_of
+from pipeline.scene.write.flatten import fallback_types, pinhole, view_of
 
-_NEAR = 0.01
-"""Relative difference between a pinhole and its lens that is not reported."""
 _VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
 _SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
 
 
-@dataclass(frozen=True, slots=True)
-class Lacking:
-    """Statements that viewers need and the root layer of a stage lacks.
-
-    Attributes
-    ----------
-    lines : dict
-        Missing lines by the path of their prim; "" stands for the metadata of the layer.
-    wrong : list of str
-        Statements about cameras that contradict their lenses; a person must decide.
+def lacking(stage: Usd.Stage) -> dict[str, list[str]]:
+    """Statements that viewers need and the root layer of a checked stage lacks, by the path of their prim; "" is the
+    metadata of the layer. The instances of the stage are written out.
     """
-
-    lines: dict[str, list[str]]
-    wrong: list[str]
-
-    @property
-    def count(self) -> int:
-        """Number of lines."""
-        return sum(map(len, self.lines.values()))
-
-
-def lacking(stage: Usd.Stage) -> Lacking:
-    """Find the missing statements of a stage that passed the checks; its instances are written out."""
     write_out_instances(stage)
-    layer, lines, wrong = stage.GetRootLayer(), dict[str, list[str]](), list[str]()
+    layer, lines = stage.GetRootLayer(), dict[str, list[str]]()
     used = {prim.GetTypeName() for prim in all_prims(stage)}
-    said = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
-    if types := [f'token[] {name} = ["{kind[0]}"]' for name, kind in fallback_types(used).items() if name not in said]:
-        lines[""] = types
+    authored = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    missing = {name: kind[0] for name, kind in fallback_types(used).items() if name not in authored}
+    if missing:
+        lines[""] = [f'token[] {name} = ["{kind}"]' for name, kind in missing.items()]
     for entry in read_camera_entries(stage):
         prim, unit_mm = stage.GetPrimAtPath(entry.prim_path), mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
         view = {name: value for name, (_, value) in pinhole(view_of(entry), unit_mm).items()}
-        missing = [name for name in view if not prim.GetAttribute(name).HasAuthoredValue()]
-        is_shifted = any(view.get(name) for name in _SHIFT)
-        names = [*_VIEW, *_SHIFT] if is_shifted else _VIEW
-        wanted = [f"float {name} = {view[name]:.7g}" for name in names if name in missing]
+        names = [*_VIEW, *_SHIFT] if any(view.get(name) for name in _SHIFT) else _VIEW
+        wanted = [name for name in names if name in view and not prim.GetAttribute(name).HasAuthoredValue()]
         if wanted and layer.GetPrimAtPath(prim.GetPath()):
-            lines[entry.prim_path] = wanted
-        wrong += _wrong(prim, view)
-    return Lacking(lines, wrong)
+            lines[entry.prim_path] = [f"float {name} = {view[name]:.7g}" for name in wanted]
+    return lines
 
 
-def _wrong(prim: Usd.Prim, view: dict[str, float]) -> list[str]:
-    """Sentences about a view that differs from that of the lens."""
-    found = []
-    for name in _VIEW:
-        attribute = prim.GetAttribute(name)
-        value = attribute.Get(0.0)
-        if name in view and attribute.HasAuthoredValue() and not abs(value / view[name] - 1) < _NEAR:
-            file, line = place(attribute)
-            says = f"{name} of <{prim.GetPath()}> is {value:.7g} for viewers"
-            found.append(f"{file}:{line}: {says}, and the lens has {view[name]:.7g}")
-    return found
-
-
-def fix(path: Path) -> Lacking:
-    """Insert the missing lines into the file of a stage; returns them.
+def fix(path: Path) -> int:
+    """Insert the missing lines into the file of a stage; returns their number.
 
     Raises
     ------
@@ -90,33 +52,30 @@ def fix(path: Path) -> Lacking:
         The file is not text, or has a form into which lines cannot be inserted safely.
     """
     stage, _ = open_stage(path)
-    found = lacking(stage)
-    if not found.count:
-        return found
-    raw = path.read_bytes().decode("utf-8", errors="replace")
-    text = raw
-    for at, lines in sorted(_inserts(raw, path, found.lines), reverse=True):
-        text = text[:at] + lines + text[at:]
-    if not _is(text, stage.GetRootLayer(), found.lines):
-        hint = "write them by hand:\n" + "\n".join(
-            f"        {line}" for lines in found.lines.values() for line in lines
-        )
-        raise UsageError(f"{shown_path(path)}: no place was found for {found.count} lines", hint=hint)
+    wanted = lacking(stage)
+    if not wanted:
+        return 0
+    text = raw = path.read_bytes().decode("utf-8", errors="replace")
+    for at, block in sorted(_inserts(raw, path, wanted), reverse=True):
+        text = text[:at] + block + text[at:]
+    lines = [line for block in wanted.values() for line in block]
+    if not _is(text, stage.GetRootLayer(), wanted):
+        hint = "write them by hand:\n" + "\n".join(f"        {line}" for line in lines)
+        raise UsageError(f"{shown_path(path)}: no place was found for {len(lines)} lines", hint=hint)
     path.write_bytes(text.encode("utf-8"))
-    return found
+    return len(lines)
 
 
-def said_of(path: Path, *, write: bool) -> list[str]:
-    """Report missing statements as lines for a person; with `write` insert them first."""
+def said_of(path: Path, *, write: bool) -> str | None:
+    """A line for a person about the statements that viewers miss; with `write` they are inserted first."""
     name = shown_path(path.resolve())
     if write:
-        found = fix(path)
-        return [f"{name}: added for USD viewers, lines: {found.count}", *found.wrong] if found.count else found.wrong
-    found = lacking(open_stage(path)[0])
-    if not found.count:
-        return found.wrong
+        count = fix(path)
+        return f"{name}: added for USD viewers, lines: {count}" if count else None
+    if not lacking(open_stage(path)[0]):
+        return None
     offer = f"to look at {name} in usdview or Blender, let `pipeline check --fix` add what they need"
-    return [f"{offer}; the dataset.usda of a build has it", *found.wrong]
+    return f"{offer}; the dataset.usda of a build has it"
 
 
 def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:

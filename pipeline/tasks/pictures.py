@@ -1,4 +1,4 @@
-"""Tasks `picture`, `sheet` and `parts`: pictures that prims name, and what USD viewers show besides dataset.usda."""
+"""Tasks `picture` and `sheet`: pictures that prims name, and the patterns of targets for viewers."""
 
 import base64
 from pathlib import Path
@@ -8,12 +8,9 @@ import numpy as np
 from pipeline.files.npy import write_npy
 from pipeline.files.pictures import decoded
 from pipeline.files.png import write_png
-from pipeline.report.page.camera_parts import camera_parts
-from pipeline.scene.write.parts import parts_text
 from pipeline.targets.preview import preview_picture
 from pipeline.targets.target import Target, target_from_plain
-from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
-from pipeline.tasks.params.cameras import PARTS, Parts
+from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.params.placed import PICTURE, SHEET, Picture, Sheet, source_name
 
 
@@ -34,9 +31,3 @@ def sheet(params: Sheet, inputs: Inputs, out: Path) -> None:
     assert isinstance(target, Target)  # a mesh has no sheet
     grey = np.clip(preview_picture(target, _EDGE_PX), 0, 1)
     write_png(out / SHEET, np.rint(255 * grey).astype(np.uint8))
-
-
-def parts(params: Parts, inputs: Inputs, out: Path) -> None:
-    """Lens elements, stop, sensor, microlenses and rays of a camera as a layer for viewers: parts.usda."""
-    text = parts_text(camera_parts(focused_camera(inputs)), params.meters_per_unit, params.up_axis)
-    (out / PARTS).write_text(text, encoding="utf-8", newline="\n")

@@ -1,8 +1,8 @@
 """Tasks `expose`, `transmission` and `fixed_pattern`: raw images, and the truth behind them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -56,15 +56,7 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
     about = _about(params, at_one)
     write_tiff(out / TIFF, shape, rows, about)
     numbers = mapped(out / TIFF)
-    negative = Negative(
-        model=params.camera,
-        black_dn=response.black_level_dn,
-        white_dn=response.white_dn,
-        filters=response.filters,
-        exposure_time_s=params.irradiation.exposure_time_s,
-        **_colours(params, at_one),
-    )
-    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
+    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, _negative(params, at_one))
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
 
 
@@ -82,18 +74,26 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
 
 
-def _colours(params: Expose, photons_at_one: dict[str, float]) -> dict[str, Any]:
-    """Fields of `Negative` about the colours of a mosaic of red, green and blue; of others nothing."""
+def _negative(params: Expose, photons_at_one: dict[str, float]) -> Negative:
+    """What raw converters have to know; colours of a mosaic of red, green and blue alone."""
     known, response = params.colorimetry, params.response
+    negative = Negative(
+        model=params.camera,
+        black_dn=response.black_level_dn,
+        white_dn=response.white_dn,
+        filters=response.filters,
+        exposure_time_s=params.irradiation.exposure_time_s,
+    )
     efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
     electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}
     if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
-        return {}
+        return negative
     of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / known[0].counted, {}
     for one in known:
         white = of_unit * one.counted
         from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
-    return {"neutral": tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES), "from_xyz": from_xyz}
+    neutral = tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES)
+    return replace(negative, neutral=neutral, from_xyz=from_xyz)
 
 
 def _with_margin(

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
+CLAIM_PX = 1e-3
+"""Claim where a stage states none [px]: `direct` and `moments` keep it, which the certificate of every build tests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +54,13 @@ class TruthSettings:
         """The accuracy that rows claim [px]; None if nothing is authored and the method, `two-plane` or `image`, has
         no default claim.
         """
-        return {"direct": 1e-3, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px
+        default = CLAIM_PX if self.method in ("direct", "moments") else None
+        return default if self.accuracy_px is None else self.accuracy_px
+
+    @property
+    def aim_px(self) -> float:
+        """The accuracy that is aimed at [px]: the claim, or that of other methods where nothing is claimed."""
+        return self.claim_px or CLAIM_PX
 
     @property
     def searches(self) -> bool:

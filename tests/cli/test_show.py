@@ -150,7 +150,7 @@ def test_a_rig_that_asks_for_focus_and_a_matched_stop_shows_what_solves_it(pipel
     ("arguments", "message"),
     [
         ([PAPER, "Camra"], 'did you mean "Camera"'),
-        ([PAPER, "--plot", "lens.pdf"], "not an .svg"),
+        ([PAPER, "--plot", "lens.pdf"], "is no .svg"),
         ([str(ROOT / "stages/sensors/michels_2019.usda")], "no-camera"),
         (["nowhere.usda"], "no such file"),
     ],

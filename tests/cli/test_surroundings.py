@@ -38,6 +38,17 @@ def test_the_folder_of_another_stage_is_refused_by_all_verbs(pipeline, stage, ve
     assert code == 2 and "another stage" in log
 
 
+def test_a_user_without_a_home_is_told_what_names_a_folder(pipeline, stage, monkeypatch):
+    def gone() -> Path:
+        raise RuntimeError("no home")
+
+    for name in ("PIPELINE_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", gone)
+    code, _, log = pipeline("build", stage())
+    assert code == 5 and "has no home" in log and "XDG_CACHE_HOME" in log
+
+
 @pytest.mark.parametrize("name", ["...usda", "..usda"])
 def test_a_stage_that_no_folder_can_be_named_after_needs_one(name, tmp_path):
     from pipeline.errors import UsageError

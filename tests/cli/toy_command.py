@@ -54,7 +54,7 @@ def load(path, allow_roots=(), *, look=False):
 
 def said_of(path, *, write):
     """What viewers miss in a stage."""
-    return []
+    return
 
 
 def project(path, out=None, allow_roots=(), preview=False):

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import socket
-import threading
 
 import pytest
 from engine import toy
@@ -121,15 +120,6 @@ def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store
     assert collect(store, 0).blobs == len(keys)
 
 
-def test_clocks_decide_nothing(tmp_path, store):
-    build(toy.project(tmp_path / "out"), ALONE)
-    for seconds in (0, 4102444800):
-        for path in store.root.rglob("*"):
-            os.utime(path, (seconds, seconds))
-        assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
-        assert collect(store, 10**9).records == 0
-
-
 def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, store):
     build(toy.project(tmp_path / "out"), ALONE)
     right = toy.contents(tmp_path / "out")
@@ -166,24 +156,6 @@ def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store, m
     os.utime(folder, (0, 0))
     assert sweep(store.root / "tmp") == 0
     assert sweep(store.root / "tmp", 86400.0) == 1
-
-
-def test_a_builder_beside_a_collector_gives_the_right_files(tmp_path, store):
-    stop = threading.Event()
-
-    def collecting():
-        while not stop.is_set():
-            collect(Store(store.root), 0)
-
-    thread = threading.Thread(target=collecting)
-    thread.start()
-    results = [build(toy.project(tmp_path / "out", power=float(n)), ALONE) for n in range(6)]
-    stop.set()
-    thread.join()
-    assert {result.exit_code for result in results} == {0}
-    fresh = Store(store.root.with_name("fresh"))
-    build(toy.project(tmp_path / "again", power=5.0), ALONE, store=fresh)
-    assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "again")
 
 
 @pytest.mark.parametrize(("text", "size"), [("1000", 1000), ("1.5G", 1.5e9), ("500 MB", 5e8), ("2t", 2e12), ("0", 0)])

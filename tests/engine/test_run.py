@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from engine import toy
 
-from pipeline.engine.options import ALONE, BuildOptions, Caller, Known
+from pipeline.engine.options import ALONE, BuildOptions, Caller
 from pipeline.engine.running.driver import run
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import DamagedBlob
@@ -103,7 +103,7 @@ def hungry(tmp_path, count, *, greedy):
 
 def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.running.driver.available_bytes", lambda: 1000)
-    outcome = run(hungry(tmp_path, 3, greedy=False), store, BuildOptions(jobs=3), known=Known(peaks={"hungry": 600}))
+    outcome = run(hungry(tmp_path, 3, greedy=False), store, BuildOptions(jobs=3), caller=Caller(peaks={"hungry": 600}))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert len(list(tmp_path.glob("beside0-*"))) == 3
     assert outcome.peaks["hungry"] > 1 << 20  # bytes, measured: an interpreter takes some megabytes
@@ -111,7 +111,7 @@ def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
 
 def test_kinds_that_fit_run_together(tmp_path, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.running.driver.available_bytes", lambda: 1000)
-    run(hungry(tmp_path, 2, greedy=False), store, BuildOptions(jobs=2), known=Known(peaks={"hungry": 400}))
+    run(hungry(tmp_path, 2, greedy=False), store, BuildOptions(jobs=2), caller=Caller(peaks={"hungry": 400}))
     assert len(list(tmp_path.glob("beside1-*"))) >= 1
 
 

@@ -14,7 +14,7 @@ from pipeline.engine.maintenance import check
 from pipeline.engine.options import ALONE
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
-from pipeline.errors import EnvironmentFault, PipelineError
+from pipeline.errors import PipelineError
 
 GROUP, FIRST, SECOND = 54320, 54321, 54322
 
@@ -101,20 +101,3 @@ def test_compiled_kernels_of_another_user_are_left_alone(tmp_path, monkeypatch):
     assert cache_folder() == usual
     os.chown(usual, FIRST, FIRST)
     assert cache_folder() == usual.with_name(f"{usual.name}-0")
-
-
-def test_without_a_home_the_way_out_is_named(monkeypatch):
-    from pipeline.folders import user_cache
-
-    for name in ("HOME", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-
-    def work():
-        os.setuid(54323)
-        try:
-            user_cache()
-        except EnvironmentFault as error:
-            return 5 if "set XDG_CACHE_HOME" in str(error) else 1
-        return 0
-
-    assert in_fork(work) == 5

@@ -210,7 +210,6 @@ def test_only_names_of_our_own_form_are_collected(store, cache):
 
 
 FOLDERS = ["cas", "cas/sha256", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine"]
-FILES = ["VERSION", "gc.lock"]
 
 
 @pytest.mark.parametrize("how", ["file", "dangling link"])
@@ -230,18 +229,6 @@ def test_a_store_with_something_in_the_place_of_a_folder_heals_and_says_so(tmp_p
     found = check(Store(cache))
     assert found.damaged == found.incomplete == ()
     assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_store_with_a_folder_in_the_place_of_a_file_heals(tmp_path, cache, name):
-    build(toy.project(tmp_path / "out"), ALONE)
-    (cache / name).unlink()
-    (cache / name).mkdir()
-    (cache / name / "thesis.tex").write_text("years of work")
-    assert name in check(Store(cache)).damaged and (cache / "VERSION").is_file()
-    assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
-    assert not collect(Store(cache), 0).busy
-    assert [path.read_text() for path in cache.rglob("thesis.tex")] == ["years of work"]
 
 
 @pytest.mark.parametrize("table", ["lock", "log"])

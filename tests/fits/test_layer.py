@@ -174,7 +174,7 @@ def test_the_command_prints_the_largest_residual_of_the_field(command):
         ([STAGE, "-m", "bronw"], 'did you mean "brown"?'),
         ([STAGE, "Rig.Camra"], 'did you mean "Rig.Camera"?'),
         ([STAGE, "-o", "seen.usd"], "must end in .usda"),
-        ([STAGE, "--plot", "seen.png"], "is not an .svg file"),
+        ([STAGE, "--plot", "seen.png"], "is no .svg file"),
         ([STAGE, "-m", "tilted", "-o", "seen.usda"], "no schema of Omniverse has these models"),
         ([STAGE, "--lut"], "--lut writes tables beside a layer"),
         (["."], "it has no manifest.json"),

@@ -59,8 +59,7 @@ def written(folder: Path, text: str) -> Path:
 def test_the_snippet_of_the_readme_gets_six_types_and_stays_the_same_dataset(tmp_path):
     path = written(tmp_path, SNIPPET)
     before = open_dataset(path)
-    (offer,) = said_of(path, write=False)
-    assert "`pipeline check --fix`" in offer
+    assert "`pipeline check --fix`" in said_of(path, write=False)
     assert path.read_text(encoding="utf-8") == SNIPPET
 
     said_of(path, write=True)
@@ -70,14 +69,14 @@ def test_the_snippet_of_the_readme_gets_six_types_and_stays_the_same_dataset(tmp
     assert lines[:start] + lines[start + 8 :] == old
     assert len(lines) == len(old) + 8  # six types in a dictionary
     assert open_dataset(path) == before
-    assert said_of(path, write=False) == []
+    assert said_of(path, write=False) is None
 
 
 def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_path):
     """121.7263 mm from a sensor 125 mm behind the stop, published; the exit pupil stands 5.233 mm before the stop."""
     path = written(tmp_path, OWN)
     assert load(path).errors == []
-    assert fix(path).count == 4 + 5  # all types except that of the dataset; three lengths and two offsets
+    assert fix(path) == 4 + 5  # all types except that of the dataset; three lengths and two offsets
     text = path.read_text(encoding="utf-8")
     kept = iter(text)
     assert all(character in kept for character in OWN)  # in this order
@@ -88,17 +87,6 @@ def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_pa
     assert eye.GetFocalLengthAttr().Get() == pytest.approx(1217.263 * (115 + 5.233) / (125 + 5.233), rel=1e-5)
     assert (eye.GetHorizontalApertureAttr().Get(), eye.GetVerticalApertureAttr().Get()) == (80, 60)
     assert (eye.GetHorizontalApertureOffsetAttr().Get(), eye.GetVerticalApertureOffsetAttr().Get()) == (-10, 5)
-
-
-def test_a_view_that_is_not_that_of_the_lens_is_named_with_its_line(tmp_path):
-    text = SNIPPET.replace('over "Camera"\n        {', 'over "Camera"\n        {\n            float focalLength = 50')
-    path = written(tmp_path, text)
-    fix(path)
-    (said,) = said_of(path, write=False)
-    line = path.read_text(encoding="utf-8").splitlines().index("            float focalLength = 50") + 1
-
-    assert f"dataset.usda:{line}: " in said
-    assert "is 50 for viewers, and the lens has 1217.263" in said
 
 
 def test_a_file_that_is_no_text_is_left_as_it_is(tmp_path):

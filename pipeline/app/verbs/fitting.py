@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note, say
+from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note, require_suffix, say
 from pipeline.errors import UsageError
 
 
@@ -85,8 +85,7 @@ def fit(
 
 def _require_usable(plot: Path | None, layer: Path | None, lut: bool) -> None:
     """Refuse files that cannot be written, before anything is computed."""
-    if plot is not None and plot.suffix != ".svg":
-        raise UsageError(f"{plot} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    require_suffix(plot, ".svg")
     if layer is not None and (layer.suffix != ".usda" or layer.exists()):
         wrong = "exists" if layer.exists() else "must end in .usda"
         raise UsageError(f"{layer} {wrong}", hint="choose another name")

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.app.verbs.options import project_of
-from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, say, say_json
-from pipeline.errors import UsageError
+from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, require_suffix, say, say_json
 
 
 class Format(StrEnum):
@@ -44,8 +43,7 @@ def graph(
     from pipeline.files.drawings import write_drawing
     from pipeline.report.graph import svg
 
-    if picture is not None and picture.suffix != ".svg":
-        raise UsageError(f"{picture} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    require_suffix(picture, ".svg")
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:

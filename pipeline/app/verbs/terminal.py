@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from pipeline.errors import EnvironmentFault
+from pipeline.errors import EnvironmentFault, UsageError
 from pipeline.folders import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
@@ -132,6 +132,12 @@ def _writing() -> Iterator[None]:
 def say_json(value: Any) -> None:
     """Print one JSON object to stdout."""
     say(json.dumps(value, indent=1))
+
+
+def require_suffix(path: Path | None, suffix: str) -> None:
+    """Refuse a name for a new file that is not one of its format, before anything is computed."""
+    if path is not None and path.suffix != suffix:
+        raise UsageError(f"{path} is no {suffix} file", hint=f"end its name in {suffix}")
 
 
 def number_of(count: int, thing: str) -> str:

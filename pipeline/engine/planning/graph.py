@@ -26,15 +26,15 @@ class Task:
     name : str
         Readable name, unique in its graph: `truth/Rig.Camera/0003`. It is not part of the key.
     kind : str
-        Module whose function `run(params, inputs, out)` does the work; `params` is a record, if the module has one with
-        the name `Params`.
+        `module:function`, or a module whose function is called `run`, which does the work on params, inputs and a
+        folder for outputs. Params are the record that it annotates them with, if it does.
     params : dict
         Plain values, part of the key.
     reads : dict
         Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     together : str or None
         Tasks of one kind with the same value here have the same inputs and may run together to share work. It is not
-        part of the key, because the outputs are the same. Their module also has `run_together(params, inputs, outs)`.
+        part of the key, because the outputs are the same. A function `run` has a sibling `run_together` of lists.
     """
 
     name: str

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from pipeline.engine.events import Done, Retried, Started, Warned, warner
 from pipeline.engine.interrupts import Interrupts
-from pipeline.engine.options import ALONE, NOBODY, NOTHING, BuildOptions, Caller, Known
+from pipeline.engine.options import ALONE, NOBODY, BuildOptions, Caller
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.records import Record, Reply, Spec, TaskResult
@@ -49,7 +49,6 @@ def run(
     *,
     engine: Engine | None = None,
     caller: Caller = NOBODY,
-    known: Known = NOTHING,
 ) -> Outcome:
     """Bring the results of all tasks of a graph into the store.
 
@@ -64,7 +63,7 @@ def run(
         inline = options.workers <= 1 and options.timeout_s is None and pin()
         workers = Processes(store, graph.packages, options.workers, timeout_s=options.timeout_s)
         engine = Inline(store, graph.packages) if inline else workers
-    driver = _Driver(graph, store, engine, options, caller, known)
+    driver = _Driver(graph, store, engine, options, caller)
     with contextlib.ExitStack() as stack:
         interrupts = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
         stack.callback(engine.close)
@@ -75,12 +74,10 @@ def run(
 
 
 class _Driver:
-    def __init__(
-        self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller, known: Known
-    ) -> None:
+    def __init__(self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller) -> None:
         self.graph, self.store, self.engine, self.options = graph, store, engine, options
         self.on_event, self.prepare = caller.on_event, caller.prepare
-        self.places, self.budget = known.places, Budget(available_bytes(), known.peaks)
+        self.places, self.budget = caller.places, Budget(available_bytes(), caller.peaks)
         self.outcome = Outcome()
         self._forced = set(options.force)
         self._specs = Specs(store)

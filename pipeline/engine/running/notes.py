@@ -4,14 +4,13 @@ import os
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.events import Done, Emit, Event
 from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.project import Project
-from pipeline.engine.records import Run
+from pipeline.engine.records import Run, TaskResult
 from pipeline.engine.running.driver import Outcome
 from pipeline.engine.store.store import Store
 from pipeline.records.plain import from_plain
@@ -105,12 +104,12 @@ class Endings:
 
     def __init__(self, on_event: Emit) -> None:
         self._on_event = on_event
-        self._ended: dict[str, dict[str, Any]] = {}
+        self._ended: dict[str, TaskResult] = {}
 
     def __call__(self, event: Event) -> None:
         """Note the end of a task."""
         if isinstance(event, Done) and event.result.state in ("executed", "failed"):
-            self._ended[event.result.name] = event.result.to_dict()
+            self._ended[event.result.name] = event.result
         self._on_event(event)
 
     def keep(self, project: Project, store: Store) -> None:
@@ -122,20 +121,19 @@ class Endings:
 def logs_of(project: Project, tasks: list[str], store: Store) -> list[TaskLog]:
     """Facts about the last run of tasks."""
     keys, last = history_of(project, store).keys, store.read_facts("events", _name(project))
-    return [_log_of(name, last.get(name, {}), keys.get(name), store) for name in tasks]
+    return [_log_of(from_plain(TaskResult, last[name]) if name in last else None, name, keys, store) for name in tasks]
 
 
-def _log_of(name: str, ending: dict[str, Any], built: str | None, store: Store) -> TaskLog:
-    key = ending.get("key") or built
-    record = store.peek(key) if key else None
-    log: Path | None = store.path("log", key) if key else None
+def _log_of(ending: TaskResult | None, name: str, keys: dict[str, str], store: Store) -> TaskLog:
+    key = ending.key if ending else keys.get(name)
+    record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
     return TaskLog(
         name=name,
         key=key,
-        state=ending.get("state", "built" if key else "never built"),
+        state=ending.state if ending else "built" if key else "never built",
         log=str(log) if log and log.is_file() else None,
-        error=ending.get("error"),
-        spec=ending.get("spec"),
+        error=ending.error if ending else None,
+        spec=ending.spec if ending else None,
         made_by=record.made_by if record else None,
     )
 

@@ -14,7 +14,7 @@ from typing import Any
 from pipeline.engine.events import Begun, warner
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.maintenance import collect, limit_from_environment
-from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
+from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller
 from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
@@ -154,8 +154,7 @@ class _Build:
             self.store,
             dataclasses.replace(self.options, force=tuple(force)),
             engine=self.engine(self.store, self.graph.packages) if self.engine else None,
-            caller=self.caller,
-            known=Known(peaks=self.history.peaks, places=self.project.places),
+            caller=dataclasses.replace(self.caller, peaks=self.history.peaks, places=self.project.places),
         )
 
     def _fill(self) -> None:

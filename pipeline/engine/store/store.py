@@ -68,6 +68,8 @@ def default_root() -> Path:
 class Store(StoreFolder):
     """A store in a folder of a plain file system; many processes may use it at the same time.
 
+    Methods that lead to bytes raise `DamagedBlob` if these are missing, altered, or changed while they were used.
+
     Parameters
     ----------
     root : Path, optional
@@ -110,12 +112,7 @@ class Store(StoreFolder):
         return blob
 
     def blob(self, digest: str) -> Path:
-        """Verified path of a blob, for reading only.
-
-        Raises
-        ------
-        DamagedBlob
-        """
+        """Verified path of a blob, for reading only."""
         path = self.path("blob", digest)
         with contextlib.suppress(OSError):  # it is not there
             if self.is_whole(Blob(sha256=digest, size=path.lstat().st_size)):
@@ -123,23 +120,12 @@ class Store(StoreFolder):
         raise DamagedBlob(digest)
 
     def verified(self, digest: str) -> "Verified":
-        """A blob as returned by `blob`, with its signature for `confirm`.
-
-        Raises
-        ------
-        DamagedBlob
-        """
+        """A blob as returned by `blob`, with its signature for `confirm`."""
         path = self.blob(digest)
         return Verified(digest=digest, path=path, looks=self._verified[digest])
 
     def confirm(self, blobs: Iterable["Verified"]) -> None:
-        """Hash blobs again and require that nobody has written to them since `verified`.
-
-        Raises
-        ------
-        DamagedBlob
-            A blob changed, so whoever read it meanwhile may have read wrong bytes.
-        """
+        """Hash blobs again and require that nobody has written to them since `verified`."""
         for blob in blobs:
             if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
                 self._forget(blob.digest)
@@ -147,12 +133,7 @@ class Store(StoreFolder):
                 raise DamagedBlob(blob.digest, "was written to while it was used")
 
     def read(self, digest: str) -> bytes:
-        """The bytes of a blob; exactly these bytes were hashed.
-
-        Raises
-        ------
-        DamagedBlob
-        """
+        """The bytes of a blob; exactly these bytes were hashed."""
         data = read_regular(self.blob(digest))
         if data is None or hashlib.sha256(data).hexdigest() != digest:
             self._forget(digest)
@@ -160,12 +141,7 @@ class Store(StoreFolder):
         return data
 
     def copy_blob(self, digest: str, target: Path) -> None:
-        """Copy a blob to a new file; the bytes that arrive are hashed.
-
-        Raises
-        ------
-        DamagedBlob
-        """
+        """Copy a blob to a new file; the bytes that arrive are hashed."""
         copy(self.blob(digest), target)
         if digest_of(target) != digest:
             self._forget(digest)

@@ -127,11 +127,12 @@ class StoreFolder:
         self._keep(aside, final)
 
     def _keep(self, aside: Path, final: Path) -> None:
-        try:
-            final.parent.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            self._mend()
-            final.parent.mkdir(parents=True, exist_ok=True)
+        if not final.parent.is_dir():
+            try:
+                final.parent.mkdir(parents=True, exist_ok=True)
+            except (FileExistsError, NotADirectoryError):
+                self._mend()
+                final.parent.mkdir(parents=True, exist_ok=True)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
             self._quarantine(final)

@@ -1,4 +1,4 @@
-"""Cameras, views and targets of a build as parts of the page."""
+"""Cameras, views, tables and targets of a build as parts of the page; tables have the very numbers of the files."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,15 +10,15 @@ import numpy as np
 
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.report.page.images import picture_of
-from pipeline.report.page.records import CameraPart, Picture, TargetPart, View
+from pipeline.report.page.records import CameraPart, MicroImageData, Picture, TableData, TargetPart, View
 from pipeline.report.page.residuals import residuals
 from pipeline.report.page.scripts import Scripts
 from pipeline.report.page.shapes import matrix
-from pipeline.report.page.tables import drawn, micro_image_data, table_data
 from pipeline.report.text import Figure
 from pipeline.results.folder import BuiltFolder
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltView
+from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
@@ -120,3 +120,43 @@ def target_part(name: str, kind: str, count: int, target: AnyTarget | None) -> T
         faces=tuple(tuple(face) for face in faces.faces.tolist()),
         greys=tuple(grey or 0.0 for grey in drawn(faces.radiance)),
     )
+
+
+_OUTER = "light_"
+"""Beginning of the columns of the outline of all light."""
+
+
+def table_data(rows: np.recarray) -> TableData:
+    """All columns of a table; those in which all rows are equal once."""
+    columns = {name: _plain(rows[name]) for name in rows.dtype.names or ()}
+    same = {name: cells[0] for name, cells in columns.items() if len(cells) > 1 and len(set(cells)) == 1}
+    return TableData(
+        rows=len(rows), same=same, columns={name: cells for name, cells in columns.items() if name not in same}
+    )
+
+
+def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageData:
+    """Micro-images that light reaches, with the outline of all of their light."""
+    names = [name for name in outlines.dtype.names or () if name.startswith(_OUTER)]
+    own = {key: row for row, key in enumerate(_keys(images))}
+    shown = images[[own[key] for key in _keys(outlines)]].view(np.recarray)
+    return MicroImageData(
+        k=tuple(shown.microlens_k.tolist()),
+        l=tuple(shown.microlens_l.tolist()),
+        type=tuple(shown.microlens_type.tolist()),
+        centre_x_px=drawn(shown.centre_x_px),
+        centre_y_px=drawn(shown.centre_y_px),
+        radius_px=drawn(shown.radius_px),
+        outline_x_px=drawn(outlines.centroid_x_px),
+        outline_y_px=drawn(outlines.centroid_y_px),
+        outline_radius_px=tuple(drawn(np.array(one)) for one in zip(*(outlines[name] for name in names), strict=True)),
+    )
+
+
+def _keys(rows: np.recarray) -> list[tuple[int, int]]:
+    return list(zip(rows.microlens_k.tolist(), rows.microlens_l.tolist(), strict=True))
+
+
+def _plain(column: np.ndarray) -> tuple[Any, ...]:
+    """Cells of a column; None where one is empty."""
+    return tuple(None if cell != cell else cell for cell in column.tolist())

@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.report.page.records import Histogram, Residuals
-from pipeline.report.page.tables import drawn
 from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
+from pipeline.results.spots import drawn
 
 _BINS = 40
 """Bins of a histogram."""

@@ -5,12 +5,11 @@ value, the text is scanned again; names, brackets and strings are enough.
 """
 
 import re
-import zipfile
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from pxr import Ar
+from pxr import Ar, Sdf
 
 from pipeline.scene.usd.whole_numbers import SUFFIX, CutNumbers
 
@@ -101,17 +100,9 @@ def _content(path: Path) -> bytes:
         head = stream.read(5)
     if head == b"#usda":
         return path.read_bytes()
-    if head[:2] == b"PK" and (names := _members(path)):
-        return _member(Ar.JoinPackageRelativePath([str(path), names[0]]))
+    if head[:2] == b"PK" and (package := Sdf.ZipFile.Open(str(path))):
+        return _member(Ar.JoinPackageRelativePath([str(path), *package.GetFileNames()[:1]]))
     return b""
-
-
-def _members(path: Path) -> list[str]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return []
 
 
 def _member(path: str) -> bytes:

@@ -10,7 +10,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.printed import prescription_of
-from pipeline.scene.write.for_viewers import pinhole
+from pipeline.scene.write.flatten import pinhole
 from pipeline.scene.write.text import filled, new_layer, text_of, write_lens
 
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")

@@ -13,6 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import SHARPER, differences, rms
+from pipeline.truth.settings import CLAIM_PX
 
 WITHIN = 0.95
 """Share of the rows of a table that must lie within the claim [1]: two standard deviations of normal errors."""
@@ -20,8 +21,6 @@ WORST = 5.0
 """Claims by which the worst row may differ [1]: with `WITHIN` alone one row in twenty could be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
 """Reason for a missing verdict if no point is seen."""
-NO_CLAIM_PX = 1e-3
-"""Accuracy that is aimed at without a claim [px]: the default claim of tables."""
 KINDS = ("position images", "direct")
 """Kinds of rows; the kind of a row decides the rule that judges it."""
 
@@ -41,7 +40,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
     claim_px : float or None
         None: no claim, no verdict.
     """
-    apart, sigma = differences(rig, rows, NO_CLAIM_PX if claim_px is None else claim_px)
+    apart, sigma = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
     length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
     document = {
         "claim_px": claim_px,

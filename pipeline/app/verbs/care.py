@@ -1,4 +1,4 @@
-"""`pipeline cache`: inspect and clean the store of results."""
+"""`pipeline cache` and `pipeline doctor`: care of the store of results and of the machine."""
 
 import os
 from dataclasses import asdict
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.app.progress import human
-from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json
+from pipeline.app.verbs.terminal import Json, Verb, new_family, note, number_of, say, say_json
 from pipeline.errors import Exit
 
 cache = new_family(help="Inspect and clean the store of results, $PIPELINE_CACHE.")
@@ -85,3 +85,28 @@ def fsck(as_json: Json = False) -> None:
     if bad:
         note("damaged results are in quarantine; the next build makes them again")
     raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)
+
+
+_SIGNS = {"fine": " ", "doubt": "?", "wrong": "!"}
+
+
+def doctor(as_json: Json = False) -> None:
+    """Look at versions, processor, device, store, disk, plug-in and settings; exit with 5 if something is wrong.
+
+    Lines that begin with ? may cost time or room; those with ! keep the pipeline from working. Both say what to do.
+    """
+    from pipeline.app.doctor import findings
+
+    found = list(findings())
+    wrong = sum(finding.state == "wrong" for finding in found)
+    doubts = sum(finding.state == "doubt" for finding in found)
+    if as_json:
+        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in found]})
+    else:
+        width = max(len(finding.name) for finding in found)
+        for finding in found:
+            say(f"{_SIGNS[finding.state]} {finding.name:<{width}}  {finding.value}")
+            if finding.mend:
+                say(f"  {'':<{width}}  mend: {finding.mend}")
+        say(f"{number_of(wrong, 'problem')}, {number_of(doubts, 'doubt')}")
+    raise typer.Exit(Exit.MACHINE if wrong else Exit.DONE)
