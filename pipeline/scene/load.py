@@ -34,26 +34,12 @@ from pipeline.scene.write.flatten import flattened, name_pictures, text_for_view
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """A loaded stage, or the problems that prevent it.
+    """A loaded stage, or the problems that prevent it: all else is empty if the stage has errors.
 
-    Attributes
-    ----------
-    dataset : Dataset or None
-        The dataset; None if the stage has errors, or holds no dataset, such as a file of the library.
-    problems : list of Problem
-        Errors and warnings; empty if there are none.
-    flattened : str
-        Text of the flattened stage with the additions for viewers; empty if the stage has errors.
-    cameras : tuple of CameraEntry
-        Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
-    lens : LensEntry or None
-        The lens of a stage that is a lens alone.
-    targets : tuple of TargetEntry
-        Every target, of a dataset or of a file of the library; empty if the stage has errors.
-    files : tuple of Path
-        Files of all layers that were read; empty if the stage has errors.
-    written : dict
-        Everything that is written on the stage of a dataset, see `scene.edits`; empty if there is none.
+    `dataset` is None where the stage is a part of one, as a file of the library; `lens` is that of a stage that is a
+    lens alone. `cameras` and `targets` are all of the stage, of a dataset or not. `flattened` is the text of the
+    flattened stage with the additions for viewers, `files` are those of all layers that were read, and `written` is
+    everything that is written on the stage of a dataset, see `scene.edits`.
     """
 
     dataset: Dataset | None
