@@ -19,8 +19,7 @@ from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check.properties import check_properties
 from pipeline.scene.glass import check_glass
-from pipeline.scene.lens import check_group_place as check_place
-from pipeline.scene.lens import check_groups, check_lens, check_nominal
+from pipeline.scene.lens import check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_response, has_response
@@ -31,7 +30,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
-    ("PlenLensGroup", check_place),
+    ("PlenLensGroup", check_group_place),
     ("PlenChannel", check_channel),
     ("PlenDataset", check_illuminant),
     ("PlenDataset", check_exports),
