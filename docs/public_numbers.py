@@ -29,7 +29,7 @@ from pipeline.optics.glass.catalogue import find
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor
-from pipeline.scene.read.prims import read_prescription
+from pipeline.scene.lens import read_prescription
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLISHED = ROOT / "tests/published"

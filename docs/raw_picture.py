@@ -20,7 +20,7 @@ from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.scene.read.response import read_response
+from pipeline.scene.sensor import read_response
 
 LEVELS = (0.8, 0.02, 0.002)
 """Shares of saturation that relative irradiance 1 fills: well exposed, and 40 and 400 times less light."""

@@ -4,29 +4,20 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
-_LONGEST = 60  # characters of a value in a text
-_ENTRIES_SHOWN = 4  # of an array of which one entry differs
+_LONGEST = 60
+"""Longest value in a text [characters]."""
+_OF_A_VECTOR = 4
+"""Most numbers in a vector: longer lists are arrays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
     """One value replaced by another.
 
-    Attributes
-    ----------
-    at : str
-        Path of the prim or property on the composed stage; `/` for the layer as a whole.
-    field : str or None
-        The metadata that was edited (`references`, `typeName`, `endTimeCode`); None: the value itself, or a whole
-        prim, represented by its type.
-    time : float or None
-        Time of the edited sample; None for a default value.
-    old, new : plain values
-        None if nothing was, or is, authored. Vectors are tuples, arrays are lists.
-    file, line : str or None, int or None
-        The place as messages show it.
-    remark : str or None
-        A sentence about the place if it is not that of the new value.
+    `at` is the path of a prim or property on the composed stage, or `/` for its layer; `field` names edited metadata
+    (`references`, `endTimeCode`), and is None for a value and for a whole prim, whose value is its type. `time` is that
+    of an edited sample. `old` and `new` are JSON values, None where nothing is written. `file` and `line` are the place
+    as messages show it; of a removed statement that of the prim that held it.
     """
 
     at: str
@@ -36,7 +27,6 @@ class Edit:
     new: Any = None
     file: str | None = None
     line: int | None = None
-    remark: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The edit as in `plan --json`."""
@@ -50,17 +40,16 @@ class Edit:
         return f"<{self.at}>" + (f" {self.field}" if self.field else "")
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
-        when = "" if self.time is None else f" at frame {_text(self.time)}"
-        remark = f" ({self.remark})" if self.remark else ""
-        return (f"{place}: " if place else "") + f"{self.what}{when}{self._change()}{remark}"
+        place = "".join(f"{part}:" for part in (self.file, self.line) if part is not None)
+        when = "" if self.time is None else f" at frame {self.time:g}"
+        return f"{place} {self.what}{when}{self._change()}".lstrip()
 
     def _change(self) -> str:
-        """The change as text; for long arrays only the entry that differs."""
+        """The change as text; for arrays only the entry that differs, if it is one."""
         old, new = self.old, self.new
-        if "." not in self.at and self.field is None:
+        if "." not in self.at and self.field is None and (old is None or new is None):
             return f": new, {new}" if old is None else f": gone, was {old}"
-        if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) > _ENTRIES_SHOWN:
+        if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) > _OF_A_VECTOR:
             places = [index for index, pair in enumerate(zip(old, new, strict=True)) if pair[0] != pair[1]]
             if len(places) == 1:
                 return f"[{places[0]}]: {_text(old[places[0]])} -> {_text(new[places[0]])}"
@@ -76,13 +65,14 @@ def _text(value: Any) -> str:
 def _written(value: Any) -> str:
     if value is None:
         return "not set"
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
-    if isinstance(value, str):
-        return value if value[:1] in ("<", "@") else json.dumps(value, ensure_ascii=False)
-    if isinstance(value, tuple | list):
+    if isinstance(value, str) and value[:1] in ("<", "@"):
+        return value
+    if isinstance(value, list):
         inside = ", ".join(map(_written, value[:_LONGEST]))  # more entries would be cut in any case
-        return f"[{inside}]" if isinstance(value, list) else f"({inside})"
-    return str(value)
+        if len(value) == 1 and inside[:1] in ("<", "@"):
+            return inside
+        is_vector = 1 < len(value) <= _OF_A_VECTOR and all(isinstance(entry, int | float) for entry in value)
+        return f"({inside})" if is_vector else f"[{inside}]"
+    return json.dumps(value, ensure_ascii=False)

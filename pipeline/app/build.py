@@ -28,9 +28,9 @@ from pipeline.jit.files import make_folder, read, say, write
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import level, settings
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.check.seen import NOT_SEEN
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
 from pipeline.tasks.params.cameras import CONVENTIONS
 
@@ -110,7 +110,10 @@ def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Proj
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
-        source=loaded.composed.to_plain() if loaded.composed else None,
+        source={
+            "written": loaded.written,
+            "read": {part: list(paths) for part, paths in dataset.sources.items()},
+        },
     )
 
 

@@ -1,205 +1,139 @@
-"""Search for the edits of a stage behind the reasons of a plan, which name parameters of tasks.
+"""The edits of a stage behind the reasons of a plan, which name parameters of tasks.
 
-An edit is the cause of a changed parameter if undoing the edit changes the parameter. So each edit since the last build
-is undone in turn and the graph of tasks is made again. If the stage cannot be read without one edit alone, as columns
-without their rows, it is undone together with others. A reason gets edits only if the kept stage yields the old value
-that the reason states; else it names the parameter only.
+Readers note from which properties they take the values of each part of a dataset, and the name of a parameter says of
+which part it is made. The edits of these properties are behind it: the one with just its old and new value if there is
+one, else, for a derived number, all of them that no other parameter shows.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pipeline.edits import Edit
-from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType, differences
+from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 from pipeline.engine.project import Project
-from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.frame_tasks import frame_of
-from pipeline.scene.dataset import Dataset
-from pipeline.scene.edits.edits import EditsOfStage, EditUnit, edits_of_stage, together
+from pipeline.scene.edits import edits_between, is_below
 
-MOST_ALONE = 20
-"""Number of edits that are undone one by one; all further ones are undone together."""
+_PARTS = {
+    "targets": {"targets", "target", "colours", "coats", "points", "points_mm"},
+    "occluders": {"occluders", "finishes"},
+    "lamps": {"lamps"},
+}
+"""Names in parameters of tasks, by the part of a dataset that they are made of; all others are of cameras."""
+_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm")
+"""Parameters that are made of poses."""
+_TARGET = re.compile(r"\btargets(?:\[(\d+)\]|\.(\w+))")
+"""The target of a parameter, by number or by name."""
 
 
-def with_edits(tasks: Sequence[PlannedTask], project: Project, sources: Sequence[Any], path: Path) -> list[PlannedTask]:
+def with_edits(
+    tasks: Sequence[PlannedTask], project: Project, sources: Mapping[str, Any], path: Path
+) -> list[PlannedTask]:
     """The same tasks, with the edits of the stage added to their reasons.
 
     Parameters
     ----------
-    sources : sequence
-        Sources of the project at its last builds, latest first, see `session.sources_of`.
+    sources : mapping
+        Sources of the project at the last build of each task, see `session.sources_of`.
     path : Path
         The stage in its present state.
     """
-    named = list(tasks)
-    for source in sources:
-        if not any(_is_open(reason) for task in named for reason in task.reasons):
-            break
-        stage = edits_of_stage(path, source, project.source)
-        if stage is None:
-            continue
-        search = _Search(project.graph, stage)
-        named = [replace(task, reasons=tuple(search.named(task.name, one) for one in task.reasons)) for task in named]
-    return _passed_on(named)
+    if not sources:
+        return list(tasks)
+    distinct = {id(source): source for source in sources.values()}
+    states = {key: _Since(source, project, path, tasks) for key, source in distinct.items()}
+    named: dict[str, PlannedTask] = {}
+    for task in tasks:  # inputs come first: a task that waits for others takes over the edits that make those run
+        since = states[id(sources.get(task.name, sources[""]))]
+        reasons = [
+            replace(reason, edits=named[reason.field].edits if reason.field in named else since.behind(task, reason))
+            for reason in task.reasons
+        ]
+        named[task.name] = replace(task, reasons=tuple(reasons))
+    return list(named.values())
+
+
+class _Since:
+    """The edits of a stage since an earlier state of it, from which some tasks were built."""
+
+    def __init__(self, source: Any, project: Project, path: Path, tasks: Iterable[PlannedTask]) -> None:
+        edits = edits_between(source["written"], project.source["written"], path)
+        before, now = source["read"], project.source["read"]
+        self._graph = project.graph
+        self._targets = [part.removeprefix("targets/") for part in now if part.startswith("targets/")]
+        self._edits = {
+            part: [edit for edit in edits if _is_read(edit.at, {*before.get(part, ()), *now.get(part, ())})]
+            for part in before | now
+        }
+        reasons = [(task, reason) for task in tasks for reason in task.reasons if _is_open(reason)]
+        self._of_parts = cache(self._collected)  # thousands of reasons are about the same parts
+        self._shown = {id(edit) for task, reason in reasons for edit in self._showing(task, reason)}
+
+    def behind(self, task: PlannedTask, reason: Reason) -> tuple[Edit, ...]:
+        """The edits behind a reason; none if it is not about the stage."""
+        if not _is_open(reason):
+            return ()
+        edits = next(filter(None, self._candidates(task, reason)), None) or self._of_parts(
+            "", frame=frame_of(self._graph[task.name], reason.field)
+        )
+        derived = [edit for edit in edits if id(edit) not in self._shown]
+        return tuple(self._showing(task, reason) or derived or edits)
+
+    def _showing(self, task: PlannedTask, reason: Reason) -> list[Edit]:
+        """Edits with the old and the new value of a reason, or with the one of the two that is written."""
+        showing = (
+            [edit for edit in edits if _shows((edit.old, edit.new), (reason.old, reason.new))]
+            for edits in self._candidates(task, reason)
+            if reason.type is ReasonType.CHANGED
+        )
+        return next(filter(None, showing), [])
+
+    def _candidates(self, task: PlannedTask, reason: Reason) -> Iterator[list[Edit]]:
+        """Edits of what the parameter of a reason, or the task, is made of, and those of the dataset itself."""
+        field = reason.field or ""
+        frame, words = frame_of(self._graph[task.name], field), set(re.findall(r"[a-z_]+", field))
+        parts = [kind for kind, names in _PARTS.items() if words & names]
+        pose = "poses/" if _POSE.search(field) else ""
+        if match := _TARGET.search(field):
+            number, name = match.groups()
+            parts = [f"targets/{name or self._targets[int(number)]}"]
+        if pose or not parts:
+            owner = (*task.name.split("@")[0].split("/"), "")[1]
+            owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits]
+            parts += owners or ["cameras"]
+        yield self._of_parts(*(pose + part for part in parts), frame=frame)
+        if not pose:
+            yield self._of_parts(f"{task.kind}s", "dataset", frame=frame)
+
+    def _collected(self, *parts: str, frame: int | None) -> list[Edit]:
+        """Edits of some parts at a frame; "" has all of them."""
+        within = [edits for part, edits in self._edits.items() if any(is_below(part, whole or part) for whole in parts)]
+        edits = {id(edit): edit for some in within for edit in some}
+        return [edit for edit in edits.values() if frame is None or edit.time in (None, frame)]
 
 
 def _is_open(reason: Reason) -> bool:
-    """Whether an edit of the stage may be the cause of a reason that has none yet."""
-    if reason.edits or reason.type not in (ReasonType.NEW, ReasonType.CHANGED):
-        return False
-    return reason.type is ReasonType.NEW or str(reason.field).startswith(("params", "inputs"))
+    """Whether an edit of the stage may be behind a reason: not if code changed, or the bytes of an input."""
+    field = reason.field or ""
+    is_role = field.startswith("inputs") and None in (reason.old, reason.new)
+    is_changed = reason.type is ReasonType.CHANGED and (field.startswith("params") or is_role)
+    return is_changed or reason.type is ReasonType.NEW
 
 
-def _passed_on(tasks: list[PlannedTask]) -> list[PlannedTask]:
-    """The tasks, sources first; one that waits for others takes over the edits that make those run."""
-    done: dict[str, PlannedTask] = {}
-    for task in tasks:
-        reasons = [
-            replace(one, edits=done[one.field].edits) if one.type is ReasonType.UPSTREAM and one.field in done else one
-            for one in task.reasons
-        ]
-        done[task.name] = replace(task, reasons=tuple(reasons))
-    return list(done.values())
+def _is_read(at: str, paths: set[str]) -> bool:
+    """Whether values were taken from an edited property or its whole prim, or from anything in an edited prim."""
+    if "." in at:
+        return at in paths or at.partition(".")[0] in paths
+    return at in paths if at == "/" else any(is_below(path, at) for path in paths)
 
 
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """An edit, and two graphs that differ by this edit alone."""
-
-    unit: EditUnit
-    with_it: TaskGraph
-    without: TaskGraph
-
-
-class _Search:
-    """Search for the edits that caused reasons.
-
-    Parameters
-    ----------
-    graph : TaskGraph
-        All tasks of the present stage.
-    stage : EditsOfStage
-        Differences between the present stage and the kept one.
-    """
-
-    def __init__(self, graph: TaskGraph, stage: EditsOfStage) -> None:
-        self.stage, units = stage, stage.units()
-        alone, rest = units[:MOST_ALONE], units[MOST_ALONE:]
-        self.units = [*alone, together(rest)] if rest else alone
-        self._graphs: dict[frozenset[int], TaskGraph | None] = {frozenset(): graph}
-        self.graph, self.old = graph, self._without(range(len(self.units)))
-        self.trials = [self._trial(index) for index in range(len(self.units))] if self.old else []
-        self._edits: dict[tuple[int, int | None], tuple[Edit, ...]] = {}
-        self._changed: dict[tuple[int, int, str], _Changed] = {}
-
-    def named(self, task: str, reason: Reason) -> Reason:
-        """A reason with its edits, if there are any and they are certain."""
-        if not self.units or not _is_open(reason) or not self._is_certain(task, reason):
-            return reason
-        found = [one.unit for one in self.trials if self._is_changed(one.with_it, one.without, task, reason)]
-        frame = frame_of(self.graph[task], reason.field)
-        return replace(
-            reason, edits=tuple(edit for unit in found or self.units for edit in self._at_frame(unit, frame))
-        )
-
-    def _trial(self, index: int) -> _Trial:
-        """The trial of one edit: undone alone, else with another edit, with all edits of its prim, or with all
-        edits.
-        """
-        others = [other for other in range(len(self.units)) if other != index]
-        near = [other for other in others if self.units[other].prim == self.units[index].prim]
-        pairs = [[other] for other in (*near, *(other for other in others if other not in near))]
-        for company in ([], *pairs, near, others):
-            without = self._without([index, *company])
-            if without is not None:
-                with_it = self._without(company)
-                # An inner diameter without its shape, say: no effect alone, but a part of the effect of the others.
-                if with_it is None or _is_same(with_it, without):
-                    with_it = self.graph
-                return _Trial(self.units[index], with_it, without)
-        raise AssertionError("all edits taken back are the stage as it was")
-
-    def _without(self, taken_back: Iterable[int]) -> TaskGraph | None:
-        """The graph without some edits; None if no graph can be made of the remaining stage."""
-        key = frozenset(taken_back)
-        if key not in self._graphs:
-            self._graphs[key] = _graph_of(self.stage.dataset_without([self.units[index] for index in key]))
-        return self._graphs[key]
-
-    def _is_certain(self, task: str, reason: Reason) -> bool:
-        """Whether the kept stage is the one that this task was last built from."""
-        if self.old is None or not self._is_changed(self.graph, self.old, task, reason):
-            return False
-        if reason.type is ReasonType.NEW or _role(reason) is not None:
-            return True
-        was = self._differences(self.graph, self.old, task).values
-        return reason.field in was and bool(was[reason.field] == reason.old)
-
-    def _is_changed(self, one: TaskGraph, other: TaskGraph, task: str, reason: Reason) -> bool:
-        """Whether two graphs differ in the parameter or input that a reason names."""
-        if reason.type is ReasonType.NEW or task not in one or task not in other:
-            return reason.type is ReasonType.NEW and (task in one) != (task in other)
-        role = _role(reason)
-        if role is not None:
-            return (role in one[task].reads) != (role in other[task].reads)
-        return self._differences(one, other, task).touch(str(reason.field))
-
-    def _differences(self, one: TaskGraph, other: TaskGraph, task: str) -> "_Changed":
-        key = id(one), id(other), task
-        if key not in self._changed:
-            found = differences(other[task].params, one[task].params, "params")
-            self._changed[key] = _Changed({str(reason.field): reason.old for reason in found})
-        return self._changed[key]
-
-    def _at_frame(self, unit: EditUnit, frame: int | None) -> tuple[Edit, ...]:
-        """Edits of a unit that a frame depends on, cached: many tasks and parameters ask for the same frame."""
-        key = id(unit), frame
-        if key not in self._edits:
-            self._edits[key] = unit.at_frame(frame)
-        return self._edits[key]
-
-
-class _Changed:
-    """Parameters of a task that differ between two graphs; `values` maps each field to its value in the second
-    graph.
-    """
-
-    def __init__(self, values: dict[str, Any]) -> None:
-        self.values = values
-        self._wholes = {whole for field in values for whole in _wholes(field)}
-
-    def touch(self, field: str) -> bool:
-        """Whether one of them is this field, a part of it, or contains it."""
-        return field in self._wholes or any(whole in self.values for whole in _wholes(field))
-
-
-def _wholes(field: str) -> Iterator[str]:
-    """A field and everything that contains it: `a.b[2]`, `a.b`, `a`."""
-    yield field
-    for match in re.finditer(r"[.\[]", field):
-        yield field[: match.start()]
-
-
-def _graph_of(dataset: Dataset | None) -> TaskGraph | None:
-    """The tasks of a dataset; None if undoing a part of the edits leaves a dataset without a valid graph."""
-    try:
-        return graph_of(dataset)[0] if dataset else None
-    except Exception:  # any failure means the same: there is no graph
-        return None
-
-
-def _is_same(one: TaskGraph, other: TaskGraph) -> bool:
-    """Whether two graphs have the same tasks with the same parameters."""
-    if set(one) != set(other):
-        return False
-    return all((one[name].params, one[name].reads) == (other[name].params, other[name].reads) for name in one)
-
-
-def _role(reason: Reason) -> str | None:
-    """The role of an input that a reason names; None if it names a parameter."""
-    kind, _, rest = str(reason.field).partition(".")
-    return rest.partition(".")[0] if kind == "inputs" else None
+def _shows(values: tuple[Any, Any], wanted: tuple[Any, Any]) -> bool:
+    """Whether an old and a new value, or one of their entries, are the wanted ones; None: it is not written."""
+    old, new = values
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) and values != wanted:
+        return any(_shows(pair, wanted) for pair in zip(old, new, strict=True) if pair[0] != pair[1])
+    return values != (None, None) and all(one in (None, other) for one, other in zip(values, wanted, strict=True))

@@ -36,7 +36,7 @@ class Project:
     places : dict
         Second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage, for messages.
     source : plain data or None
-        The composed stage of the project. The store keeps it, so that a later plan can name the edits, see `app.why`.
+        What the project was read from. The store keeps it, so that a later plan can name the edits, see `app.why`.
         None: nothing is kept.
     """
 

@@ -9,7 +9,7 @@ from pipeline.formats import entry_of
 def code_of_writer(name: str) -> str:
     """Digest of the code that writes a format, and of the versions of its libraries: a part of the key of its tasks."""
     code = code_of(entry_of(name).module)
-    return key_of("writer/v1", [code["code"], code["libraries"]])
+    return key_of("writer/v1", [code.code, code.libraries])
 
 
 def require_code(name: str, digest: str) -> None:

@@ -277,6 +277,10 @@ class Dataset:
         Files of other programs that a build writes.
     meters_per_unit, up_axis : float, str
         Of the stage, for layers that a build writes for viewers; lengths of all records are in mm.
+    sources : dict
+        Paths of the properties, and of whole prims, from which values were read, by part: `cameras/Rig.Camera`,
+        `targets/Board`, `occluders`, `lamps`, `exports`, `poses/cameras/Rig.Camera`, `poses/targets/Board`,
+        `poses/occluders`, `poses/lamps`, and `dataset` for the rest.
     """
 
     stage_name: str
@@ -291,6 +295,7 @@ class Dataset:
     exports: AskedExports = field(default_factory=AskedExports)
     meters_per_unit: float = 0.001
     up_axis: str = "Y"
+    sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")

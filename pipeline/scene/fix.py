@@ -10,8 +10,8 @@ from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
 from pipeline.frames import mm_per_unit
+from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.prims import all_prims
-from pipeline.scene.read.prims import read_camera_entries
 from pipeline.scene.usd.instances import write_out_instances
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import shown_path

@@ -4,13 +4,12 @@ import re
 from pathlib import Path
 
 from pipeline.files.jsonfile import Json
-from pipeline.scene.read.prims import read_sensor
+from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.values import need
 
 _RESPONSE = {"bits": "plen:response:bitDepth", "full_well_electrons": "plen:response:fullWell"}
 """Figures of a sensor that says how it counts photons."""
-
 
 _SENTENCE = re.compile(r"(?<=[\w)]{2})[.:] ")
 """End of the first sentence, which the dot of an initial is not; or a colon."""

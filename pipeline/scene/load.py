@@ -1,7 +1,7 @@
 """Loading of stages: the path of a stage becomes records or problems."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pxr import Tf, Usd, UsdUtils
@@ -9,17 +9,17 @@ from pxr import Tf, Usd, UsdUtils
 from pipeline.errors import PipelineError, UsageError
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.check.camera.doubts import check_doubts
-from pipeline.scene.check.dataset import find_dataset
-from pipeline.scene.check.lighting.shone import check_shone
-from pipeline.scene.check.rays import check_rays
-from pipeline.scene.check.seen import check_seen
+from pipeline.scene.camera import read_camera_entries
+from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.edits.composed import Composed, composed
-from pipeline.scene.read.pictures import picture_files, reading_below
-from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
-from pipeline.scene.read.targets import read_target_entries
+from pipeline.scene.doubts import check_doubts
+from pipeline.scene.edits import Written, written_on
+from pipeline.scene.lamps import check_shone
+from pipeline.scene.lens import read_lens_entry
+from pipeline.scene.pictures import picture_files, reading_below
+from pipeline.scene.plen_dataset import find_dataset, read_dataset
+from pipeline.scene.targets import read_target_entries
 from pipeline.scene.usd.hints import without_followers
 from pipeline.scene.usd.instances import check_instances
 from pipeline.scene.usd.opening import open_stage
@@ -28,31 +28,18 @@ from pipeline.scene.usd.roots import allowed_roots, real_path
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.used_layers import file_of, used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
+from pipeline.scene.views import check_seen
 from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """A loaded stage, or the problems that prevent it.
+    """A loaded stage, or the problems that prevent it: all else is empty if the stage has errors.
 
-    Attributes
-    ----------
-    dataset : Dataset or None
-        The dataset; None if the stage has errors, or holds no dataset, such as a file of the library.
-    problems : list of Problem
-        Errors and warnings; empty if there are none.
-    flattened : str
-        Text of the flattened stage with the additions for viewers; empty if the stage has errors.
-    cameras : tuple of CameraEntry
-        Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
-    lens : LensEntry or None
-        The lens of a stage that is a lens alone.
-    targets : tuple of TargetEntry
-        Every target, of a dataset or of a file of the library; empty if the stage has errors.
-    files : tuple of Path
-        Files of all layers that were read; empty if the stage has errors.
-    composed : Composed or None
-        Plain data with which later plans compare to name edits; None if the stage has errors or holds no dataset.
+    `dataset` is None where the stage is a part of one, as a file of the library; `lens` is that of a stage that is a
+    lens alone. `cameras` and `targets` are all of the stage, of a dataset or not. `flattened` is the text of the
+    flattened stage with the additions for viewers, `files` are those of all layers that were read, and `written` is
+    everything that is written on the stage of a dataset, see `scene.edits`.
     """
 
     dataset: Dataset | None
@@ -62,7 +49,7 @@ class Loaded:
     lens: LensEntry | None = None
     targets: tuple[TargetEntry, ...] = ()
     files: tuple[Path, ...] = ()
-    composed: Composed | None = None
+    written: Written = field(default_factory=dict)
 
     @property
     def errors(self) -> list[Problem]:
@@ -140,7 +127,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         if loaded.errors:
             return loaded
     layer = flattened(stage)
-    kept = composed(stage, layer) if dataset else None  # before anything is added
+    written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
         name_pictures(layer, picture_files(stage))
     return Loaded(
@@ -151,7 +138,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         lens=lens,
         targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
-        composed=kept,
+        written=written,
     )
 
 

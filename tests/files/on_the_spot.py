@@ -11,7 +11,7 @@ from pxr import Usd
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
-from pipeline.scene.read.prims import read_prescription
+from pipeline.scene.lens import read_prescription
 
 LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
 

@@ -20,7 +20,7 @@ from pipeline.errors import PipelineError
 from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table
-from pipeline.scene.check.rays import rays_of
+from pipeline.scene.check.budgets import rays_of
 from pipeline.scene.load import Loaded, load
 
 CHECK_S, BUILD_S = 10.0, 60.0

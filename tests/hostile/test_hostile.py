@@ -14,8 +14,8 @@ from pxr import Sdf, Sdr, Usd, UsdGeom
 
 from pipeline import formats
 from pipeline.folders import share
+from pipeline.scene.lamps import KINDS
 from pipeline.scene.load import load
-from pipeline.scene.read.lamps import KINDS
 
 SHADERS = ("UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d", "UsdPrimvarReader_float2")
 FEWEST = 3

@@ -5,7 +5,7 @@ from pathlib import Path
 from pxr import Usd
 
 from pipeline.optics.prescription import Prescription
-from pipeline.scene.read.prims import read_prescription
+from pipeline.scene.lens import read_prescription
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from pipeline.folders import share
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.scene.read.response import read_response
+from pipeline.scene.sensor import read_response
 
 PRINTED = [("imx250", 40.3, 71.2), ("imx535", 39.7, 69.8)]
 """SNRmax and dynamic range [dB], from the pages that the stages name."""

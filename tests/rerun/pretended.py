@@ -38,7 +38,7 @@ class Pretended:
         """The tasks that an edited stage would run, with the edits behind their reasons."""
         project = project_of(path)
         tasks = plan(project.graph, self.store, self.keys)
-        return [task for task in with_edits(tasks, project, [self.project.source], path) if task.state != "cached"]
+        return [task for task in with_edits(tasks, project, {"": self.project.source}, path) if task.state != "cached"]
 
 
 def project_of(path: Path) -> Project:

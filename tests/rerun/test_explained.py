@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pxr import Sdf, Usd
 from rerun.attribute_stage import STAGE
-from rerun.attribute_table import CASES, LENS, A
+from rerun.attribute_table import CASES, LENS, STOP, A
 from rerun.pretended import Pretended
 
 from pipeline.engine.store.store import Store
@@ -18,9 +18,10 @@ SHORT = {"plen:squareSize of One", "plen:apertureShape of A/Lens/Stop"}
 FOR_THE_CHECKS = {
     (LENS, "plen:wavelength"): (A, "plen:camera:wavelength"),
     (A, "plen:image:exposure"): (A, "plen:image:whiteLevel"),
+    (STOP, "plen:apertureShape"): (STOP, "plen:blades"),
 }
 """Attributes that no task reads, and those that change with them: the checks alone want the wavelength of printed
-indices to be that of the camera, and tasks read how much light there is, not by which attribute it is said."""
+indices to be that of the camera, and tasks read how much light there is and how many blades, not what says so."""
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load, open_dataset
-from pipeline.scene.read.targets import read_target
+from pipeline.scene.targets import read_target
 from pipeline.scene.usd.poses import world_from
 
 ROOT = Path(__file__).resolve().parents[2]

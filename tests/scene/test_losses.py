@@ -10,8 +10,7 @@ from pipeline.optics.glass.absorption import measured
 from pipeline.optics.glass.catalogue import find
 from pipeline.optics.glass.errors import UnknownAbsorption
 from pipeline.optics.transmission.coatings import Coating, Film
-from pipeline.scene.check.camera.losses import check_losses
-from pipeline.scene.read.losses import losses_at, read_losses, wavelengths_seen
+from pipeline.scene.losses import check_losses, losses_at, read_losses, wavelengths_seen
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"

@@ -7,9 +7,8 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
-from pipeline.scene.check.occluders import meets_lens
 from pipeline.scene.load import open_dataset
-from pipeline.scene.read.occluders import read_occluder
+from pipeline.scene.occluders import meets_lens, read_occluder
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"

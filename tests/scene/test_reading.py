@@ -16,8 +16,8 @@ from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError
 from pipeline.records.plain import to_plain
+from pipeline.scene.lens import read_prescription
 from pipeline.scene.load import load, open_dataset
-from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, unchanging

@@ -6,7 +6,7 @@ from laws.lit import lamp, looked, scene, towards
 
 from pipeline.records.plain import from_plain
 from pipeline.render.lighting.records import Lamp
-from pipeline.scene.check.lighting.shone import _shines
+from pipeline.scene.lamps import _shines
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -221,9 +221,10 @@ def test_conditions_name_properties_of_the_same_schema_and_tokens_that_these_may
 
 
 def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_belongs_to_it():
-    from pipeline.scene.read.microlenses import FACES
-    from pipeline.scene.read.prims import ACCEPTANCE_VALUES, APERTURE_VALUES
-    from pipeline.scene.read.targets import SHAPES
+    from pipeline.scene.lens import APERTURE_VALUES
+    from pipeline.scene.microlenses import FACES
+    from pipeline.scene.sensor import ACCEPTANCE_VALUES
+    from pipeline.scene.targets import SHAPES
 
     read = {
         ("PlenSurface", "plen:apertureShape"): {token: {*fields.values()} for token, fields in APERTURE_VALUES.items()},
@@ -285,7 +286,7 @@ def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
 
 
 def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
-    from pipeline.scene.read.targets import SHAPES, TYPES
+    from pipeline.scene.targets import SHAPES, TYPES
     from pipeline.targets.patterns.dictionaries import DICTIONARIES
 
     for schema in ("PlenCharuco", "PlenAprilGrid"):

@@ -2,7 +2,7 @@
 
 import os
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,9 +14,6 @@ from pipeline.engine.records import Run, TaskResult
 from pipeline.engine.running.driver import Outcome
 from pipeline.engine.store.store import Store
 from pipeline.records.plain import from_plain
-
-_SOURCES_KEPT = 4
-"""Number of sources kept per project: the last one, two before it, and the oldest whose results may still exist."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,26 +75,28 @@ def keep_history(project: Project, store: Store, outcome: Outcome, before: Histo
     if after != before:
         store.write_note("history", _name(project), after)
     if project.source is not None:
-        _keep_source(project, store, is_complete=len(outcome.records) == len(project.graph))
+        _keep_source(project, store, outcome.records)
 
 
-def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
-    """Kept sources of the project from the last builds of its tasks, latest first; several after partial builds."""
-    kept = (store or Store()).read_note("sources", _name(project))
-    return kept if isinstance(kept, list) else []
+def sources_of(project: Project, *, store: Store | None = None) -> dict[str, Any]:
+    """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
+    note = (store or Store()).read_facts("sources", _name(project))
+    return {name: note["sources"][index] for name, index in note.get("of", {}).items()}
 
 
-def _keep_source(project: Project, store: Store, *, is_complete: bool) -> None:
-    """Keep the source of the project; while some tasks are older, also the sources that they may have been made
-    from.
-    """
-    kept = sources_of(project, store=store)
-    sources = [project.source]
-    if not is_complete:
-        older = [source for source in kept if source != project.source]
-        sources += older if len(older) < _SOURCES_KEPT else [*older[: _SOURCES_KEPT - 2], older[-1]]
-    if sources != kept:
-        store.write_note("sources", _name(project), sources)
+def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
+    """Keep the source of the project for the tasks that are finished, and older ones as long as other tasks are."""
+    before = sources_of(project, store=store)
+    of = {name: source for name, source in before.items() if name in project.graph}
+    of |= dict.fromkeys([*finished, ""], project.source)
+    sources: list[Any] = []
+    numbers: dict[int, int] = {}
+    for source in {id(source): source for source in of.values()}.values():
+        sources += [] if source in sources else [source]
+        numbers[id(source)] = sources.index(source)
+    if of != before:
+        note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
+        store.write_note("sources", _name(project), note)
 
 
 class Endings:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pxr import Ar, Sdf, Usd
 
-from pipeline.scene.read.pictures import NAMES, is_picture, picture_of
-from pipeline.scene.read.targets import is_in_preview
+from pipeline.scene.pictures import NAMES, is_picture, picture_of
+from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside, real_path
 from pipeline.scene.usd.source_locations import problem

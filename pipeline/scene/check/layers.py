@@ -1,12 +1,16 @@
-"""Checks of layers: statements on which all layers of a stage must agree, and statements that USD drops silently."""
+"""Checks of layers: statements on which all layers of a stage must agree, statements that USD drops silently, and
+parts merged from two references, of which USD lays the second over the first and removes nothing.
+"""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Pcp, Sdf, Usd, UsdGeom
 
-from pipeline.scene.read.prims import LAST_FRAME
+from pipeline.scene.usd.poses import LAST_FRAME
 from pipeline.scene.usd.problems import Problem, shown_path
-from pipeline.scene.usd.usda_lines import line_of_metadata, text_map
+from pipeline.scene.usd.source_locations import metadata_problem, problem
+from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.used_layers import used_layers
 from pipeline.scene.usd.values import Range
 
@@ -17,7 +21,6 @@ _ALIKE = (
     ("upAxis", "Y", "USD does not turn referenced scenes"),
 )
 
-
 # Layer metadata that must be numbers of a sane size: nanometres to kilometres, frames, frames per second.
 _NUMBERS = {
     "metersPerUnit": Range(low=1e-9, high=1e3),
@@ -26,27 +29,35 @@ _NUMBERS = {
     "timeCodesPerSecond": Range(low=1e-6, high=1e9),
 }
 
+_LINKS = {
+    "PlenLens": "plen:camera:lens",
+    "PlenMicrolensArray": "plen:camera:microlenses",
+    "PlenSensor": "plen:camera:sensor",
+    "PlenTarget": "plen:targets",
+}
+"""Types of parts, and the relationships that name them."""
+_TOLD = 4
+"""Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
+
 
 def check_layers(stage: Usd.Stage) -> list[Problem]:
     """Problems of the layers themselves."""
     numbers = list(_check_numbers(stage))
     alike = numbers or _check_alike(stage)
-    return [*_check_root(stage), *alike, *_check_repeated(stage), *_check_cut(stage)]
+    return [*_check_root(stage), *alike, *_check_texts(stage)]
 
 
 def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
-    file = shown_path(stage.GetRootLayer().realPath)
+    root = stage.GetRootLayer()
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         hint = "USD falls back to centimetres (0.01); write metersPerUnit = 0.001"
-        yield Problem(code="units", message="the stage does not set metersPerUnit", file=file, line=1, hint=hint)
+        yield metadata_problem(root, "metersPerUnit", "units", "the stage does not set metersPerUnit", hint=hint)
     hint = 'write upAxis = "Y"'
     if not stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
-        message = "the stage does not set upAxis"
-        yield Problem(severity="warning", code="up-axis", message=message, file=file, line=1, hint=hint)
+        missing = metadata_problem(root, "upAxis", "up-axis", "the stage does not set upAxis", hint=hint)
+        yield replace(missing, severity="warning")
     elif (axis := UsdGeom.GetStageUpAxis(stage)) not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
-        line = line_of_metadata(stage.GetRootLayer().realPath, "upAxis")
-        message = f'upAxis = "{axis:.40}" is neither Y nor Z'
-        yield Problem(code="up-axis", message=message, file=file, line=line, hint=hint)
+        yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
 def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
@@ -54,30 +65,22 @@ def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
         for key, span in _NUMBERS.items():
             value = _info(layer, key, None)
             if value is not None and not span.holds(value):
-                file, line = layer.realPath, line_of_metadata(layer.realPath, key)
-                yield Problem(
-                    code="out-of-range", message=f"{key} = {value} is outside {span}", file=shown_path(file), line=line
-                )
+                yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
 
 
 def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:
     root, *others = used_layers(stage)
     for key, fallback, why in _ALIKE:
         wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in others]
-        if len(others) > 1 and len(set(values)) == 1 and values[0] != wanted:
-            yield _alone(root, key, f"{wanted} here and {values[0]} in all {len(others)} layers that it uses", why)
+        if len(others) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
+            message = f"{key} is {wanted} here and {values[0]} in all {len(others)} layers that it uses"
+            hint = f"{why}: say what they say, and write what follows in it"
+            yield metadata_problem(root, key, f"layer-{key}", message, hint=hint)
             continue
         for layer, value in zip(others, values, strict=True):
             if value != wanted:
                 message = f"{key} is {value} here and {wanted} in {shown_path(root.realPath)}"
-                yield Problem(code="layer-" + key, message=message, file=shown_path(layer.realPath), line=1, hint=why)
-
-
-def _alone(root: Sdf.Layer, key: str, differs: str, why: str) -> Problem:
-    """The problem that the root layer disagrees with all others, reported once, at the root."""
-    file, line = shown_path(root.realPath), line_of_metadata(root.realPath, key)
-    hint = f"{why}: say what they say, and write what follows in it"
-    return Problem(code="layer-" + key, message=f"{key} is {differs}", file=file, line=line, hint=hint)
+                yield replace(metadata_problem(layer, key, f"layer-{key}", message, hint=why), line=1)
 
 
 def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
@@ -85,27 +88,58 @@ def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
     return root.GetInfo(key) if root.HasInfo(key) else fallback
 
 
-def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
+def _check_texts(stage: Usd.Stage) -> Iterator[Problem]:
+    """Problems of statements that overwrite an earlier one, and of numbers that USD would cut."""
     for layer in used_layers(stage):
-        for path, what, line in text_map(layer.realPath).repeated:
-            yield Problem(
-                code="written-twice",
-                message=what,
-                file=shown_path(layer.realPath),
-                line=line,
-                at=path,
-                hint="USD silently keeps the last one; remove one",
-            )
+        written, file = text_map(layer.realPath), shown_path(layer.realPath)
+        for path, message, line in written.repeated:
+            hint = "USD silently keeps the last one; remove one"
+            yield Problem(code="written-twice", message=message, file=file, line=line, at=path, hint=hint)
+        for path, message, taken, line in written.cut:
+            hint = f"USD would silently use {taken}"
+            yield Problem(code="not-whole", message=message, file=file, line=line, at=path or None, hint=hint)
 
 
-def _check_cut(stage: Usd.Stage) -> Iterator[Problem]:
-    for layer in used_layers(stage):
-        for path, what, taken, line in text_map(layer.realPath).cut:
-            yield Problem(
-                code="not-whole",
-                message=what,
-                file=shown_path(layer.realPath),
-                line=line,
-                at=path or None,
-                hint=f"USD would silently use {taken}",
-            )
+def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
+    """A problem if two independent files define a part and something of the weaker one remains.
+
+    Files that build on each other, and opinions of the stage itself, are no problem.
+    """
+    link = next((link for name, link in _LINKS.items() if prim.IsA(name)), None)
+    index = prim.GetPrimIndex() if link else None
+    if not index or not index.rootNode:
+        return
+    first, *others = _origins(index.rootNode) or [None]
+    for other in others:
+        kept = _names(other) - _names(first)
+        if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
+            names = f"{', '.join(rest[:_TOLD])}{f' and {len(rest) - _TOLD} more' if len(rest) > _TOLD else ''}"
+            message = f'"{prim.GetName()}" is {_file(first)} laid over {_file(other)}, of which it keeps {names}'
+            hint = f"a reference replaces nothing: define another prim beside it, and name that one in {link}"
+            yield problem(prim, "merged", message, hint=hint)
+
+
+def _origins(node: Pcp.NodeRef) -> list[Pcp.NodeRef]:
+    """Nodes that define a part without building on another definition, strongest first."""
+    origins = [origin for child in node.children for origin in _origins(child)]
+    return origins or [node] * any(spec.typeName for spec in _specs(node) if spec.specifier == Sdf.SpecifierDef)
+
+
+def _specs(node: Pcp.NodeRef) -> list[Sdf.PrimSpec]:
+    specs = [layer.GetPrimAtPath(node.path) for layer in node.layerStack.layers]
+    return [spec for spec in specs if spec]
+
+
+def _names(node: Pcp.NodeRef) -> set[str]:
+    """Properties of a part, and its children with theirs, relative to it."""
+    names: set[str] = set()
+    for spec in _specs(node):
+        names |= {prop.name for prop in spec.properties if prop.name.startswith("plen:")}
+        for child in spec.nameChildren:
+            names.add(child.name)
+            names |= {f"{child.name}.{prop.name}" for prop in child.properties if prop.name.startswith("plen:")}
+    return names
+
+
+def _file(node: Pcp.NodeRef) -> str:
+    return shown_path(node.layerStack.layers[0].realPath)

@@ -6,21 +6,27 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.scene.check.occluders import check_outside_lens
-from pipeline.scene.read.finishes import seen_meshes
-from pipeline.scene.read.lamps import lamp_prims
-from pipeline.scene.read.prims import (
+from pipeline.scene.lamps import lamp_prims
+from pipeline.scene.lens import prescription_of
+from pipeline.scene.materials import seen_meshes
+from pipeline.scene.occluders import check_outside_lens
+from pipeline.scene.targets import read_target
+from pipeline.scene.usd.poses import (
+    ancestry,
     camera_from_world,
     camera_name,
     frame_numbers,
-    read_prescription,
+    is_orient,
+    moving_op,
+    product,
+    quaternion,
     stage_mm_per_unit,
+    world_from,
+    xform_ops,
 )
-from pipeline.scene.read.targets import read_target
-from pipeline.scene.usd.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, targets
+from pipeline.scene.usd.values import targets
 from pipeline.spelling import frames_in_words
 
 # Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
@@ -46,11 +52,11 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
     moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders, *lamps] for link in ancestry(prim)))
-    found = [bad for link in moved for bad in _check_link(link, frames)]
-    if not _has_error(found):
-        found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
-    yield from found
-    if not _has_error(found):
+    problems = [bad for link in moved for bad in _check_link(link, frames)]
+    if not _has_error(problems):
+        problems += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
+    yield from problems
+    if not _has_error(problems):
         hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, hulls, root, frames)
@@ -130,9 +136,7 @@ def _check_before_camera(
     camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """Problems of targets that are not entirely, margins included, in front of the first vertex of the lens."""
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
-    first_mm = -prescription.vertices_from_stop_mm[0]
+    first_mm = -prescription_of(camera).vertices_from_stop_mm[0]
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
     for board, corners in zip(boards, hulls, strict=True):
@@ -156,7 +160,7 @@ def _too_near(board: Usd.Prim, camera: str, near_mm: dict[int, float], first_mm:
         f'"{board.GetName()}" reaches {where} "{camera}" in {frames} its nearest corner lies {abs(nearest_mm):.6g} mm'
         f" {side} the stop, and the first vertex {first_mm:.6g} mm before it"
     )
-    moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
+    moving = moving_op(board)
     hint = "the camera looks along its -Z: what it sees has a negative z"
     if away_mm < _METRES_MM:
         hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"

@@ -15,16 +15,16 @@ _MOST_OPS = 100
 def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     """Every defined prim in stage order, including abstract and inactive ones and instances."""
     everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
-    found = []
-    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
-    for prim in prims:
+    prims = []
+    remaining = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
+    for prim in remaining:
         if prim.IsPseudoRoot():
             continue
         if _is_dangling(prim):
-            prims.PruneChildren()
+            remaining.PruneChildren()
         else:
-            found.append(prim)
-    return found
+            prims.append(prim)
+    return prims
 
 
 def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:

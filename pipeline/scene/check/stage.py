@@ -9,32 +9,28 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
+from pipeline.scene.camera import check_camera, check_planes
+from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.asset_roots import check_assets, check_used
 from pipeline.scene.check.budgets import check_budgets
-from pipeline.scene.check.camera.channels import check_channel, check_illuminant
-from pipeline.scene.check.camera.exports import check_exports
-from pipeline.scene.check.camera.focus import check_planes
-from pipeline.scene.check.camera.glass import check_glass
-from pipeline.scene.check.camera.groups import check_groups, check_place
-from pipeline.scene.check.camera.lens import check_lens, check_nominal
-from pipeline.scene.check.camera.microlenses import check_microlenses
-from pipeline.scene.check.camera.parts import check_camera
-from pipeline.scene.check.camera.response import check_response
-from pipeline.scene.check.dataset import check_dataset, check_only_dataset, find_dataset
-from pipeline.scene.check.layers import check_layers
-from pipeline.scene.check.merged import check_merged
+from pipeline.scene.check.layers import check_layers, check_merged
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check.properties import check_properties
-from pipeline.scene.check.targets import check_target
-from pipeline.scene.read.response import has_response
+from pipeline.scene.exports import check_exports
+from pipeline.scene.glass import check_glass
+from pipeline.scene.lens import check_group_place, check_groups, check_lens, check_nominal
+from pipeline.scene.microlenses import check_microlenses
+from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
+from pipeline.scene.sensor import check_response, has_response
+from pipeline.scene.targets import check_target
 from pipeline.scene.usd.problems import Problem
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
-    ("PlenLensGroup", check_place),
+    ("PlenLensGroup", check_group_place),
     ("PlenChannel", check_channel),
     ("PlenDataset", check_illuminant),
     ("PlenDataset", check_exports),

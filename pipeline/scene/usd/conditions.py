@@ -12,14 +12,8 @@ _LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A line `Needed with:` or `Only with:` of an attribute's documentation.
-
-    Attributes
-    ----------
-    name : str
-        The property that decides.
-    tokens : tuple of str
-        Its values for which the condition holds; empty: any authored value.
+    """A line `Needed with:` or `Only with:` of an attribute's documentation: the property that decides, and its values
+    for which the condition holds; empty: any authored value.
     """
 
     name: str
@@ -35,15 +29,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """All conditions of an attribute.
-
-    Attributes
-    ----------
-    needed : tuple of Condition
-        If any of them holds, the attribute is needed.
-    only : tuple of Condition
-        Unless all of them hold, the attribute has no meaning.
-    """
+    """All conditions of an attribute: needed if any of one kind holds, without meaning unless all of the other do."""
 
     needed: tuple[Condition, ...] = ()
     only: tuple[Condition, ...] = ()
@@ -51,10 +37,10 @@ class Conditions:
 
 def conditions_in(documentation: str) -> Conditions:
     """The conditions stated in a documentation."""
-    found: dict[str, list[Condition]] = {"Needed": [], "Only": []}
+    stated: dict[str, list[Condition]] = {"Needed": [], "Only": []}
     for which, name, tokens in _LINE.findall(documentation):
-        found[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
-    return Conditions(needed=tuple(found["Needed"]), only=tuple(found["Only"]))
+        stated[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
+    return Conditions(needed=tuple(stated["Needed"]), only=tuple(stated["Only"]))
 
 
 _KNOWN: dict[tuple[str, tuple[str, ...]], dict[str, Conditions]] = {}
@@ -66,8 +52,8 @@ def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
     if key not in _KNOWN:
         definition = prim.GetPrimDefinition()
         names = (name for name in definition.GetPropertyNames() if name.startswith("plen:"))
-        found = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
-        _KNOWN[key] = {name: one for name, one in found.items() if one != Conditions()}
+        stated = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
+        _KNOWN[key] = {name: one for name, one in stated.items() if one != Conditions()}
     return _KNOWN[key]
 
 

@@ -25,12 +25,12 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    found = []
+    problems = []
     for top in reversed(tops):  # nested instances first
         if ignored := list(_ignored(stage.GetPrimAtPath(top), before)):
-            found.append(_problem(top, ignored))
+            problems.append(_problem(top, ignored))
         before |= {prim.GetPath(): prim.GetPrimStack() for prim in _range(stage.GetPrimAtPath(top))}
-    return found[::-1]
+    return problems[::-1]
 
 
 def _ignored(top: Usd.Prim, before: dict[Sdf.Path, list[Sdf.PrimSpec]]) -> Iterator[Sdf.PrimSpec]:

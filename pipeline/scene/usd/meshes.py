@@ -1,11 +1,14 @@
 """Meshes of USD, split into triangles."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
-from pipeline.scene.usd.values import plain
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import plain, take
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
 """Attributes that define the triangles of a mesh."""
@@ -15,16 +18,9 @@ SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
 class Fans:
     """Faces as fans of triangles, as viewers of USD draw them.
 
-    Attributes
-    ----------
-    points : tuple of triples
-        Vertices in the frame of the mesh, in the unit of the stage.
-    indices : tuple of int
-        Vertex of every face corner.
-    corners : list of triples of int
-        Per triangle the indices of its corners in the list of face corners, anticlockwise as seen from the front.
-    faces : list of int
-        Per triangle the index of its face.
+    `points` are vertices in the frame of the mesh, in the unit of the stage, and `indices` has the vertex of every face
+    corner. Of each triangle, `corners` has its three face corners, anticlockwise as seen from the front, and `faces`
+    its face.
     """
 
     points: tuple[tuple[float, float, float], ...]
@@ -37,6 +33,14 @@ class Fans:
         """Vertices of the triangles."""
         return tuple((self.indices[a], self.indices[b], self.indices[c]) for a, b, c in self.corners)
 
+    def places(self, interpolation: str) -> list[tuple[int, ...]]:
+        """Places of the corners of all triangles among the values of a primvar, (n, 3)."""
+        if interpolation == UsdGeom.Tokens.constant:
+            return [(0, 0, 0)] * len(self.corners)
+        if interpolation == UsdGeom.Tokens.uniform:
+            return [(face, face, face) for face in self.faces]
+        return list(self.corners if interpolation == UsdGeom.Tokens.faceVarying else self.triangles)
+
 
 def fans(mesh: UsdGeom.Mesh) -> Fans:
     """The triangles of a mesh: n - 2 of a face with n corners, none of a hole.
@@ -46,6 +50,7 @@ def fans(mesh: UsdGeom.Mesh) -> Fans:
     ValueError
         Counts and indices of the faces contradict each other.
     """
+    take(mesh.GetPath())
     points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
     if sum(counts) != len(indices) or min(counts, default=3) < 3:
         raise ValueError("faceVertexCounts do not fit faceVertexIndices")
@@ -69,3 +74,11 @@ def is_skinned(prim: Usd.Prim) -> bool:
 
 def _value(mesh: UsdGeom.Mesh, name: str) -> Any:
     return plain(mesh.GetPrim().GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) or ())
+
+
+def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
+    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
+    if is_skinned(prim):
+        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
+        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
+        yield problem(prim, "not-yet-supported", message, hint=hint)

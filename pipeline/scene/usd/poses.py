@@ -1,4 +1,4 @@
-"""Rigid transforms of prims, computed the same on every machine.
+"""Time codes of a dataset, and rigid transforms of prims, computed the same on every machine.
 
 USD's own matrices use a quaternion off unit length as it is; here it is normalised first. Products are summed in a
 fixed order instead of by BLAS, whose sums depend on the processor.
@@ -10,8 +10,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.frames import rigid
-from pipeline.scene.usd.values import plain
+from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
+from pipeline.scene.usd.values import plain, read, take
+
+LAST_FRAME = 1_000_000_000
+"""Largest absolute time code that is accepted as a frame."""
 
 
 def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
@@ -26,7 +29,26 @@ def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     """Operations of a prim's own transform; the first one listed is applied last."""
-    return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    ops = list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    take(prim.GetPath().AppendProperty("xformOpOrder"), *(op.GetAttr().GetPath() for op in ops))
+    return ops
+
+
+def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:
+    """The first animated operation of a prim's own transform."""
+    return next((op.GetAttr() for op in xform_ops(prim) if op.GetAttr().GetTimeSamples()), None)
+
+
+def is_visible(prim: Usd.Prim, time: float) -> bool:
+    """Whether USD shows a prim in a frame."""
+    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
+
+
+def comes_and_goes(prim: Usd.Prim) -> bool:
+    """Whether a prim may be visible in some frames and invisible in others."""
+    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
+    return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
 
 
 def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
@@ -103,3 +125,33 @@ def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def frame_numbers(root: Usd.Prim) -> Sequence[int]:
+    """Time codes of a dataset, in the order in which they are built; empty if the stage names none."""
+    frames = read(root, "plen:frames")
+    if frames:
+        return tuple(sorted(set(frames)))
+    take("/")  # metadata of the layer
+    stage = root.GetStage()
+    if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
+        return ()
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not (start.is_integer() and end.is_integer() and max(abs(start), abs(end)) <= LAST_FRAME):
+        return ()
+    return range(int(start), int(end) + 1)  # a list would be made before its length can be checked
+
+
+def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
+    """Path of a camera below the dataset, with dots instead of slashes."""
+    return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
+
+
+def camera_from_world(prim: Usd.Prim, times: Sequence[float], scale_mm: float) -> np.ndarray:
+    """Vision frame of a camera from the world at some times, (n, 4, 4) [mm]."""
+    return product(VISION_FROM_CAMERA, inverse(world_from(prim, times, scale_mm)))
+
+
+def stage_mm_per_unit(prim: Usd.Prim) -> float:
+    """Millimetres in one unit of the stage of a prim."""
+    return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))

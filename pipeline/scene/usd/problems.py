@@ -23,22 +23,9 @@ shorter.
 class Problem:
     """One problem of a stage, with the place in the text to mend it.
 
-    Attributes
-    ----------
-    severity : str
-        `error` or `warning`.
-    code : str
-        Stable name of the kind of problem, for scripts and documentation.
-    message : str
-        One sentence: what is wrong, with the offending value.
-    file : str or None
-        Path relative to the working directory if it lies below it, else absolute.
-    line, column : int or None
-        Counted from 1.
-    at : str or None
-        Path on the composed stage.
-    hint : str or None
-        A way to mend it.
+    `severity` is `error` or `warning`; `code` is a stable name of the kind of problem, for scripts; `message` is one
+    sentence with the offending value. `file` is relative to the working directory if it lies below it, `line` and
+    `column` count from 1, `at` is a path on the composed stage, and `hint` a way to mend it.
     """
 
     severity: str = "error"

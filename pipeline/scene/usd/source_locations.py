@@ -3,7 +3,7 @@
 from pxr import Sdf, Usd
 
 from pipeline.scene.usd.problems import Problem, shown_path
-from pipeline.scene.usd.usda_lines import line_of, sample_key
+from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, sample_key
 
 
 def problem(
@@ -20,6 +20,14 @@ def problem(
     return Problem(
         severity=severity, code=code, message=message, file=file, line=line, at=str(thing.GetPath()), hint=hint
     )
+
+
+def metadata_problem(
+    layer: Sdf.Layer, key: str, code: str, message: str, *, hint: str | None = None, at: str | None = None
+) -> Problem:
+    """A problem at the line of metadata of a layer, or at its first line."""
+    line = line_of_metadata(layer.realPath, key)
+    return Problem(code=code, message=message, file=shown_path(layer.realPath), line=line, at=at, hint=hint)
 
 
 def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:

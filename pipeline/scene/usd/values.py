@@ -16,7 +16,11 @@ from pipeline.errors import PipelineError
 from pipeline.scene.usd.register import PLUGIN_NAME
 
 F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 _ANSWERS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("answers of readers of a stage", default=None)
+_TAKEN: ContextVar[set[str] | None] = ContextVar(
+    "properties from which the record being read takes values", default=None
+)
 
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
@@ -36,6 +40,34 @@ def unchanging() -> Iterator[None]:
         _ANSWERS.reset(token)
 
 
+@contextmanager
+def taking() -> Iterator[set[str]]:
+    """Context that collects the paths of the properties from which readers take values, and of whole prims."""
+    taken = set[str]()
+    token = _TAKEN.set(taken)
+    try:
+        yield taken
+    finally:
+        _TAKEN.reset(token)
+
+
+def take(*paths: str | Sdf.Path) -> None:
+    """Note that the record that is being read takes values from these properties, or from whole prims."""
+    if (taken := _TAKEN.get()) is not None:
+        taken.update(map(str, paths))
+
+
+class Sources(dict[str, set[str]]):
+    """Paths of the properties, and of whole prims, from which each part of a record was read."""
+
+    def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
+        """What a reader answers, which is a part of the record."""
+        with taking() as taken:
+            answer = reader(*arguments)
+        self.setdefault(part, set()).update(taken)
+        return answer
+
+
 def read_once(reader: F) -> F:
     """Decorate a reader, a function of prims, names and numbers: checks and readers ask for the same prims again."""
 
@@ -46,20 +78,18 @@ def read_once(reader: F) -> F:
             return reader(*arguments)
         key = reader, *arguments
         if key not in answers:
-            answers[key] = reader(*arguments)
-        return answers[key]
+            with taking() as taken:
+                answer = reader(*arguments)
+            answers[key] = answer, taken
+        answer, taken = answers[key]
+        take(*taken)
+        return answer
 
     return cast(F, asked)
 
 
 class UnreadableValue(PipelineError):
-    """A reader met a missing or wrong value; it is reported unless another error names its prim.
-
-    Attributes
-    ----------
-    thing : Usd.Prim or Usd.Property
-        The place to mend it.
-    """
+    """A reader met a missing or wrong value; it is reported at `thing`, unless another error names its prim."""
 
     code = "unreadable-value"
 
@@ -82,18 +112,8 @@ class NotSupported(UnreadableValue):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """An interval, from the line `Range:` of an attribute's documentation.
-
-    Attributes
-    ----------
-    low, high : float
-        Its ends.
-    low_open, high_open : bool
-        Whether the end itself is outside.
-    or_inf : bool
-        Whether infinity is also allowed.
-    gap : float
-        Numbers nearer to zero than this are outside.
+    """An interval, from the line `Range:` of an attribute's documentation: with open ends, with infinity, and without
+    numbers nearer to zero than `gap`.
     """
 
     low: float
@@ -165,10 +185,10 @@ def plain(value: Any) -> Any:
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
     if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
-        found = np.asarray(value)
-        if found.dtype.kind in "if":
-            rows = (found if found.dtype.kind == "i" else found.astype(np.float64) + 0.0).tolist()
-            return tuple(map(tuple, rows)) if found.ndim == 2 else tuple(rows)
+        array = np.asarray(value)
+        if array.dtype.kind in "if":
+            rows = (array if array.dtype.kind == "i" else array.astype(np.float64) + 0.0).tolist()
+            return tuple(map(tuple, rows)) if array.ndim == 2 else tuple(rows)
     return tuple(plain(item) for item in value)
 
 
@@ -179,8 +199,8 @@ def numbers(value: Any) -> np.ndarray:
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return np.array(plain(value))
     try:
-        found = np.asarray(value)
-        return np.asarray(found if found.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
+        array = np.asarray(value)
+        return np.asarray(array if array.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
     except (TypeError, ValueError):  # an array of texts, or a value without numbers
         return np.zeros(0)
 
@@ -199,20 +219,8 @@ def bad_text(value: Any) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """Rules of the schemas about the values of an attribute.
-
-    Attributes
-    ----------
-    kind : type or None
-        Python type of the value as read by USD; None: any.
-    span : Range or None
-        Range of every number.
-    entries : (int, int) or None
-        Fewest and most entries of an array.
-    tokens : frozenset of str
-        Allowed tokens; empty: all.
-    fallback : Any
-        Fallback value of the schema, as a Python object.
+    """Rules of the schemas about the values of an attribute: type as read by USD, range of every number, fewest and
+    most entries of an array, allowed tokens, and the fallback as a Python object. None and empty: anything is allowed.
     """
 
     kind: type | None = None
@@ -233,8 +241,8 @@ class Rule:
             return False
         if bad_text(value) is not None:
             return False
-        found = numbers(value)
-        return bool(np.all(self.span.holds(found) if self.span else np.isfinite(found)))
+        array = numbers(value)
+        return bool(np.all(self.span.holds(array) if self.span else np.isfinite(array)))
 
 
 _RULES: dict[tuple[str, tuple[str, ...], str], Rule | None] = {}
@@ -275,6 +283,7 @@ def read(prim: Usd.Prim, name: str) -> Any:
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
         return None
+    take(attribute.GetPath())
     if not attribute.HasAuthoredValue():
         return rule.fallback
     value = attribute.Get(_ANY_TIME)
@@ -299,21 +308,21 @@ def need(prim: Usd.Prim, name: str) -> Any:
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
     """Entries under `key` in our plugInfo.json for the type and the applied schemas of a prim."""
     registry = Usd.SchemaRegistry()
-    found = []
+    facts = []
     for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
         identifier, _ = registry.GetTypeNameAndInstance(schema)
         tf_type = registry.GetTypeFromSchemaTypeName(identifier)
         plugin = None if tf_type == Tf.Type.Unknown else Plug.Registry().GetPluginForType(tf_type)
         if plugin and plugin.name == PLUGIN_NAME:
             fact = plugin.GetMetadataForType(tf_type).get(key)
-            found += [fact] if fact is not None else []
-    return found
+            facts += [fact] if fact is not None else []
+    return facts
 
 
 def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
     """The one prim of a type to which a relationship points; None if there is none."""
-    found = targets(prim, name, wanted)
-    return found[0] if len(found) == 1 else None
+    prims = targets(prim, name, wanted)
+    return prims[0] if len(prims) == 1 else None
 
 
 def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
@@ -326,6 +335,8 @@ def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
     """Paths to which a relationship points; empty if an attribute was written in its place."""
     try:
+        if relationship:
+            take(relationship.GetPath())
         return list(relationship.GetTargets()) if relationship else []
     except Tf.ErrorException:
         return []

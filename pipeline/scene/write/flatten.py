@@ -16,7 +16,7 @@ from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
-from pipeline.scene.read.targets import PREVIEW
+from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS
 from pipeline.scene.write.boards import write_board
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
@@ -50,9 +50,9 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
 def _leave_out_tables(layer: Sdf.Layer) -> None:
     """Remove attributes of schemas of other renderers that name files."""
-    found = list[Sdf.Path]()
-    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
-    for path in found:
+    paths = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
         if path.IsPropertyPath() and path.name.startswith(LENS_DISTORTION_NAMES):
             attribute = layer.GetAttributeAtPath(path)
             if attribute and attribute.typeName in (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray):

@@ -37,16 +37,8 @@ _TENTHS = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppliedSchema:
-    """An applied schema with its values.
-
-    Attributes
-    ----------
-    name : str
-        Name of the schema, as `OmniLensDistortionOpenCvPinholeAPI`.
-    model : str
-        Value of `omni:lensdistortion:model` with which this schema counts.
-    attributes : tuple of (str, str, value)
-        Name, type and value of each.
+    """An applied schema, as `OmniLensDistortionOpenCvPinholeAPI`, with name, type and value of its attributes; `model`
+    is the value of `omni:lensdistortion:model` with which it counts.
     """
 
     name: str
@@ -58,19 +50,9 @@ class AppliedSchema:
 class SeenCamera:
     """A camera as other renderers see it.
 
-    Attributes
-    ----------
-    prim_path : str
-        Path of our camera on the composed stage.
-    schemas : sequence of AppliedSchema
-    model : str
-        Value of `omni:lensdistortion:model`: the schema that counts.
-    centre_mm : (float, float, float)
-        Centre of projection, vision frame.
-    principal_mm, size_mm : float, (float, float)
-        Distance and size of the film of a plain pinhole, for programs without the schemas.
-    about : tuple of str
-        Paragraphs of the documentation of the layer.
+    `model` is the value of `omni:lensdistortion:model`: the schema that counts. `centre_mm` is the centre of projection
+    in the vision frame; `principal_mm` and `size_mm` are distance and size of the film of a plain pinhole, for programs
+    without the schemas. `about` has the paragraphs of the documentation of the layer.
     """
 
     prim_path: str

@@ -51,10 +51,10 @@ def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
 
 def lens_documentation(lens: PrintedLens) -> str:
     """Documentation of a lens: name, provenance, nominal and computed figures."""
-    found = first_order(prescription_of(lens))
+    figures_mm = first_order(prescription_of(lens))
     computed = (
-        f"Computed at infinity with the indices below: EFL {found.efl_mm:.4f} mm, BFD {found.bfd_mm:.4f} mm,"
-        f" f/{abs(found.f_number):.2f}."
+        f"Computed at infinity with the indices below: EFL {figures_mm.efl_mm:.4f} mm, BFD {figures_mm.bfd_mm:.4f} mm,"
+        f" f/{abs(figures_mm.f_number):.2f}."
     )
     figures = f"{_nominal(lens)} {computed}"
     return filled([f"{lens.name}.", *lens.provenance, figures])

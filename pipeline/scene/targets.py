@@ -1,26 +1,160 @@
-"""Checks of targets: values of the shape, the pattern on its surface, marked points off their mesh."""
+"""Targets: the pattern, the shape of its surface or its mesh, and the spectra of ink and paper."""
 
 from collections.abc import Iterator, Set
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
+from pipeline.frames import apply, mm_per_unit
+from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
-from pipeline.scene.check.occluders import check_skin
-from pipeline.scene.read.targets import read_target
+from pipeline.render.spectral.prints import Print, Spectrum
+from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.hints import of_reader
+from pipeline.scene.usd.meshes import Fans, check_skin, fans
+from pipeline.scene.usd.poses import product, world_from
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read, target
+from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
-from pipeline.targets.target import AnyTarget
+from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
+from pipeline.targets.target import PATTERNS, AnyTarget, Target
+
+PREVIEW = "Preview"
+"""Name of the preview mesh below a target."""
+TYPES: dict[str, type[Any]] = {f"Plen{kind.__name__}": kind for kind in PATTERNS.values()}
+"""The pattern of each type of prim."""
+
+SHAPES: dict[str, tuple[type, dict[str, str]]] = {
+    "flat": (Flat, {}),
+    "warped": (Warped, {"deflection_mm": "plen:shape:deflection"}),
+    "heightMap": (HeightMap, {"resolution": "plen:shape:resolution", "heights_mm": "plen:shape:heights"}),
+    "cylinder": (Cylinder, {"radius_mm": "plen:shape:radius"}),
+    "cube": (Cube, {"edge_mm": "plen:shape:edge"}),
+    "stairs": (Stairs, {"steps": "plen:shape:steps", "depth_mm": "plen:shape:depth"}),
+}
+"""The surface of each plen:shape with the attributes of its fields."""
 
 OFF_MESH_MM = 1e-3
 """Distance of a marked point from its mesh above which there is a warning [mm]: its image would not be where the
 truth says.
 """
+
+
+def is_preview(prim: Usd.Prim) -> bool:
+    """Whether a prim is the preview of a target, written by us or in the library."""
+    return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
+
+
+def is_in_preview(prim: Usd.Prim) -> bool:
+    """Whether a prim is part of the preview of a target, such as its material."""
+    return any(is_preview(prim.GetStage().GetPrimAtPath(path)) for path in prim.GetPath().GetPrefixes())
+
+
+def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
+    """Every target on a stage that passed the checks, in stage order."""
+    return tuple(read_target_entry(prim) for prim in stage.Traverse() if prim.IsA("PlenTarget"))
+
+
+@read_once
+def read_target_entry(prim: Usd.Prim) -> TargetEntry:
+    """A target with its name."""
+    roughness = read(prim, "plen:coat:roughness")
+    coat = None if roughness is None else Coat(roughness=roughness, ior=need(prim, "plen:coat:ior"))
+    return TargetEntry(
+        name=prim.GetName(),
+        prim_path=str(prim.GetPath()),
+        target=read_target(prim),
+        coat=coat,
+        printed=Print(ink=_spectrum(prim, "ink"), paper=_spectrum(prim, "paper")),
+    )
+
+
+def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
+    """The spectrum of the ink or the paper of a target."""
+    if patch := need(prim, f"plen:{what}:patch"):
+        from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
+
+        wavelengths, values = reflectance(patch)
+        return Spectrum(wavelengths_nm=tuple(wavelengths.tolist()), reflectance=tuple(values.tolist()))
+    return Spectrum(
+        wavelengths_nm=need(prim, f"plen:{what}:wavelengths"), reflectance=need(prim, f"plen:{what}:reflectance")
+    )
+
+
+@read_once
+def read_target(prim: Usd.Prim) -> AnyTarget:
+    """A target of any type.
+
+    Raises
+    ------
+    TargetError
+        Its values contradict each other.
+    """
+    if prim.IsA("PlenMeshTarget"):
+        return read_mesh_target(prim)
+    pattern = TYPES[str(prim.GetTypeName())]
+    surface, shape = SHAPES[need(prim, "plen:shape")]
+    return Target(
+        pattern(white=need(prim, "plen:white"), black=need(prim, "plen:black"), **_values(prim, pattern.ATTRIBUTES)),
+        surface(**_values(prim, shape)),
+    )
+
+
+def _values(prim: Usd.Prim, fields: dict[str, str]) -> dict[str, Any]:
+    return {field: need(prim, name) for field, name in fields.items()}
+
+
+def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
+    """The record of a PlenMeshTarget: triangles, corners in the target frame, colours as radiance."""
+    mesh_prim = target(prim, "plen:mesh", "Mesh")
+    if mesh_prim is None:
+        raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
+    mesh = UsdGeom.Mesh(mesh_prim)
+    shape = fans(mesh)
+    points = np.array(shape.points, float).reshape(-1, 3)
+    colours = _colours(mesh, shape)
+    white = need(prim, "plen:white")
+    return MeshTarget(
+        vertices_mm=_triples(apply(_target_from_mesh(prim, mesh_prim), points)),
+        triangles=shape.triangles,
+        albedo=tuple(tuple(white * shade for shade in row) for row in colours),  # type: ignore[misc]
+        points_mm=need(prim, "plen:points"),
+        normals=need(prim, "plen:normals"),
+    )
+
+
+def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
+    """Transform from the mesh to its rigid target, with mm per unit included; affine, because the mesh may be
+    scaled.
+    """
+    scale_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    first = [_first_time(prim)]
+    matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
+    matrix[:3, :3] *= scale_mm
+    return matrix
+
+
+def _first_time(prim: Usd.Prim) -> float:
+    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
+    return min(times, default=0.0)
+
+
+def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
+    """First component of the display colour at the corners of each triangle; 1 without display colour."""
+    colour = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("displayColor")
+    values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
+    if not values:
+        return [(1.0, 1.0, 1.0)] * len(shape.corners)
+    return [tuple(values[place][0] for place in places) for places in shape.places(colour.GetInterpolation())]
+
+
+def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
+    return tuple((x + 0.0, y + 0.0, z + 0.0) for x, y, z in points.tolist())
 
 
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:

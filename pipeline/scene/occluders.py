@@ -1,20 +1,52 @@
-"""Checks of occluders: they must be valid meshes, keep their shape, and stay outside the lens."""
+"""Occluders: valid meshes that keep their shape and stay outside the lens."""
 
 from collections.abc import Iterator, Set
 
 import numpy as np
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.frames import apply
-from pipeline.scene.read.finishes import seen_meshes
-from pipeline.scene.read.occluders import is_visible, read_occluder
-from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
-from pipeline.scene.usd.meshes import SHAPE, is_skinned
-from pipeline.scene.usd.poses import product, world_from, xform_ops
+from pipeline.frames import apply, mm_per_unit
+from pipeline.scene.dataset import OccluderEntry
+from pipeline.scene.lens import prescription_of
+from pipeline.scene.materials import read_finish, seen_meshes
+from pipeline.scene.usd.meshes import SHAPE, check_skin, fans
+from pipeline.scene.usd.poses import (
+    camera_from_world,
+    camera_name,
+    is_visible,
+    moving_op,
+    product,
+    stage_mm_per_unit,
+    world_from,
+)
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, targets
+from pipeline.scene.usd.values import read, read_once, target, targets
+from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.pattern import TargetError
+
+
+def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
+    """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
+    finish = read_finish(prim) if lit else None
+    return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
+
+
+@read_once
+def read_occluder(prim: Usd.Prim) -> Occluder:
+    """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI.
+
+    Raises
+    ------
+    TargetError, ValueError
+        Its faces do not match its points or each other.
+    """
+    mesh, scale_mm = fans(UsdGeom.Mesh(prim)), mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    return Occluder(
+        vertices_mm=tuple((x * scale_mm, y * scale_mm, z * scale_mm) for x, y, z in mesh.points),
+        triangles=mesh.triangles,
+        radiance=read(prim, "plen:radiance") or 0.0,
+    )
 
 
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -46,22 +78,13 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
 
 
-def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
-    if is_skinned(prim):
-        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
-        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
-        yield problem(prim, "not-yet-supported", message, hint=hint)
-
-
 def check_outside_lens(
     camera: Usd.Prim, occluders: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
     if not occluders:
         return
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
+    prescription = prescription_of(camera)
     ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
     radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
     scale_mm = stage_mm_per_unit(root)
@@ -80,7 +103,7 @@ def _inside(occluder: Usd.Prim, camera: str, number: int, ends_mm: tuple[float, 
         f'"{occluder.GetName()}" reaches into the lens of "{camera}" at time code {number},'
         f" z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
     )
-    moving = next((op.GetAttr() for op in xform_ops(occluder) if op.GetAttr().GetTimeSamples()), None)
+    moving = moving_op(occluder)
     hint = "the camera looks along its -Z; its origin is the aperture stop"
     return problem(moving or occluder, "inside-lens", message, hint=hint, time=float(number) if moving else None)
 

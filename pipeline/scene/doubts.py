@@ -9,10 +9,10 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
-from pipeline.scene.check.camera.losses import check_angles
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.read.media import ordered_surfaces
-from pipeline.scene.read.prims import read_sensor
+from pipeline.scene.glass import ordered_surfaces
+from pipeline.scene.losses import check_angles
+from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -56,9 +56,11 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
         if part == "image":
             return sensor
         # An override of the stage itself is more likely to be wrong than a file of the library.
-        said = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
+        attributes = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
         root = prim.GetStage().GetRootLayer()
-        return next((one for one in said if one.GetPropertyStack()[0].layer == root), said[0])
+        return next(
+            (attribute for attribute in attributes if attribute.GetPropertyStack()[0].layer == root), attributes[0]
+        )
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     if part == "microlenses":
         return array

@@ -13,7 +13,7 @@ from pxr import Ar, Sdf, Usd, UsdShade
 from pipeline.errors import PipelineError
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import PictureEntry
-from pipeline.scene.read.targets import is_in_preview
+from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 

@@ -1,16 +1,33 @@
-"""Reading of materials: networks of UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader_float2."""
+"""Materials of the meshes of a lit scene, with their normals and texture coordinates, and which meshes these are."""
 
 import math
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pxr import Sdr, Usd, UsdShade
+import numpy as np
+from pxr import Sdf, Sdr, Usd, UsdGeom, UsdShade
 
-from pipeline.render.lighting.records import Input, Material, Numbers, Texture
-from pipeline.scene.read.pictures import picture_name
-from pipeline.scene.usd.problems import shortened
-from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
+from pipeline.render.lighting.materials import all_of
+from pipeline.render.lighting.records import Finish, Input, Material, Numbers, Texture
+from pipeline.scene.lamps import is_in_images, lamp_prims
+from pipeline.scene.pictures import picture_name
+from pipeline.scene.targets import is_preview
+from pipeline.scene.usd.meshes import Fans, fans
+from pipeline.scene.usd.problems import Problem, shortened
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import (
+    NotSupported,
+    Range,
+    UnreadableValue,
+    numbers,
+    plain,
+    read,
+    read_once,
+    take,
+    targets,
+)
 
 _COLOUR, _NUMBER = 3, 1
 """Components of inputs [1]."""
@@ -31,6 +48,9 @@ _ANY = Range(low=-1e9, high=1e9)
 """Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
 _UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """Rows of the affine map that changes nothing."""
+
+_GREY = (0.18, 0.18, 0.18)
+"""Colour of what has none [1]: UsdPreviewSurface's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +81,11 @@ def read_material(material: UsdShade.Material) -> Shaded:
         fields["specular_color"] = reader.read("specularColor", (0.0, 0.0, 0.0))
     threshold, ior = (_number(surface, name, value) for name, value in (("opacityThreshold", 0.0), ("ior", 1.5)))
     _require_opaque(surface, fields["opacity"], threshold)
-    found = Material(**fields, ior=ior, opacity_threshold=threshold)
+    record = Material(**fields, ior=ior, opacity_threshold=threshold)
     if len(reader.primvars) > 1:
         what = f"its textures read coordinates from {' and '.join(sorted(reader.primvars))}"
         raise NotSupported(what, material.GetPrim(), hint="use one set of texture coordinates")
-    return Shaded(found, next(iter(reader.primvars), ""))
+    return Shaded(record, next(iter(reader.primvars), ""))
 
 
 def _require_opaque(surface: UsdShade.Shader, opacity: Input, threshold: float) -> None:
@@ -140,10 +160,10 @@ def _source(shader: UsdShade.Shader, name: str) -> Any:
     given = shader.GetInput(name)
     if not given:
         return None
-    found = given.GetValueProducingAttributes()
-    if not found:
+    attributes = given.GetValueProducingAttributes()
+    if not attributes:
         return None
-    attribute = found[0]
+    attribute = attributes[0]
     if UsdShade.Output.IsOutput(attribute):
         return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
     if attribute.ValueMightBeTimeVarying():
@@ -162,8 +182,8 @@ def _wanted(shader_id: str, name: str, value: Any) -> str | None:
         return None if value in tokens else f"one of {', '.join(tokens)}"
     if not count:
         return None if isinstance(value, str) else "a text"
-    found, span = numbers(value), _RANGES.get(name, _ANY)
-    return None if len(found) == count and span.holds(found).all() else f"{count} in {span}"
+    values, span = numbers(value), _RANGES.get(name, _ANY)
+    return None if len(values) == count and span.holds(values).all() else f"{count} in {span}"
 
 
 @cache
@@ -197,8 +217,152 @@ def _shader(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.S
     if shader.GetShaderId() != wanted:
         what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
         raise NotSupported(what, shader.GetPrim(), hint=_connect(wanted))
+    take(place.GetPath(), shader.GetPath())
     return shader
 
 
 def _connect(wanted: str) -> str:
     return f"connect a {wanted}; known are UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader_float2"
+
+
+def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
+    """Meshes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
+    named = targets(root, "plen:occluders", "Mesh")
+    stage = root.GetStage()
+    if not lamp_prims(stage):
+        return named
+    taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
+    others = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and prim not in named and prim not in taken]
+    return named + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
+
+
+@read_once
+def read_finish(prim: Usd.Prim) -> Finish:
+    """The materials of a Mesh, with its normals and texture coordinates.
+
+    Raises
+    ------
+    NotSupported, UnreadableValue
+        A material, a normal or a texture coordinate cannot be used.
+    """
+    mesh = UsdGeom.Mesh(prim)
+    shape = fans(mesh)
+    shaded = [_material_of(prim)]
+    of_face = dict[int, int]()
+    for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+        take(subset.GetPath())
+        of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get() or ()), len(shaded))
+        shaded.append(_material_of(subset.GetPrim()))
+    materials = tuple(one.material for one in shaded)
+    return Finish(
+        materials=materials,
+        material_of=tuple(of_face.get(face, 0) for face in shape.faces) if of_face else (),
+        normals=_normals(mesh, shape),
+        st=_st(mesh, shape, shaded) if all_of(materials) else (),
+    )
+
+
+def _material_of(prim: Usd.Prim) -> Shaded:
+    """The material that is bound to a mesh or a subset, else the display colour of the mesh."""
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
+    if material:
+        return read_material(material)
+    mesh = prim if prim.IsA(UsdGeom.Mesh) else prim.GetParent()
+    colour = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor")
+    values = plain(colour.Get() or ()) if colour else ()
+    if len(values) > 1:
+        raise NotSupported(
+            f'"primvars:displayColor" has {len(values)} colours',
+            colour.GetAttr(),
+            hint="write one colour, or bind a material with a texture",
+        )
+    return Shaded(Material(diffuse_color=Input(value=values[0] if values else _GREY), ior=1.0), "")
+
+
+def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
+    """Authored normals at the corners of all triangles; none: flat ones."""
+    primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("normals")
+    if primvar and primvar.HasAuthoredValue():
+        values, interpolation, attribute = primvar.ComputeFlattened(), primvar.GetInterpolation(), primvar.GetAttr()
+    else:
+        attribute = mesh.GetNormalsAttr()
+        values, interpolation = attribute.Get(), mesh.GetNormalsInterpolation()
+    return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
+
+
+def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[Shaded]) -> tuple[Numbers, ...]:
+    """Texture coordinates at the corners of all triangles."""
+    names = list(dict.fromkeys(one.primvar for one in shaded if all_of([one.material])))
+    if len(names) > 1:
+        raise NotSupported(
+            f"its materials read texture coordinates from {' and '.join(names)}",
+            mesh.GetPrim(),
+            hint="use one set of texture coordinates",
+        )
+    primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance(names[0])
+    values = plain(primvar.ComputeFlattened() or ()) if primvar and primvar.HasValue() else ()
+    if not values:
+        hint = f"write texCoord2f[] primvars:{names[0]} with an interpolation"
+        what = f'the material reads texture coordinates "{names[0]}", which <{mesh.GetPath()}> does not have'
+        raise UnreadableValue(what, mesh.GetPrim(), hint=hint)
+    return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr(), 2)
+
+
+def _at_corners(
+    values: tuple[Numbers, ...], interpolation: str, shape: Fans, attribute: Usd.Attribute, size: int
+) -> tuple[Numbers, ...]:
+    """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
+    if not values:
+        return ()
+    try:
+        table = np.array(values, float).reshape(len(values), size)
+    except (TypeError, ValueError):
+        raise UnreadableValue(
+            f'"{attribute.GetName()}" holds something else than {size} numbers each', attribute
+        ) from None
+    rows = shape.places(interpolation)
+    if not np.isfinite(table).all() or (len(rows) and np.max(rows) >= len(table)):
+        raise UnreadableValue(f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute)
+    return tuple(map(tuple, (table[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))
+
+
+def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of meshes and targets that depend on whether lamps light them; `wrong` holds prims with wrong values."""
+    is_lit = bool(lamp_prims(root.GetStage()))
+    for prim in targets(root, "plen:targets", "PlenTarget"):
+        yield from _check_target(prim) if is_lit else _check_unlit(prim)
+    for prim in seen_meshes(root) if is_lit else ():
+        if prim.GetPath() not in wrong:
+            yield from _check_mesh(prim)
+
+
+def _check_target(prim: Usd.Prim) -> Iterator[Problem]:
+    for name in ("plen:white", "plen:black"):
+        value = read(prim, name)
+        if value is not None and value > 1:
+            message = f'"{name}" = {value:g} of a target that lamps light is a reflectance, at most 1'
+            hint = "make the lamps brighter instead"
+            yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
+
+
+def _check_unlit(prim: Usd.Prim) -> Iterator[Problem]:
+    coat = prim.GetAttribute("plen:coat:roughness")
+    if coat and coat.HasAuthoredValue():
+        message = "the coat of a target is not seen, because the dataset has no lamp"
+        hint = "add a light of UsdLux, such as a RectLight"
+        yield problem(coat, "unused-value", message, hint=hint, severity="warning")
+
+
+def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+    mesh = UsdGeom.Mesh(prim)
+    scheme = mesh.GetSubdivisionSchemeAttr()
+    if scheme.Get() != UsdGeom.Tokens.none:
+        message = f'"subdivisionScheme" is {scheme.Get()}, and surfaces are not subdivided'
+        yield problem(scheme, "not-yet-supported", message, hint='write uniform token subdivisionScheme = "none"')
+        return
+    try:
+        read_finish(prim)
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what, hint=error.hint)
+    except ValueError:
+        return  # faces that contradict each other are reported elsewhere

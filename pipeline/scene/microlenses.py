@@ -1,17 +1,36 @@
-"""Checks of a microlens array: attributes that contradict each other, and arrays that cannot exist."""
+"""A microlens array: attributes that belong together or contradict each other, and arrays that cannot exist."""
 
 from collections.abc import Iterator, Set
+from typing import Any
 
 from pxr import Sdf, Usd
 
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
+from pipeline.optics.glass import row
 from pipeline.optics.glass.errors import GlassError, OutOfRange
-from pipeline.scene.read.microlenses import microlens_index, read_microlenses
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read
+from pipeline.scene.usd.values import UnreadableValue, need, read
+
+FACES = {
+    "front_radii_mm": "plen:frontRadii",
+    "rear_radii_mm": "plen:rearRadii",
+    "front_conics": "plen:frontConics",
+    "rear_conics": "plen:rearConics",
+}
+"""Attributes of refractive microlenses, by the fields of `MicrolensArray`."""
+
+_OPTIONAL = {
+    "cross_pitch_mm": "plen:crossPitch",
+    "width_mm": "plen:width",
+    "height_mm": "plen:height",
+    "columns": "plen:columns",
+    "rows": "plen:rows",
+    "type_period": "plen:typePeriod",
+}
 
 _D_LINE_NM = 587.56
 """Wavelength at which an array without a camera is checked [nm]: the helium d line, for which catalogues state
@@ -21,9 +40,51 @@ _ANY_DISTANCE_MM = 1.0
 """Distance from the sensor of an array without a camera [mm]: no check of an array alone depends on it."""
 _NOMINAL = 0.01
 """Relative deviation of a focal length from that of the faces above which there is a warning."""
-
 _NEAREST = 0.1
 """Least distance of the microlenses from the sensor over their pitch: in air no lens is faster than f/0.5."""
+
+
+def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -> MicrolensArray:
+    """The record of a PlenMicrolensArray at a distance from the sensor, at the wavelength of a camera."""
+    model, aperture = need(prim, "plen:model"), need(prim, "plen:aperture")
+    parts: dict[str, Any] = {field: read(prim, name) for field, name in _OPTIONAL.items()}
+    if model != "refractive":
+        parts["focal_lengths_mm"] = need(prim, "plen:focalLengths")
+    else:
+        parts |= {field: need(prim, name) for field, name in FACES.items()}
+    if model != "thin":
+        parts |= {"index": microlens_index(prim, wavelength_nm), "thickness_mm": need(prim, "plen:thickness")}
+    if aperture == "disc":
+        parts["disc_diameter_mm"] = need(prim, "plen:discDiameter")
+    (offset_x_mm, offset_y_mm), (tilt_x_deg, tilt_y_deg) = need(prim, "plen:offset"), need(prim, "plen:tilt")
+    return MicrolensArray(
+        layout=need(prim, "plen:layout"),
+        pitch_mm=need(prim, "plen:pitch"),
+        type_table=need(prim, "plen:typeTable"),
+        distance_mm=distance_mm,
+        rotation_deg=need(prim, "plen:rotation"),
+        offset_x_mm=offset_x_mm,
+        offset_y_mm=offset_y_mm,
+        tilt_x_deg=tilt_x_deg,
+        tilt_y_deg=tilt_y_deg,
+        aperture=aperture,
+        model=model,
+        **parts,
+    )
+
+
+def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
+    """Index of the microlenses of a PlenMicrolensArray at a wavelength: of its glass, or as printed.
+
+    Raises
+    ------
+    GlassError
+        The glass is unknown, or unknown at that wavelength.
+    """
+    glass = need(prim, "plen:glass")
+    if not glass:
+        return float(need(prim, "plen:index"))
+    return row.medium(glass=glass, index=None, abbe=None, wavelength_nm=wavelength_nm).index(wavelength_nm)
 
 
 def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:

@@ -1,22 +1,29 @@
-"""Checks of a prescription: order, stop, and surfaces against each other."""
+"""A lens: its prescription with surfaces and groups, and whether it can be built."""
 
 import math
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pxr import Usd
 
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
-from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
-from pipeline.scene.read.media import ordered_surfaces
-from pipeline.scene.read.prims import read_prescription, read_surface
+from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
+from pipeline.scene.dataset import LensEntry
+from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read
+from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+
+APERTURE_VALUES = {
+    "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
+    "rectangular": {"half_widths_mm": "plen:halfWidths"},
+    "polygonal": {"blades": "plen:blades"},
+}
+"""Attributes that set the size of an aperture, by shape and field of `Surface`."""
 
 _TOUCH_MM = 1e-9
 """Overlap of surfaces that still counts as touching and is accepted [mm]: numbers in prescriptions have far fewer
@@ -32,6 +39,84 @@ lenses in the library has 1/130.
 """
 _NOMINAL = 0.05
 """Relative deviation from the nominal focal length above which there is a warning: names are round numbers."""
+
+
+def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
+    """The lens that is the default prim of a stage that passed the checks; None for any other stage."""
+    prim = stage.GetDefaultPrim()
+    if not prim or not prim.IsA("PlenLens"):
+        return None
+    return LensEntry(
+        name=prim.GetName(),
+        lens_name=need(prim, "plen:name") or prim.GetName(),
+        index_source=index_source(prim, ordered_surfaces(prim)),
+        wavelength_nm=need(prim, "plen:wavelength"),
+        prescription=read_prescription(prim),
+        stop_name=next(one.GetName() for one in ordered_surfaces(prim) if need(one, "plen:isStop")),
+    )
+
+
+def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Groups of a lens, in stage order."""
+    return [prim for prim in lens.GetChildren() if prim.IsA("PlenLensGroup")]
+
+
+@read_once
+def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
+    """The prescription of a PlenLens at a wavelength, by default that of its printed indices."""
+    prims = ordered_surfaces(lens)
+    surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
+    groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
+    return Prescription(surfaces=surfaces, groups=tuple(sorted(groups, key=lambda group: group.first)))
+
+
+def prescription_of(camera: Usd.Prim) -> Prescription:
+    """The prescription of the lens of a Camera with PlenCameraAPI, at its wavelength."""
+    return read_prescription(target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength"))
+
+
+def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
+    """The record of a PlenLensGroup; `surfaces` holds the names of all surfaces of its lens in order."""
+    names = need(prim, "plen:surfaces")
+    first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
+    if not names or list(names) != surfaces[first : first + len(names)]:
+        raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another", prim)
+    return Group(
+        name=prim.GetName(),
+        first=first,
+        count=len(names),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
+        pivot_mm=need(prim, "plen:pivot"),
+    )
+
+
+@read_once
+def read_surface(prim: Usd.Prim) -> Surface:
+    """The record of a PlenSurface, with its printed index."""
+    return Surface(
+        radius_mm=need(prim, "plen:radius"),
+        thickness_mm=need(prim, "plen:thickness"),
+        semi_diameter_mm=need(prim, "plen:semiDiameter"),
+        index=need(prim, "plen:index"),
+        is_stop=need(prim, "plen:isStop"),
+        conic=need(prim, "plen:conic"),
+        even_coefficients=need(prim, "plen:evenCoefficients"),
+        odd_coefficients=need(prim, "plen:oddCoefficients"),
+        focal_length_mm=read(prim, "plen:focalLength"),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
+        **_read_aperture(prim),
+    )
+
+
+def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
+    """Fields of the aperture of a surface, which lies inside the circle of its semi-diameter."""
+    shape = need(prim, "plen:apertureShape")
+    fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
+    if shape in ("rectangular", "polygonal"):
+        fields["aperture_rotation_deg"] = need(prim, "plen:apertureRotation")
+    return fields
 
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
@@ -194,3 +279,37 @@ def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
         severity = "warning"
     hint = "enlarge the thickness or reduce a semi-diameter"
     yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)
+
+
+def check_group_place(group: Usd.Prim) -> Iterator[Problem]:
+    """A problem if a PlenLensGroup is not a child of a lens, so that no lens would read it."""
+    if not group.GetParent().IsA("PlenLens"):
+        message = "a PlenLensGroup must be a direct child of a PlenLens, and this one is not"
+        yield problem(group, "misplaced-group", message, hint="groups hold surfaces of their lens, and no groups")
+
+
+def check_groups(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the groups of a PlenLens: unknown surfaces, gaps, and surfaces that two groups hold."""
+    order = [prim.GetName() for prim in ordered_surfaces(lens)]
+    holder: dict[str, str] = {}
+    for group in lens_groups(lens):
+        attribute = group.GetAttribute("plen:surfaces")
+        names = list(read(group, "plen:surfaces") or ())
+        unknown = [name for name in names if name not in order]
+        for name in unknown:
+            message, hint = f'"{name}" is no surface of the lens', did_you_mean(name, order)
+            yield problem(attribute, "group-surfaces", message, hint=hint)
+        if not names and attribute.HasAuthoredValue():
+            yield problem(attribute, "group-surfaces", "the group holds no surface", hint="name some, or remove it")
+        if names and not unknown and names != _stretch(order, names):
+            message = f"{', '.join(names)} do not follow one another in the order of the lens"
+            yield problem(attribute, "group-surfaces", message, hint=f"its order: {', '.join(order)}")
+        for name in names:
+            if holder.setdefault(name, group.GetName()) != group.GetName():
+                message = f'"{name}" belongs to the groups "{holder[name]}" and "{group.GetName()}"'
+                yield problem(attribute, "group-surfaces", message, hint="a surface belongs to one group or to none")
+
+
+def _stretch(order: list[str], names: list[str]) -> list[str]:
+    first = order.index(names[0])
+    return order[first : first + len(names)]

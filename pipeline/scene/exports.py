@@ -1,4 +1,4 @@
-"""Checks of the exports of a dataset: whether its cameras and targets are such as the formats can describe."""
+"""Exports that a dataset asks for, and whether its cameras and targets are such as the formats can describe."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -6,14 +6,32 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
-from pipeline.scene.read.channels import channel_prims
+from pipeline.scene.channels import channel_prims
+from pipeline.scene.dataset import AskedExports
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, target_paths, targets
+from pipeline.scene.usd.values import need, read, target, target_paths, targets
 
+NOISE = {
+    "noise_px": "plen:exports:noise",
+    "outliers": "plen:exports:outliers",
+    "outlier_px": "plen:exports:outlierReach",
+    "missed": "plen:exports:missed",
+    "seed": "plen:exports:noiseSeed",
+}
+"""Attributes of the noise, by field of `exports.noise.Noise`."""
 _ASKED = "plen:exports"
 _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
 """Types of targets whose points may form a grid."""
+
+
+def read_exports(root: Usd.Prim) -> AskedExports:
+    """The exports of a PlenDataset."""
+    return AskedExports(
+        formats=tuple(need(root, "plen:exports")),
+        position=need(root, "plen:exports:position"),
+        noise={field: need(root, name) for field, name in NOISE.items()},
+    )
 
 
 def check_exports(root: Usd.Prim) -> Iterator[Problem]:

@@ -1,0 +1,373 @@
+"""A camera with its settings: its parts must fit together, and its focus must be in reach."""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from pxr import Usd
+
+from pipeline.camera.figures.first_order_figures import gaps_mm
+from pipeline.camera.focusing.depth_of_field import foci, focused
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, sensor_distance, solved, stopped_down
+from pipeline.camera.focusing.ideal_lens import PINHOLE, PRESCRIPTION, with_ideal_lens
+from pipeline.camera.parts.camera import REPLICAS, Camera, Sampling
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.errors import PipelineError
+from pipeline.optics.prescription import Prescription
+from pipeline.scene.channels import check_channels, check_formulas, check_wavelength, illuminant_of, read_channels
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.glass import index_source, ordered_surfaces
+from pipeline.scene.lens import lens_groups, read_prescription
+from pipeline.scene.microlenses import check_microlens_glass, check_near_microlenses, read_microlenses
+from pipeline.scene.sensor import (
+    check_exposure,
+    has_response,
+    read_colorimetry,
+    read_irradiation,
+    read_response,
+    read_sensor,
+)
+from pipeline.scene.usd.hints import of_reader
+from pipeline.scene.usd.poses import camera_name
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import place, problem
+from pipeline.scene.usd.values import need, read, read_once, target, target_paths
+from pipeline.truth.settings import TruthSettings
+
+_MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
+"""Models of a lens in words, by the value of `plen:camera:model`."""
+
+_SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
+_GROUPS = "plen:camera:focusGroups"
+_TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
+_MODEL, _DISTORTION = "plen:camera:model", "plen:camera:distortion"
+_F_NUMBERS = "plen:image:fNumbers"
+
+
+def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names are relative to its
+    root.
+    """
+    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
+    seed = read(root, "plen:seed") or 0
+    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
+    return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
+@read_once
+def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
+    """The entry of one camera with its settings."""
+    lens = target(prim, "plen:camera:lens", "PlenLens")
+    sensor = target(prim, "plen:camera:sensor", "PlenSensor")
+    file, line = place(prim)
+    return CameraEntry(
+        name=camera_name(prim, root),
+        prim_path=str(prim.GetPath()),
+        lens_name=_lens_name(prim, lens),
+        index_source=index_source(lens, ordered_surfaces(lens)),
+        wavelength_nm=need(prim, "plen:camera:wavelength"),
+        weight=need(prim, "plen:camera:weight"),
+        footprint=need(prim, "plen:truth:footprint"),
+        asked=read_camera(prim),
+        sampling=Sampling(
+            supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
+        ),
+        truth=_read_truth(prim),
+        image_samples=need(prim, "plen:image:samples"),
+        image_noise=read(prim, "plen:image:noise"),
+        bounces=need(prim, "plen:image:bounces"),
+        extent=need(prim, "plen:truth:extent"),
+        delivers_rays=need(prim, "plen:truth:rays"),
+        f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        diffraction=need(prim, "plen:image:diffraction"),
+        channels=read_channels(prim),
+        colorimetry=read_colorimetry(sensor, illuminant_of(prim)),
+        response=read_response(sensor) if has_response(sensor) else None,
+        irradiation=read_irradiation(prim),
+        file=file,
+        line=line,
+    )
+
+
+def _read_truth(prim: Usd.Prim) -> TruthSettings:
+    return TruthSettings(
+        method=need(prim, "plen:truth:method"),
+        search=need(prim, "plen:truth:search"),
+        filter=need(prim, "plen:truth:filter"),
+        lambda_d=need(prim, "plen:truth:lambdaD"),
+        lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
+        nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
+        min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
+        accuracy_px=read(prim, "plen:truth:accuracy"),
+        columns=tuple(need(prim, "plen:truth:columns")),
+    )
+
+
+def _lens_name(prim: Usd.Prim, lens: Usd.Prim) -> str:
+    """Name of the lens of a camera, with the model that stands for it."""
+    name, model = need(lens, "plen:name") or lens.GetName(), need(prim, "plen:camera:model")
+    return str(name) if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}"
+
+
+def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
+    """The record of a Camera with PlenCameraAPI, with the model of its lens that it asks for; a request if it states an
+    object in focus or a stop to be matched.
+    """
+    return with_ideal_lens(
+        _read_camera(prim), need(prim, "plen:camera:model"), tuple(need(prim, "plen:camera:distortion"))
+    )
+
+
+@read_once
+def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
+    """The record with the lens as it is prescribed."""
+    array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
+    parts: dict[str, Any] = {
+        "prescription": read_prescription(
+            target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
+        ),
+        "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
+        "microlenses": _read_microlenses(prim, array) if array else None,
+        "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
+        "near_mm": read(prim, "plen:camera:near"),
+        "far_mm": read(prim, "plen:camera:far"),
+        "weight": need(prim, "plen:camera:weight"),
+    }
+    focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
+    if focus_mm is None and not match_stop:
+        return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
+    groups = need(prim, "plen:camera:focusGroups")
+    return FocusRequest(
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None or groups else None,
+        focus_distance_mm=focus_mm,
+        focus_type=read(prim, "plen:camera:focusType"),
+        focus_groups=groups,
+        match_stop=match_stop,
+        **parts,
+    )
+
+
+def _read_microlenses(camera: Usd.Prim, array: Usd.Prim) -> MicrolensArray:
+    """The microlenses of a camera."""
+    return read_microlenses(
+        array, need(camera, "plen:camera:microlensDistance"), need(camera, "plen:camera:wavelength")
+    )
+
+
+def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a Camera with PlenCameraAPI as a whole."""
+    for name in ("plen:camera:lens", "plen:camera:sensor", "plen:camera:microlenses"):
+        relationship = camera.GetRelationship(name)
+        count = len(target_paths(relationship))
+        if count > 1:
+            message = f'"{name}" has {count} targets, a camera has one'
+            yield problem(relationship, "several-targets", message)
+    for name in ("plen:truth:samples", "plen:image:samples"):
+        yield from _check_samples(camera, name)
+    yield from check_request(camera)
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    if lens:
+        yield from check_wavelength(camera, lens)
+        yield from check_formulas(camera, lens)
+        yield from check_channels(camera, lens)
+    if sensor := target(camera, "plen:camera:sensor", "PlenSensor"):
+        yield from check_exposure(camera, sensor)
+    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    if array:
+        yield from check_microlens_glass(camera, array)
+        yield from check_near_microlenses(camera, array)
+    try:
+        prescription = read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
+    except PipelineError as error:
+        yield of_reader(camera, error)
+        return
+    if prescription:
+        yield from _check_behind_lens(camera, prescription)
+        yield from _check_near_far(camera, prescription)
+        yield from check_focus(camera)
+
+
+def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
+    samples = read(camera, name)
+    if not isinstance(samples, int) or samples < REPLICAS:
+        return
+    per_replica, rest = divmod(samples, REPLICAS)
+    if rest or per_replica & (per_replica - 1):
+        power = REPLICAS * 2 ** (per_replica.bit_length() - 1)
+        message = f'"{name}" = {samples} is not {REPLICAS} times a power of two'
+        yield problem(camera.GetAttribute(name), "samples", message, hint=f"take {power} or {2 * power}")
+
+
+def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:
+    sensor_mm = read(camera, "plen:camera:sensorDistance")
+    if sensor_mm is None:
+        return
+    last_mm = prescription.vertices_from_stop_mm[-1]
+    film = [("sensor", "plen:camera:sensorDistance", sensor_mm)]
+    microlens_mm = read(camera, "plen:camera:microlensDistance")
+    if microlens_mm is not None:
+        film.append(("microlens array", "plen:camera:microlensDistance", sensor_mm - microlens_mm))
+    for what, name, distance_mm in film:
+        if distance_mm <= last_mm:
+            message = (
+                f"the {what} is {distance_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
+                f" {last_mm:.6g} mm behind it"
+            )
+            yield problem(camera.GetAttribute(name), "inside-lens", message)
+            return
+
+
+def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:
+    near_mm, far_mm = read(camera, "plen:camera:near"), read(camera, "plen:camera:far")
+    first_mm = -prescription.vertices_from_stop_mm[0]
+    if near_mm is not None and far_mm is not None and not near_mm < far_mm:
+        message = f"the near plane ({near_mm:g} mm) is not nearer than the far plane ({far_mm:g} mm)"
+        yield problem(camera.GetAttribute("plen:camera:near"), "near-far", message)
+    for name, plane_mm in (("plen:camera:near", near_mm), ("plen:camera:far", far_mm)):
+        if plane_mm is not None and plane_mm <= first_mm:
+            inside = f"inside the lens, whose first vertex is {first_mm:g} mm before the stop"
+            message = f'"{name}" = {plane_mm:g} mm lies {inside}'
+            yield problem(camera.GetAttribute(name), "inside-lens", message)
+
+
+def check_request(camera: Usd.Prim) -> Iterator[Problem]:
+    """Attributes of a Camera with PlenCameraAPI that contradict each other, its lens or its microlenses."""
+    sensor, focus = camera.GetAttribute(_SENSOR), camera.GetAttribute(_FOCUS)
+    if read(camera, _GROUPS):
+        yield from _check_groups(camera)
+    elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
+        message = f'"{_SENSOR}" and "{_FOCUS}" both state the position of the sensor'
+        yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
+    elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
+        message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
+        yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
+    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    is_refractive = array and read(array, "plen:model") == "refractive"
+    by_type = "plen:frontRadii" if is_refractive else "plen:focalLengths"
+    focal_lengths, number = read(array, by_type) if array else None, read(camera, _TYPE)
+    if focal_lengths and number is not None and number >= len(focal_lengths):
+        message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
+        yield problem(camera.GetAttribute(_TYPE), "focus-type", message)
+
+
+def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of focusing groups that the lens does not have."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    known = [group.GetName() for group in lens_groups(lens)] if lens else []
+    for name in (read(camera, _GROUPS) or ()) if lens else ():
+        if name not in known:
+            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
+            yield problem(
+                camera.GetAttribute(_GROUPS), "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint
+            )
+
+
+def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
+    """A focus out of reach; then warnings about what the microlenses see."""
+    if not target(camera, "plen:camera:sensor", "PlenSensor"):
+        return
+    try:
+        record = read_camera(camera)
+    except PipelineError as error:
+        yield of_reader(camera.GetAttribute(_DISTORTION) if error.code == "distortion" else camera, error)
+        return
+    both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
+    if both != bool(read(camera, _GROUPS)):
+        return
+    if any(_check_groups(camera)) or _bad_type(record):
+        return
+    out_of_reach = _out_of_reach(record)
+    if out_of_reach:
+        name, reason = out_of_reach
+        yield problem(camera.GetAttribute(name), "out-of-reach", reason.what, hint=reason.hint)
+        return
+    try:
+        yield from _check_f_numbers(camera, solved(record))
+        yield from _check_microlenses(camera, solved(record))
+    except (PipelineError, ArithmeticError) as error:
+        yield of_reader(camera, error)
+
+
+def _bad_type(record: Camera | FocusRequest) -> bool:
+    if not isinstance(record, FocusRequest) or record.microlenses is None:
+        return False
+    return (record.focus_type or 0) not in range(len(record.microlenses.focal_lengths_mm))
+
+
+def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
+    """The attribute that asks for too much, and the error."""
+    name = _FOCUS
+    try:
+        if isinstance(record, FocusRequest):
+            sensor_distance(record)
+            name = _GROUPS if record.focus_groups else _FOCUS
+            group_shift(record)
+            name = _MATCH
+            if record.microlenses:
+                solved(record)
+    except CameraError as error:
+        return name, error
+    except ArithmeticError:
+        return name, CameraError("the lens has no first-order figures: it bends no light")
+    return None
+
+
+def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
+    """A problem of a camera without errors: no near and far planes can be derived from its focus."""
+    try:
+        focused(read_camera(camera))
+    except CameraError as error:
+        name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
+        yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
+    except (PipelineError, ArithmeticError) as error:
+        yield of_reader(camera, error)
+
+
+def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """Problems of F-numbers of white images that are stated twice, or for which the lens cannot open far enough."""
+    attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
+    if f_numbers and read(camera, _MODEL) == PINHOLE:
+        message = f'"{_F_NUMBERS}" asks a pinhole to open to F/{f_numbers[0]:g}'
+        yield problem(attribute, "out-of-reach", message, hint=f'write {_MODEL} = "thinLens", or no F-numbers')
+        return
+    for f_number in dict.fromkeys(f_numbers):
+        try:
+            stopped_down(record, f_number)
+        except CameraError as error:
+            yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
+    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
+    if repeated:
+        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
+        yield problem(attribute, "repeated-f-number", message)
+
+
+def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """Warnings about the microlens types of a camera, compared with each other."""
+    array = record.microlenses
+    if array is None or len(array.focal_lengths_mm) < 2:
+        return
+    prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    attribute = prim.GetAttribute("plen:frontRadii" if array.model == "refractive" else "plen:focalLengths")
+    if mixed := _mixed(array):
+        yield problem(attribute, "mixed-microlenses", mixed, severity="warning")
+    for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
+        circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
+        message = (
+            f"no microlens type of this camera is sharp from {near:.1f} to {far:.1f} mm before the stop ({circle})"
+        )
+        hint = "bring the focal lengths closer together, or allow a larger plen:camera:circleOfConfusion"
+        yield problem(camera, "depth-gap", message, hint=hint, severity="warning")
+
+
+def _mixed(array: MicrolensArray) -> str | None:
+    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
+    longer = [focal for focal, (behind_mm, _) in placed if focal > behind_mm]
+    others = [focal for focal, (behind_mm, _) in placed if focal <= behind_mm]
+    if not longer or not others:
+        return None
+    galilean, keplerian = (", ".join(f"{focal:g}" for focal in group) for group in (longer, others))
+    return (
+        f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"
+        f" {keplerian} mm are not: they look at images on opposite sides of the array"
+    )

@@ -1,0 +1,124 @@
+"""Values that are written on a stage, kept by a build so that a later plan can name what was edited since."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd
+
+from pipeline.edits import Edit
+from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.problems import shown_path
+from pipeline.scene.usd.source_locations import place, specs
+from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, text_map
+from pipeline.scene.usd.values import plain
+
+_SAYS_NOTHING = {
+    *("documentation", "comment", "customData", "customLayerData", "fallbackPrimTypes", "assetInfo"),
+    *("custom", "variability", "typeName"),
+}
+"""Metadata that does not affect a build, or the value of a prim."""
+_VALUES = ("default", "targetPaths", "connectionPaths")
+_ARCS = ("references", "payload", "inheritPaths", "specializes", "variantSelection", "subLayers")
+"""Composition arcs: all that changes in other files because of one is one edit."""
+
+Written = dict[str, Any]
+"""JSON values: of `/A` its type, of `/A.x` and `/A.x@3` a default value and a time sample, of `/A|field` metadata."""
+
+
+def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
+    """Everything that is written on a stage; `layer` is the flattened stage, without additions."""
+    written: Written = {}
+    paths = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
+        spec = layer.GetObjectAtPath(path)
+        if path.IsPrimPath():
+            written[str(path)] = spec.typeName or "a prim without a type"
+        for field in set(spec.ListInfoKeys()) - _SAYS_NOTHING if spec else ():  # there is none of a target's path
+            value = spec.GetInfo(field)
+            if field == "timeSamples":
+                written |= {f"{path}@{time!r}": _json(sample) for time, sample in value.items()}
+            else:
+                written[str(path) if field in _VALUES else f"{path}|{field}"] = _json(value)
+    written["/|subLayers"] = [f"@{path}@" for path in stage.GetRootLayer().subLayerPaths]
+    for prim in stage.TraverseAll():
+        for spec in reversed(prim.GetPrimStack()):  # the strongest counts
+            arcs = [field for field in _ARCS if spec.layer.realPath and spec.HasInfo(field)]
+            written |= {f"{prim.GetPath()}|{field}": _json(spec.GetInfo(field)) for field in arcs}
+    return written
+
+
+def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
+    """What differs between two states of a stage, the outermost first; `file` is in the new state."""
+    stage, _ = open_stage(file)
+    changed = [
+        _edit(key, old.get(key), new.get(key)) for key in old.keys() | new.keys() if old.get(key) != new.get(key)
+    ]
+    edits: list[Edit] = []
+    wholes: list[tuple[str, str | None]] = []  # prims that came or went; arcs, with the file that names them
+    for edit in sorted(changed, key=_order):
+        place_of_edit = _place(stage, edit)
+        if any(is_below(edit.at, whole) and place_of_edit[0] != file_of_arc for whole, file_of_arc in wholes):
+            continue
+        if _is_whole(edit):
+            wholes.append((edit.at, place_of_edit[0] if edit.field else None))
+        edits.append(replace(edit, file=place_of_edit[0], line=place_of_edit[1]))
+    return edits
+
+
+def _edit(key: str, old: Any, new: Any) -> Edit:
+    path, _, field = key.partition("|")
+    path, _, time = path.partition("@")
+    return Edit(at=path, field=field or None, time=float(time) if time else None, old=old, new=new)
+
+
+def _is_whole(edit: Edit) -> bool:
+    """Whether other edits follow from one: of an arc, or of a prim that came or went."""
+    return edit.field in _ARCS if edit.field else "." not in edit.at and None in (edit.old, edit.new)
+
+
+def _order(edit: Edit) -> tuple[bool, str, bool, str, float]:
+    """Whole prims and arcs first, an arc before the prims that come with it; samples by their time."""
+    return not _is_whole(edit), edit.at, edit.field is None, edit.field or "", edit.time or 0.0
+
+
+def _place(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
+    """File and line of a statement; of one that is gone those of the prim that held it."""
+    if edit.at == "/":
+        root = stage.GetRootLayer().realPath
+        return shown_path(root), line_of_metadata(root, edit.field or "")
+    thing = stage.GetObjectAtPath(edit.at)
+    if not thing:
+        holder = Sdf.Path(edit.at).GetPrimPath()
+        while not stage.GetPrimAtPath(holder):
+            holder = holder.GetParentPath()
+        return place(stage.GetPrimAtPath(holder))
+    for spec in specs(thing):
+        if edit.field and spec.layer.realPath and spec.HasInfo(edit.field):
+            file = spec.layer.realPath
+            assets = [text_map(file).assets.get(asset) for asset in re.findall("@([^@]+)@", str(edit.new))]
+            return shown_path(file), assets[0] if len(assets) == 1 and assets[0] else line_of(file, str(spec.path))
+    return place(thing, edit.time)
+
+
+def is_below(path: str, whole: str) -> bool:
+    """Whether a path is that of a whole or of something in it."""
+    return whole in ("/", path) or path.startswith((f"{whole}/", f"{whole}."))
+
+
+def _json(value: Any) -> Any:
+    """A value as JSON has it: arrays and vectors as lists, paths as `<path>`, assets as `@asset@`."""
+    if hasattr(value, "GetAppliedItems"):
+        return [_json(item) for item in value.GetAppliedItems()]
+    if isinstance(value, Sdf.Reference | Sdf.Payload):
+        prim, offset = (f"<{value.primPath}>" if value.primPath else ""), value.layerOffset
+        return f"@{value.assetPath}@{prim}" + ("" if offset.IsIdentity() else f" {offset}")
+    if isinstance(value, Sdf.Path | Sdf.AssetPath):
+        return f"<{value}>" if isinstance(value, Sdf.Path) else f"@{value.path}@"
+    try:
+        return json.loads(json.dumps(plain(value)))
+    except TypeError:
+        return str(value)

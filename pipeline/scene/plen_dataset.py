@@ -1,0 +1,269 @@
+"""A dataset as a whole: its contents, frames and names, and how it differs from what a USD viewer shows."""
+
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence, Set
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from pipeline.scene.camera import read_camera_entry
+from pipeline.scene.dataset import Dataset, Frame, Matrix
+from pipeline.scene.exports import read_exports
+from pipeline.scene.lamps import check_lamps, lamp_prims, read_lamp_entry, world_from_lamp
+from pipeline.scene.materials import check_finishes, seen_meshes
+from pipeline.scene.occluders import check_occluders, read_occluder_entry
+from pipeline.scene.pictures import read_pictures
+from pipeline.scene.targets import is_preview, read_target_entry
+from pipeline.scene.usd.poses import (
+    LAST_FRAME,
+    camera_from_world,
+    camera_name,
+    comes_and_goes,
+    frame_numbers,
+    is_visible,
+    stage_mm_per_unit,
+    world_from,
+)
+from pipeline.scene.usd.problems import Problem, shortened
+from pipeline.scene.usd.source_locations import metadata_problem, problem
+from pipeline.scene.usd.values import (
+    Sources,
+    need,
+    read,
+    target_paths,
+    targets,
+)
+from pipeline.spelling import frames_in_words
+
+LONGEST_NAME = 200
+"""Longest name of a camera or target [bytes]: file systems allow 255, and suffixes are appended."""
+_MOST_KINDS = 8
+"""Number of types of prims with a warning of their own: scenes made elsewhere have dozens, and errors must stay in
+sight.
+"""
+_MOST_PATHS = 4
+"""Number of prims that the warning about a type lists; further ones are counted."""
+_AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
+
+
+def read_dataset(root: Usd.Prim) -> Dataset:
+    """The records of a PlenDataset whose stage passed the checks."""
+    sources = Sources()
+    dataset = sources.reading("dataset", _read_dataset, root, sources)
+    return replace(dataset, sources={part: tuple(sorted(paths)) for part, paths in sources.items()})
+
+
+def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
+    """The records of a PlenDataset; parts with sources of their own note them."""
+    cameras = targets(root, "plen:cameras", "Camera")
+    boards = targets(root, "plen:targets", "PlenTarget")
+    occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
+    seed, numbers = need(root, "plen:seed"), frame_numbers(root)
+    read = sources.reading
+    return Dataset(
+        stage_name=root.GetName(),
+        seed=seed,
+        background=need(root, "plen:background"),
+        cameras=tuple(
+            read(f"cameras/{camera_name(prim, root)}", read_camera_entry, prim, root, seed) for prim in cameras
+        ),
+        targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
+        frames=_read_frames(root, cameras, boards, sources),
+        occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
+        lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
+        pictures=read_pictures(root.GetStage()),
+        exports=read("exports", read_exports, root),
+        meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
+        up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
+    )
+
+
+def _read_frames(
+    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], sources: Sources
+) -> tuple[Frame, ...]:
+    numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
+
+    def posed(part: str, reader: Callable[..., Any], prim: Usd.Prim) -> list[Matrix]:
+        return _matrices(sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm))
+
+    names = {camera_name(prim, root): prim for prim in cameras}
+    vision = {name: posed(f"cameras/{name}", camera_from_world, prim) for name, prim in names.items()}
+    world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
+    hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
+    lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
+    return tuple(
+        Frame(
+            number=number,
+            camera_from_world={name: matrices[index] for name, matrices in vision.items()},
+            world_from_target={name: matrices[index] for name, matrices in world.items()},
+            world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
+            world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),
+        )
+        for index, number in enumerate(numbers)
+    )
+
+
+def _visible(moved: dict[Usd.Prim, list[Matrix]], index: int, number: int) -> dict[str, Matrix]:
+    """Pose of each prim that is visible in a frame, by path."""
+    return {str(prim.GetPath()): poses[index] for prim, poses in moved.items() if is_visible(prim, float(number))}
+
+
+def _matrices(stack: np.ndarray) -> list[Matrix]:
+    # + 0.0 turns -0.0, which products may leave, into 0.0: keys must not differ by it.
+    return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]
+
+
+def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
+    """The PlenDataset that is the stage's default prim; None for a part of the library."""
+    prim = stage.GetDefaultPrim()
+    return prim if prim and prim.IsA("PlenDataset") else None
+
+
+def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of a PlenDataset except poses; `wrong` holds the prims with wrong values."""
+    yield from _check_frames(root)
+    cameras = targets(root, "plen:cameras", "Camera")
+    for prim in cameras:
+        if not prim.HasAPI("PlenCameraAPI"):
+            hint = 'write prepend apiSchemas = ["PlenCameraAPI"] on it'
+            yield problem(prim, "camera-without-api", "a camera of the dataset lacks PlenCameraAPI", hint=hint)
+    parts = [*cameras, *targets(root, "plen:targets", "PlenTarget"), *targets(root, "plen:occluders", "Mesh")]
+    for prim in parts:
+        if not prim.GetPath().HasPrefix(root.GetPath()):
+            message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
+            yield problem(prim, "outside-dataset", message)
+    yield from _check_names(root, cameras)
+    yield from _check_traced(root, cameras)
+    yield from check_occluders(root, wrong)
+    yield from check_lamps(root, wrong)
+    yield from check_finishes(root, wrong)
+    yield from check_unnamed(root)
+    yield from check_invisible(root)
+
+
+def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
+    """Problems of PlenDataset prims that would not be built, because they are not the default prim."""
+    for prim in stage.TraverseAll():
+        if prim.IsA("PlenDataset") and prim != stage.GetDefaultPrim():
+            hint = f'write defaultPrim = "{prim.GetName()}"'
+            yield problem(prim, "default-prim", "this PlenDataset is not the default prim of the stage", hint=hint)
+
+
+def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    """A problem if a method would trace position images for every point of a curved target."""
+    curved = [
+        prim.GetName()
+        for prim in targets(root, "plen:targets", "PlenTarget")
+        if prim.IsA("PlenMeshTarget") or read(prim, "plen:shape") in ("warped", "heightMap", "cylinder")
+    ]
+    for camera in cameras:
+        if curved and read(camera, "plen:truth:method") == "image":
+            message = f'"image" cannot be the method for "{curved[0]}", whose points have a tangent plane each'
+            hint = 'plen:truth:method = "direct" takes any surface'
+            yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
+
+
+def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    repeated = [number for number, count in Counter(read(root, "plen:frames") or ()).items() if count > 1]
+    if repeated:
+        more = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
+        message = f'"plen:frames" lists frame {repeated[0]}{more} more than once'
+        yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
+    if not frame_numbers(root):
+        stage = root.GetStage()
+        message = "the dataset has no frames"
+        both = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
+        if both and not max(abs(stage.GetStartTimeCode()), abs(stage.GetEndTimeCode())) <= LAST_FRAME:
+            return  # reported as out of range
+        if both:
+            message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
+        hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
+        layer, at = stage.GetRootLayer(), str(root.GetPath())
+        yield metadata_problem(layer, "endTimeCode", "no-frames", message, hint=hint, at=at)
+
+
+def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
+    named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
+    seen: dict[tuple[str, str], tuple[str, str]] = {}
+    for name, prim, what in named:
+        # Names become file names, and some file systems do not distinguish Rig from rig, or two encodings of an
+        # umlaut.
+        key = (what, unicodedata.normalize("NFC", name).casefold())
+        if key in seen:
+            other, path = seen[key]
+            message = f'two {what} would share the name "{name}": <{path}> and <{prim.GetPath()}>'
+            hint = "rename one of the prims"
+            if other != name:
+                hint += "; some file systems do not distinguish such names, and files are named by them"
+            yield problem(prim, "name-collision", message, hint=hint)
+        seen.setdefault(key, (name, str(prim.GetPath())))
+        if len(name.encode()) > LONGEST_NAME:
+            message = f"the name of one of the {what}, {shortened(name)}, has {len(name.encode())} bytes"
+            hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"
+            yield problem(prim, "long-name", message, hint=hint)
+
+
+def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
+    """One warning per type of prim that is in the stage of a dataset but has no effect on its images.
+
+    Previews of targets, prims with the purposes guide and proxy, and prims invisible in all frames are left out.
+    """
+    named = _named(root.GetStage())
+    frames = frame_numbers(root)
+    lit = {prim.GetPath() for prim in (*lamp_prims(root.GetStage()), *seen_meshes(root))}
+    kinds: dict[str, list[Usd.Prim]] = {}
+    for prim in Usd.PrimRange(root.GetStage().GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+        is_left_out = _is_geometry(prim) and prim.GetPath() not in named and not is_preview(prim)
+        if is_left_out and prim.GetPath() not in lit and _is_shown(prim, frames):
+            kinds.setdefault(prim.GetTypeName(), []).append(prim)
+    for kind, prims in list(kinds.items())[:_MOST_KINDS]:
+        yield _left_out(kind, prims)
+
+
+def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
+    """A warning for each target that is invisible in USD in some frames, although images and truth have it in all."""
+    frames = frame_numbers(root)
+    for prim in targets(root, "plen:targets", "PlenTarget"):
+        if comes_and_goes(prim):
+            hidden = [number for number in frames if not is_visible(prim, float(number))]
+        else:
+            hidden = [] if all(is_visible(prim, float(number)) for number in frames[:1]) else list(frames)
+        if hidden:
+            number = f"{len(hidden)} of {len(frames)} frames: {frames_in_words(hidden)}"
+            message = f'"{prim.GetName()}" is invisible in {number}; its images and ground truth are made all the same'
+            hint = "take it out of rel plen:targets, list other plen:frames, or make it visible"
+            yield problem(prim, "invisible-target", message, hint=hint, severity="warning")
+
+
+def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
+    paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
+    more = f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else ""
+    message = f"{kind} {paths}{more} is in no image: no relationship names it"
+    what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
+    hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
+    return problem(prims[0], "not-in-image", message, hint=hint, severity="warning")
+
+
+def _named(stage: Usd.Stage) -> set[Sdf.Path]:
+    """All targets of our relationships; problems of these prims are reported elsewhere."""
+    relationships = [
+        relationship
+        for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
+        for relationship in prim.GetAuthoredRelationships()
+        if relationship.GetName().startswith("plen:")
+    ]
+    return {path for relationship in relationships for path in target_paths(relationship)}
+
+
+def _is_geometry(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer))
+
+
+def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
+    if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
+        return False
+    return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes(prim) else frames[:1]))

@@ -1,0 +1,182 @@
+"""A sensor, its response, and the light of its frames, for raw images."""
+
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.camera.parts.camera import Sensor
+from pipeline.channel_names import COLOURS, colour_of
+from pipeline.errors import PipelineError
+from pipeline.files.dng import nameless_filters
+from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
+from pipeline.render.sensor.demosaic import PRIMARIES
+from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
+from pipeline.render.sensor.response import SensorResponse
+from pipeline.scene.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
+from pipeline.scene.losses import check_losses, losses_at
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, need, read, target
+
+ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
+    "all": {},
+    "cosine": {"acceptance_power": "plen:acceptancePower"},
+    "cone": {
+        "acceptance_half_angle_deg": "plen:acceptanceHalfAngle",
+        "acceptance_roll_off_deg": "plen:acceptanceRollOff",
+    },
+}
+"""Attributes that set the numbers of a pixel's acceptance, by model and field of `Sensor`."""
+
+_NUMBERS = {
+    "quantum_efficiency": "quantumEfficiency",
+    "full_well_e": "fullWell",
+    "gain_dn_per_e": "gain",
+    "bit_depth": "bitDepth",
+    "black_level_dn": "blackLevel",
+    "filters": "filters",
+    "shot_noise": "shotNoise",
+    "dark_noise_e": "darkNoise",
+    "row_noise_e": "rowNoise",
+    "column_noise_e": "columnNoise",
+    "dark_current_e_per_s": "darkCurrent",
+    "dsnu_e": "dsnu",
+    "dsnu_row_e": "dsnuRow",
+    "dsnu_column_e": "dsnuColumn",
+    "prnu": "prnu",
+    "prnu_row": "prnuRow",
+    "prnu_column": "prnuColumn",
+    "hot_share": "hotShare",
+    "dead_share": "deadShare",
+    "nonlinearity": "nonlinearity",
+    "crosstalk": "crosstalk",
+    "specimen": "specimen",
+}
+"""Attributes of PlenSensorResponseAPI, without their namespace, by the fields of `SensorResponse`."""
+_MAY_LACK = {
+    "temperature_degc": "temperature",
+    "dark_current_at_degc": "darkCurrentTemperature",
+    "doubling_k": "doublingTemperature",
+}
+_FILTERS = "plen:response:filters"
+MONO = "mono"
+"""The channel of a sensor that has no channels."""
+
+
+def read_sensor(prim: Usd.Prim) -> Sensor:
+    """The record of a PlenSensor."""
+    acceptance = need(prim, "plen:acceptance")
+    width_px, height_px = need(prim, "plen:resolution")
+    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
+    return Sensor(
+        width_px=width_px,
+        height_px=height_px,
+        pitch_mm=need(prim, "plen:pixelPitch"),
+        offset_x_mm=offset_x_mm,
+        offset_y_mm=offset_y_mm,
+        acceptance=acceptance,
+        **{field: need(prim, name) for field, name in ACCEPTANCE_VALUES[acceptance].items()},
+    )
+
+
+def has_response(sensor: Usd.Prim) -> bool:
+    """Whether a PlenSensor says how it turns photons into digital numbers."""
+    return bool(sensor.HasAPI("PlenSensorResponseAPI"))
+
+
+def read_response(sensor: Usd.Prim) -> SensorResponse:
+    """A PlenSensor with PlenSensorResponseAPI."""
+    values = {field: need(sensor, f"plen:response:{name}") for field, name in _NUMBERS.items()}
+    values |= {field: read(sensor, f"plen:response:{name}") for field, name in _MAY_LACK.items()}
+    return SensorResponse(hot_current_e_per_s=read(sensor, "plen:response:hotCurrent") or 0.0, **values)
+
+
+def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
+    """The light of each frame of a camera; None where it asks for no raw images."""
+    if need(camera, "plen:image:exposure") == "none":
+        return None
+    by_radiance = need(camera, "plen:image:exposure") == "radiance"
+    channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if by_radiance else []
+    return Irradiation(
+        exposure_time_s=need(camera, "plen:image:exposureTime"),
+        white_level=read(camera, "plen:image:whiteLevel"),
+        photon_rate=read(camera, "plen:image:photonRate"),
+        radiance=_read_radiance(camera) if by_radiance and not channels else None,
+        channels=tuple(_read_channel_radiance(camera, prim) for prim in channels),
+    )
+
+
+def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ...]:
+    """The channels red, green and blue of a PlenSensor beside the standard observer, in this light and in daylight."""
+    channels = {colour_of(prim.GetName()): prim for prim in channel_prims(sensor)}
+    if not set(PRIMARIES) <= channels.keys():
+        return ()
+    responses = [response_of(channels[colour]) for colour in PRIMARIES]
+    seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
+    return tuple(one for one in seen if one and seen[0])
+
+
+def _read_radiance(camera: Usd.Prim) -> Radiance:
+    """The light before the lens of a camera of one wavelength that is exposed by it."""
+    wavelength_nm = need(camera, "plen:camera:wavelength")
+    losses = losses_at(camera, wavelength_nm)
+    return Radiance(w_per_m2_sr=need(camera, "plen:image:radiance"), wavelength_nm=wavelength_nm, losses=losses)
+
+
+def _read_channel_radiance(camera: Usd.Prim, channel: Usd.Prim) -> ChannelRadiance:
+    """The same as a channel counts it."""
+    illuminant = illuminant_of(camera)
+    wavelengths_nm, _ = wavelengths_of(channel, illuminant)
+    return ChannelRadiance(
+        channel=channel.GetName(),
+        w_per_m2_sr=need(camera, "plen:image:radiance"),
+        effective_nm=effective_nm(channel, illuminant),
+        losses=tuple(losses_at(camera, float(nm)) for nm in wavelengths_nm),
+    )
+
+
+def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenSensor with PlenSensorResponseAPI whose values are right one by one."""
+    try:
+        read_response(sensor)
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what)
+    except PipelineError as error:
+        yield problem(sensor, "sensor-response", error.what, hint=error.hint)
+    else:
+        yield from _check_filters(sensor)
+
+
+def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
+    """Colour filters that let through what is no channel of the sensor."""
+    channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
+    for name in dict.fromkeys(read(sensor, _FILTERS) or ()):
+        if name not in channels:
+            message = f'there is a colour filter "{name}", and the sensor has no such channel'
+            hint = did_you_mean(name, channels) or f"its channels: {', '.join(channels)}"
+            yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=hint)
+
+
+def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
+    """A camera that asks for raw images, although its sensor does not say how it responds to light."""
+    if read(camera, "plen:image:exposure") in ("level", "photons", "radiance") and not has_response(sensor):
+        message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"
+        hint = (
+            "reference one of sensors/ in the library, or apply PlenSensorResponseAPI to it:"
+            ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
+        )
+        yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)
+    elif read(camera, "plen:image:exposure") != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
+        message = f"raw.dng tells filters by their colours, and {', '.join(odd)} names none"
+        yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=f"call them {', '.join(COLOURS)}")
+    if read(camera, "plen:image:exposure") == "radiance":
+        yield from _check_radiance(camera)
+
+
+def _check_radiance(camera: Usd.Prim) -> Iterator[Problem]:
+    """An exposure by radiance of a camera for which it is not defined, or through a coating that is none."""
+    exposure = camera.GetAttribute("plen:image:exposure")
+    if read(camera, "plen:camera:weight") == "area":
+        message = "radiance gives photons only where rays weigh irradiance, not area"
+        yield problem(exposure, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
+    yield from check_losses(camera)
