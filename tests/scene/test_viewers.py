@@ -24,7 +24,7 @@ from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import Target
 
 ROOT = Path(__file__).resolve().parents[2]
-SNIPPET = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[1]
+TWO_POSES = (ROOT / "tests/data/two_poses.usda").read_text(encoding="utf-8")
 VIEWER = """
 import json, sys
 from pxr import Usd, UsdGeom, UsdValidation
@@ -67,10 +67,10 @@ def foreign(script: str, layer: Path):
 
 @pytest.fixture
 def stage(tmp_path):
-    """A stage as in README.md, with changes of its text."""
+    """The stage of two poses, with changes of its text."""
 
     def write(*changes: tuple[str, str]) -> Path:
-        text = SNIPPET
+        text = TWO_POSES
         for old, new in changes:
             assert old in text
             text = text.replace(old, new)
@@ -81,7 +81,7 @@ def stage(tmp_path):
     return write
 
 
-def test_the_snippet_of_the_readme_is_seen_as_it_is(stage, tmp_path):
+def test_a_stage_of_two_poses_is_seen_as_it_is(stage, tmp_path):
     """Its board has 8 x 5 squares of 3 mm and a margin of one, and turns by 25 degrees in frame 2."""
     path = stage()
     viewed, out = seen(path, tmp_path)
