@@ -3,8 +3,8 @@
 import contextlib
 import dataclasses
 import os
-import platform
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,10 @@ from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.devices import on_device
 from pipeline.graph.preview import folder_of, only_images, preview_of
-from pipeline.jit.files import make_folder, read, say, write
+from pipeline.jit.files import is_whole, make_folder, say
 from pipeline.limits import limits
 from pipeline.machine.another_python import command
-from pipeline.machine.processor import level, settings
+from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.check.seen import NOT_SEEN
 from pipeline.scene.dataset import Dataset
@@ -38,6 +38,8 @@ from pipeline.tasks.params.figures import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 
+_LAST = "all"
+"""Last line of a list of kernels: one that was cut off has none."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
 
@@ -220,48 +222,54 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
 
     folder = cache_folder()
     steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
-    made_by = f"{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
-    listed = folder / f"{'-'.join(steps)}-{made_by}"
-    if _are_whole(listed, warn):
+    listed = folder / f"{'-'.join(steps)}.txt"
+    if _are_whole(listed):
         return
     make_folder(folder, warn)
     with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
-        if not _are_whole(listed, warn):
+        if not _are_whole(listed):
             # If the list exists, few kernels are damaged.
             names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None
             if names is None:
                 from pipeline.app.compile_kernels import compile_kernels
 
                 names = compile_kernels(steps)
-            write(listed, "\n".join(sorted(names)).encode(), warn)
+            with contextlib.suppress(OSError):  # a folder that is read-only; `jit.files` has said so
+                listed.write_text("\n".join([*sorted(names), _LAST]), encoding="utf-8")
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
-    """Files of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
+    """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
     which this process meets and reports then.
     """
     with contextlib.ExitStack() as last:
+        claims = last.enter_context(tempfile.TemporaryDirectory(prefix="kernels-"))
         try:
-            process = subprocess.Popen(
-                command("pipeline.app.compile_kernels:compile_apart", *steps),
-                env={**os.environ, **settings()},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                start_new_session=True,
-                text=True,
-            )
+            processes = [_start_compiling(last, claims, order, *steps) for order in ("forwards", "backwards")]
         except OSError:
             return None
-        last.enter_context(process)
-        last.callback(process.kill)
-        names, _ = process.communicate()
-    return None if process.returncode else set(names.split())
+        names = [name for process in processes for name in process.communicate()[0].split()]
+    return None if any(process.returncode for process in processes) else set(names)
 
 
-def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:
-    """Whether all kernels of a list can be read. Unreadable ones are reported and removed."""
-    names = read(listed, warn)
-    if names is None:
+def _start_compiling(last: contextlib.ExitStack, *arguments: str) -> "subprocess.Popen[str]":
+    process = subprocess.Popen(
+        command("pipeline.app.compile_kernels:compile_apart", *arguments),
+        env={**os.environ, **settings()},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    last.enter_context(process)
+    last.callback(process.kill)
+    return process
+
+
+def _are_whole(listed: Path) -> bool:
+    """Whether all kernels of a list are there, and as they were closed."""
+    try:
+        *names, end = listed.read_text(encoding="utf-8").split("\n")
+    except (OSError, ValueError):
         return False
-    bad = [name for name in names.decode().split() if read(listed.with_name(name), warn) is None]
-    return not bad
+    return end == _LAST and all(is_whole(listed.with_name(name)) for name in names)

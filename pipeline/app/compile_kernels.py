@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -26,6 +27,7 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
+from pipeline.jit.files import opened
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
@@ -44,58 +46,34 @@ from pipeline.truth.grid import quad_search
 
 
 def compile_kernels(steps: Iterable[str] = STEPS) -> set[str]:
-    """Call every kernel of these steps once, with the argument types that real tasks use; the files of their code."""
+    """Call every kernel of these steps once, with the types that real tasks use; the names of their folders."""
     with _no_garbage():
-        _call(_parts(steps))
-    return _files()
+        for part in _parts(steps):
+            part()
+    return opened
 
 
 def compile_apart() -> NoReturn:
-    """Compile the steps named on the command line, print the files of their code, and end the process.
+    """Compile steps, print the names of the folders, and end the process. Command line: claims, order, steps.
 
-    The first part is compiled before this process forks, because all others need it. Then one process goes on from
-    there, and the other from the end; each loads what the other compiled. The process ends at once: to free one by
-    one what the compiler has left takes seconds.
+    Several processes share the steps: one begins with the first part and another with the last, and whoever makes the
+    folder of a part among the claims compiles it. The process ends at once: to free one by one what the compiler has
+    left takes seconds.
     """
     prctl(END_WITH_PARENT, signal.SIGKILL)
-    first, *others = _parts(sys.argv[1:])
+    claims, order, *steps = sys.argv[1:]
     gc.disable()
-    with contextlib.ExitStack() as last:
-        first()
-        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-            helper = os.fork()
-            if helper == 0:
-                _help(others[::-1])
-            last.callback(os.waitpid, helper, 0)
-            last.callback(os.kill, helper, signal.SIGKILL)
-        _call(others)
-    print(*_files(), sep="\n", flush=True)
+    parts = _parts(steps)
+    for part in parts if order == "forwards" else reversed(parts):
+        with contextlib.suppress(FileExistsError):
+            (Path(claims) / part.__name__).mkdir()
+            part()
+    print(*opened, sep="\n", flush=True)
     os._exit(0)
-
-
-def _help(parts: Iterable[Callable[[], None]]) -> NoReturn:
-    """Compile these parts. Errors are ignored here: the other process meets and reports them."""
-    with contextlib.suppress(BaseException):
-        prctl(END_WITH_PARENT, signal.SIGKILL)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
-        _call(parts)
-    os._exit(0)
-
-
-def _files() -> set[str]:
-    """Names of the files of compiled code that this process has met. Numba must not be loaded before its settings."""
-    from pipeline.jit.cache import used
-
-    return used
 
 
 def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:
     return [part for step in steps for part in _RUN[step]]
-
-
-def _call(parts: Iterable[Callable[[], None]]) -> None:
-    for part in parts:
-        part()
 
 
 @contextlib.contextmanager
