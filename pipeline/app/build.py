@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import os
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -243,27 +242,21 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     which this process meets and reports then.
     """
     with contextlib.ExitStack() as last:
-        claims = last.enter_context(tempfile.TemporaryDirectory(prefix="kernels-"))
         try:
-            processes = [_start_compiling(last, claims, order, *steps) for order in ("forwards", "backwards")]
+            process = subprocess.Popen(
+                command("pipeline.app.compile_kernels:compile_apart", *steps),
+                env={**os.environ, **settings()},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                text=True,
+            )
         except OSError:
             return None
-        names = [name for process in processes for name in process.communicate()[0].split()]
-    return None if any(process.returncode for process in processes) else set(names)
-
-
-def _start_compiling(last: contextlib.ExitStack, *arguments: str) -> "subprocess.Popen[str]":
-    process = subprocess.Popen(
-        command("pipeline.app.compile_kernels:compile_apart", *arguments),
-        env={**os.environ, **settings()},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        text=True,
-    )
-    last.enter_context(process)
-    last.callback(process.kill)
-    return process
+        last.enter_context(process)
+        last.callback(process.kill)
+        names, _ = process.communicate()
+    return None if process.returncode else set(names.split())
 
 
 def _are_whole(listed: Path) -> bool:

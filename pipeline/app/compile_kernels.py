@@ -8,7 +8,9 @@ import dataclasses
 import gc
 import os
 import signal
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -28,6 +30,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.jit.files import opened
+from pipeline.machine.another_python import command
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
@@ -54,22 +57,43 @@ def compile_kernels(steps: Iterable[str] = STEPS) -> set[str]:
 
 
 def compile_apart() -> NoReturn:
-    """Compile steps, print the names of the folders, and end the process. Command line: claims, order, steps.
+    """Compile the steps named on the command line, print the names of the folders, and end the process.
 
-    Several processes share the steps: one begins with the first part and another with the last, and whoever makes the
-    folder of a part among the claims compiles it. The process ends at once: to free one by one what the compiler has
-    left takes seconds.
+    The first part is compiled before a second process starts, because all others need it. Then this one goes on from
+    there, and the other from the end. The process ends at once: to free one by one what the compiler has left takes
+    seconds.
     """
     prctl(END_WITH_PARENT, signal.SIGKILL)
-    claims, order, *steps = sys.argv[1:]
     gc.disable()
-    parts = _parts(steps)
-    for part in parts if order == "forwards" else reversed(parts):
-        with contextlib.suppress(FileExistsError):
-            (Path(claims) / part.__name__).mkdir()
-            part()
+    steps = sys.argv[1:]
+    first, *others = _parts(steps)
+    first()
+    with tempfile.TemporaryDirectory(prefix="kernels-") as claims, contextlib.ExitStack() as last:
+        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
+            helper = last.enter_context(subprocess.Popen(command(f"{__name__}:help_from_the_end", claims, *steps)))
+            last.callback(helper.kill)
+        _call_unclaimed(others, Path(claims))
+        helper.wait()
     print(*opened, sep="\n", flush=True)
     os._exit(0)
+
+
+def help_from_the_end() -> NoReturn:
+    """Compile what nobody has claimed, and print the names of the folders. If it fails, workers compile the rest."""
+    prctl(END_WITH_PARENT, signal.SIGKILL)
+    gc.disable()
+    claims, *steps = sys.argv[1:]
+    _call_unclaimed(_parts(steps)[:0:-1], Path(claims))
+    print(*opened, sep="\n", flush=True)
+    os._exit(0)
+
+
+def _call_unclaimed(parts: Iterable[Callable[[], None]], claims: Path) -> None:
+    """Call the parts that no other process has begun: whoever makes the folder of a part does it."""
+    for part in parts:
+        with contextlib.suppress(FileExistsError):
+            (claims / part.__name__).mkdir()
+            part()
 
 
 def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:

@@ -25,17 +25,18 @@ _LOCK = threading.RLock()
 _TOLD = "PIPELINE_KERNEL_SOURCES"
 _PACKAGE = Path(__file__).resolve().parents[1]
 _DECORATED = re.compile(rb"^@(kernel|unit|inline|buffers)$", re.MULTILINE)
-_ALL = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "kernel": {"cache": True},
-    "unit": {"cache": True, "no_cpython_wrapper": True},
-    "inline": {"forceinline": True, "no_cpython_wrapper": True},
+_OPTIONS = {"nogil": True, "error_model": "numpy", "cache": True, "no_cfunc_wrapper": True}
+_OF_KIND: dict[str, dict[str, Any]] = {
+    "kernel": {},
+    "unit": {"no_cpython_wrapper": True},
+    "inline": {"no_cpython_wrapper": True, "forceinline": True},
     "buffers": {"no_cpython_wrapper": True},
 }
-"""Options of Numba for all kernels, and for each kind. Python calls drivers alone, so that others need no way in."""
-_KEPT = ("kernel", "unit")
-_kept: "list[Kernel]" = []
-"""Kernels of this process whose code is kept."""
+"""Options of Numba beside those for all. Python calls drivers alone; of the others, what two processes need is kept for
+the second.
+"""
+_made: "list[Kernel]" = []
+"""Kernels that this process has loaded or compiled, or begun to."""
 
 
 def cache_folder() -> Path:
@@ -88,7 +89,6 @@ def _reached(package: Path = _PACKAGE) -> set[Path]:
     """Files with kernels, and those from whose modules their globals may come."""
     reached: set[Path] = set()
     todo = [path for path in package.rglob("*.py") if _DECORATED.search(path.read_bytes())]
-    todo.append(package / "jit" / "decorators.py")
     while todo:
         path = todo.pop()
         if path not in reached and path.is_file():
@@ -129,18 +129,18 @@ class Kernel:
         """Numba's dispatcher of the function."""
         if self._compiled is None:
             with loading(), _LOCK:  # workers with several threads: one dispatcher, one compilation
-                self._compiled = self._compiled or self._dispatcher()
+                if self._compiled is None:
+                    self._compiled = self._dispatcher()
+                    _made.append(self)
         return self._compiled
 
     def _dispatcher(self) -> Any:
         numba, function = _numba(), self._function
-        if self._kind in _KEPT:
-            self._folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
-            _kept.append(self)
+        self._folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
         usual = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(self._folder or usual)  # Numba asks for it when it makes the dispatcher
+        numba.config.CACHE_DIR = str(self._folder)  # Numba asks for it when it makes the dispatcher
         try:
-            return numba.njit(**_ALL, **_OPTIONS[self._kind])(function)
+            return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(function)
         finally:
             numba.config.CACHE_DIR = usual
 
@@ -178,7 +178,7 @@ class Kernel:
 
 def seal_kernels() -> None:
     """Close the folders of all kernels that this process has compiled."""
-    for kernel in _kept:
+    for kernel in _made:
         kernel.seal()
 
 

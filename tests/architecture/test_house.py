@@ -64,7 +64,7 @@ def test_a_module_of_tasks_is_a_kind():
 
 def test_modules_are_imported_by_name_in_few_places_and_no_message_is_read():
     """`import_module` hides an import from the contract; words of a message are for people."""
-    known = {"__init__.py", "confine/process.py", "engine/running/execute.py", "jit/compiler.py", "jit/device.py"}
+    known = {"__init__.py", "confine/process.py", "engine/running/execute.py", "jit/device.py"}
     users = {str(path.relative_to(PACKAGE)) for path in MODULES if "import_module" in path.read_text(encoding="utf-8")}
     assert users <= known
     readers = [str(path) for path in MODULES if re.search(r'" in \w*\.?error\.what', path.read_text(encoding="utf-8"))]
