@@ -188,12 +188,12 @@ def kernel(function: Any) -> Any:
 
 
 def unit(function: Any) -> Any:
-    """Compile a function that kernels call once for many rays: machine code of its own. It makes no arrays."""
+    """Compile a function that kernels call once for many rays."""
     return Kernel(function, "unit")
 
 
 def inline(function: Any) -> Any:
-    """Compile a function that LLVM inlines into the loops of kernels. It makes no arrays, and returns none."""
+    """Compile a function that LLVM inlines into the loops of kernels."""
     return Kernel(function, "inline")
 
 
