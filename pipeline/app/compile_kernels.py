@@ -70,10 +70,8 @@ def compile_apart() -> NoReturn:
     first()
     with tempfile.TemporaryDirectory(prefix="kernels-") as claims, contextlib.ExitStack() as last:
         with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-            helper = last.enter_context(subprocess.Popen(command(f"{__name__}:help_from_the_end", claims, *steps)))
-            last.callback(helper.kill)
+            last.enter_context(subprocess.Popen(command(f"{__name__}:help_from_the_end", claims, *steps)))
         _call_unclaimed(others, Path(claims))
-        helper.wait()
     print(*opened, sep="\n", flush=True)
     os._exit(0)
 
@@ -91,9 +89,11 @@ def help_from_the_end() -> NoReturn:
 def _call_unclaimed(parts: Iterable[Callable[[], None]], claims: Path) -> None:
     """Call the parts that no other process has begun: whoever makes the folder of a part does it."""
     for part in parts:
-        with contextlib.suppress(FileExistsError):
+        try:
             (claims / part.__name__).mkdir()
-            part()
+        except FileExistsError:
+            continue
+        part()
 
 
 def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:
