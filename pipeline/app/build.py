@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import os
-import platform
 import subprocess
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -24,9 +23,9 @@ from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.devices import on_device
 from pipeline.graph.preview import folder_of, only_images, preview_of
-from pipeline.jit.files import make_folder, read, say, write
+from pipeline.jit.files import is_whole, make_folder, say
 from pipeline.machine.another_python import command
-from pipeline.machine.processor import level, settings
+from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
@@ -36,6 +35,8 @@ from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 
+_LAST = "all"
+"""Last line of a list of kernels: one that was cut off has none."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
 
@@ -203,24 +204,24 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
 
     folder = cache_folder()
     steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
-    made_by = f"{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
-    listed = folder / f"{'-'.join(steps)}-{made_by}"
-    if _are_whole(listed, warn):
+    listed = folder / f"{'-'.join(steps)}.txt"
+    if _are_whole(listed):
         return
     make_folder(folder, warn)
     with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
-        if not _are_whole(listed, warn):
+        if not _are_whole(listed):
             # If the list exists, few kernels are damaged.
             names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None
             if names is None:
                 from pipeline.app.compile_kernels import compile_kernels
 
                 names = compile_kernels(steps)
-            write(listed, "\n".join(sorted(names)).encode(), warn)
+            with contextlib.suppress(OSError):  # a folder that is read-only; `jit.files` has said so
+                listed.write_text("\n".join([*sorted(names), _LAST]), encoding="utf-8")
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
-    """Files of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
+    """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
     which this process meets and reports then.
     """
     with contextlib.ExitStack() as last:
@@ -241,10 +242,10 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     return None if process.returncode else set(names.split())
 
 
-def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:
-    """Whether all kernels of a list can be read. Unreadable ones are reported and removed."""
-    names = read(listed, warn)
-    if names is None:
+def _are_whole(listed: Path) -> bool:
+    """Whether all kernels of a list are there, and as they were closed."""
+    try:
+        *names, end = listed.read_text(encoding="utf-8").split("\n")
+    except (OSError, ValueError):
         return False
-    bad = [name for name in names.decode().split() if read(listed.with_name(name), warn) is None]
-    return not bad
+    return end == _LAST and all(is_whole(listed.with_name(name)) for name in names)

@@ -7,9 +7,11 @@ import contextlib
 import dataclasses
 import gc
 import os
-import signal
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -25,6 +27,8 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.jit.files import opened
+from pipeline.machine.another_python import command
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
@@ -43,56 +47,53 @@ from pipeline.truth.grid import quad_search
 
 
 def compile_kernels(steps: Iterable[str] = STEPS) -> set[str]:
-    """Call every kernel of these steps once, with the argument types that real tasks use; the files of their code."""
+    """Call every kernel of these steps once, with the types that real tasks use; the names of their folders."""
     with _no_garbage():
-        _call(_parts(steps))
-    return _files()
+        for part in _parts(steps):
+            part()
+    return opened
 
 
 def compile_apart() -> NoReturn:
-    """Compile the steps named on the command line, print the files of their code, and end the process.
+    """Compile the steps named on the command line, print the names of the folders, and end the process.
 
-    The first part is compiled before this process forks, because all others need it. Then one process goes on from
-    there, and the other from the end; each loads what the other compiled. The process ends at once: to free one by
-    one what the compiler has left takes seconds.
+    The first part is compiled before a second process starts, because all others need it. Then this one goes on from
+    there, and the other from the end. The process ends at once: to free one by one what the compiler has left takes
+    seconds.
     """
-    first, *others = _parts(sys.argv[1:])
     gc.disable()
-    with contextlib.ExitStack() as last:
-        first()
+    steps = sys.argv[1:]
+    first, *others = _parts(steps)
+    first()
+    with tempfile.TemporaryDirectory(prefix="kernels-") as claims, contextlib.ExitStack() as last:
         with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-            helper = os.fork()
-            if helper == 0:
-                _help(others[::-1])
-            last.callback(os.waitpid, helper, 0)
-            last.callback(os.kill, helper, signal.SIGKILL)
-        _call(others)
-    print(*_files(), sep="\n", flush=True)
+            last.enter_context(subprocess.Popen(command(f"{__name__}:help_from_the_end", claims, *steps)))
+        _call_unclaimed(others, Path(claims))
+    print(*opened, sep="\n", flush=True)
     os._exit(0)
 
 
-def _help(parts: Iterable[Callable[[], None]]) -> NoReturn:
-    """Compile these parts. Errors are ignored here: the other process meets and reports them."""
-    with contextlib.suppress(BaseException):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
-        _call(parts)
+def help_from_the_end() -> NoReturn:
+    """Compile what nobody has claimed, and print the names of the folders. If it fails, workers compile the rest."""
+    gc.disable()
+    claims, *steps = sys.argv[1:]
+    _call_unclaimed(_parts(steps)[:0:-1], Path(claims))
+    print(*opened, sep="\n", flush=True)
     os._exit(0)
 
 
-def _files() -> set[str]:
-    """Names of the files of compiled code that this process has met. Numba must not be loaded before its settings."""
-    from pipeline.jit.cache import used
-
-    return used
+def _call_unclaimed(parts: Iterable[Callable[[], None]], claims: Path) -> None:
+    """Call the parts that no other process has begun: whoever makes the folder of a part does it."""
+    for part in parts:
+        try:
+            (claims / part.__name__).mkdir()
+        except FileExistsError:
+            continue
+        part()
 
 
 def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:
     return [part for step in steps for part in _RUN[step]]
-
-
-def _call(parts: Iterable[Callable[[], None]]) -> None:
-    for part in parts:
-        part()
 
 
 @contextlib.contextmanager

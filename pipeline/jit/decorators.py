@@ -6,33 +6,45 @@ parallel sums (which would depend on the number of threads).
 """
 
 import ast
-import contextlib
 import functools
 import hashlib
 import os
 import re
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from pipeline.folders import user_cache
+from pipeline.jit.files import no_full_disk, open_folder, seal
 from pipeline.jit.work import calling, loading, work
-from pipeline.machine.processor import settings_of_numba
+from pipeline.machine.processor import level, settings_of_numba
 
 _LOCK = threading.RLock()
 _TOLD = "PIPELINE_KERNEL_SOURCES"
 _PACKAGE = Path(__file__).resolve().parents[1]
 _DECORATED = re.compile(rb"^@(kernel|unit|inline|buffers)$", re.MULTILINE)
+_OPTIONS = {"nogil": True, "error_model": "numpy", "cache": True, "no_cfunc_wrapper": True}
+_OF_KIND: dict[str, dict[str, Any]] = {
+    "kernel": {},
+    "unit": {"no_cpython_wrapper": True},
+    "inline": {"no_cpython_wrapper": True, "forceinline": True},
+    "buffers": {"no_cpython_wrapper": True},
+}
+"""Options of Numba beside those for all. Python calls drivers alone; of the others, what two processes need is kept for
+the second.
+"""
+_made: "list[Kernel]" = []
+"""Kernels that this process has loaded or compiled, or begun to."""
 
 
 def cache_folder() -> Path:
     """Folder of compiled kernels: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
-    Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
-    compiled in, or how all are compiled. Where that of another user lies under the same name, ours is named after us:
-    code of others is not run.
+    Keyed by all sources that kernels reach: a callee in another file may change, or a constant, which is compiled in.
+    Numba compares times of sources, too, so that a copy of this package has kernels of its own. Where the folder of
+    another user lies under the same name, ours is named after us: code of others is not run.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()
@@ -49,35 +61,40 @@ def _may_be_ours(folder: Path) -> bool:
 @functools.cache
 def _digest_of_this() -> str:
     """Digest of our sources, which processes that we start are told: to compare bytes takes a tenth of the time."""
-    sources = _digest_of_bytes()
+    sources = _digest_of(_PACKAGE.rglob("*.py"))
     told, _, digest = os.environ.get(_TOLD, "").partition(" ")
     if told != sources:
-        digest = _source_digest()
+        digest = _digest_of(_reached())[:16]
         os.environ[_TOLD] = f"{sources} {digest}"
     return digest
 
 
-def _digest_of_bytes(package: Path = _PACKAGE) -> str:
-    """Digest of all sources with their remarks, and of the Python that reads them."""
-    bytes_of = hashlib.sha256(sys.version.encode())
-    for path in sorted(package.rglob("*.py")):
+def _digest_of(paths: Iterable[Path]) -> str:
+    """Digest of files, with their places and times, and of what compiles them."""
+    digest = hashlib.sha256(f"{sys.version} {level()} {_compilers()}".encode())
+    for path in sorted(paths):
         body = path.read_bytes()
-        bytes_of.update(f"\0{path.relative_to(package)} {len(body)}\0".encode() + body)
-    return bytes_of.hexdigest()[:32]
+        digest.update(f"\0{path} {path.stat().st_mtime_ns} {len(body)}\0".encode() + body)
+    return digest.hexdigest()
 
 
-def _source_digest(package: Path = _PACKAGE) -> str:
-    found: dict[Path, str] = {}
+@functools.cache
+def _compilers() -> str:
+    from importlib.metadata import version
+
+    return f"numba {version('numba')}, llvmlite {version('llvmlite')}"
+
+
+def _reached(package: Path = _PACKAGE) -> set[Path]:
+    """Files with kernels, and those from whose modules their globals may come."""
+    reached: set[Path] = set()
     todo = [path for path in package.rglob("*.py") if _DECORATED.search(path.read_bytes())]
-    todo.append(package / "jit" / "compiler.py")
     while todo:
         path = todo.pop()
-        if path not in found and path.is_file():
-            tree = ast.parse(path.read_bytes())
-            found[path] = ast.dump(tree)
-            todo += _imported(tree, package)
-    texts = [f"{path.relative_to(package)} {found[path]}" for path in sorted(found)]
-    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]
+        if path not in reached and path.is_file():
+            reached.add(path)
+            todo += _imported(ast.parse(path.read_bytes()), package)
+    return reached
 
 
 def _imported(tree: ast.Module, package: Path) -> list[Path]:
@@ -99,6 +116,8 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
         self._function, self._kind, self._compiled = function, kind, None
+        self._folder: Path | None = None
+        self._sealed = 0
 
     @property
     def function(self) -> Any:
@@ -110,31 +129,45 @@ class Kernel:
         """Numba's dispatcher of the function."""
         if self._compiled is None:
             with loading(), _LOCK:  # workers with several threads: one dispatcher, one compilation
-                self._compiled = self._compiled or self._dispatcher()
+                if self._compiled is None:
+                    self._compiled = self._dispatcher()
+                    _made.append(self)
         return self._compiled
 
     def _dispatcher(self) -> Any:
-        numba = _numba()
-        from pipeline.jit.cache import KernelCache
-        from pipeline.jit.compiler import OPTIONS, take_any_number
-
-        dispatcher = numba.njit(nogil=True, error_model="numpy", **OPTIONS[self._kind])(self._function)
-        take_any_number(dispatcher)
-        if self._kind in ("kernel", "unit"):
-            dispatcher._cache = KernelCache(
-                self._function, cache_folder(), self._kind
-            )  # where `cache=True` puts Numba's own
-            dispatcher._compile_for_args = _timed(dispatcher._compile_for_args, dispatcher._cache.end_turns)
-        return dispatcher
+        numba, function = _numba(), self._function
+        self._folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
+        usual = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(self._folder)  # Numba asks for it when it makes the dispatcher
+        try:
+            return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(function)
+        finally:
+            numba.config.CACHE_DIR = usual
 
     def __call__(self, *arguments: Any) -> Any:
         with calling(self.name):
-            return self._callable(*arguments)
+            driver = self._driver
+            dispatcher = driver.compiled
+            if not dispatcher.overloads:
+                with loading(), _LOCK, no_full_disk(cache_folder()):
+                    dispatcher.compile(tuple(map(_numba().typeof, arguments)))
+                    seal_kernels()
+            result = dispatcher(*arguments)
+            driver.seal()  # types may have been new
+            return result
 
     @functools.cached_property
-    def _callable(self) -> Any:
-        """The function for Python; a copy of one that kernels call, which only tests ask for."""
-        return self.compiled if self._kind == "kernel" else Kernel(self._function, "kernel").compiled
+    def _driver(self) -> "Kernel":
+        """The kernel for Python; a copy of one that kernels call, which only tests ask for."""
+        return self if self._kind == "kernel" else Kernel(self._function, "kernel")
+
+    def seal(self) -> None:
+        """Close the folder of the code if Numba has put more there."""
+        known = len(self.compiled.overloads)
+        if self._folder is not None and known != self._sealed:
+            self._sealed = known
+            if self.compiled.stats.cache_misses:
+                seal(self._folder)
 
     def count(self, rays: int, surfaces: int) -> None:
         """Note that calls of this kernel, in this thread, have started so many rays through so many surfaces."""
@@ -143,16 +176,10 @@ class Kernel:
         done.crossings += rays * surfaces
 
 
-def _timed(compile_for_arguments: Any, end: Callable[[], None]) -> Any:
-    """The same function of Numba, which loads or compiles code when types are new; its time is tallied."""
-    from pipeline.jit.compiler import remembering
-
-    def timed(*arguments: Any, **more: Any) -> Any:
-        with loading(), remembering(), contextlib.ExitStack() as last:
-            last.callback(end)
-            return compile_for_arguments(*arguments, **more)
-
-    return timed
+def seal_kernels() -> None:
+    """Close the folders of all kernels that this process has compiled."""
+    for kernel in _made:
+        kernel.seal()
 
 
 def kernel(function: Any) -> Any:
@@ -161,12 +188,12 @@ def kernel(function: Any) -> Any:
 
 
 def unit(function: Any) -> Any:
-    """Compile a function that kernels call once for many rays: machine code of its own. It makes no arrays."""
+    """Compile a function that kernels call once for many rays."""
     return Kernel(function, "unit")
 
 
 def inline(function: Any) -> Any:
-    """Compile a function that LLVM inlines into the loops of kernels. It makes no arrays, and returns none."""
+    """Compile a function that LLVM inlines into the loops of kernels."""
     return Kernel(function, "inline")
 
 
@@ -183,16 +210,25 @@ def fma(a: float, b: float, c: float) -> float:
 @functools.cache
 def _numba() -> Any:
     os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
-    import numba.extending
+    import numba
+    from numba import extending, types
 
-    from pipeline.jit.compiler import DriverCompiler
+    class KernelType(types.Dispatcher):
+        """Type of a kernel that another one calls. It is compiled for numbers, and not once more for 0 and 1."""
 
-    DriverCompiler.digest = _digest_of_this()
-    numba.extending.typeof_impl.register(Kernel, lambda value, context: numba.types.Dispatcher(value.compiled))
-    single, double = numba.float32, numba.float64
-    numba.extending.type_callable(fma)(lambda context: lambda a, b, c: single if a == b == c == single else double)
+        def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
+            return super().get_call_type(context, tuple(map(types.unliteral, arguments)), keywords)
+
+    @extending.typeof_impl.register(Kernel)
+    def type_of(kernel: Kernel, context: Any) -> Any:
+        seal_kernels()  # those that are finished, for other processes
+        return KernelType(kernel.compiled)
+
+    extending.register_model(KernelType)(extending.models.OpaqueModel)
+    single, double = types.float32, types.float64
+    extending.type_callable(fma)(lambda context: lambda a, b, c: single if a == b == c == single else double)
     for kind in (single, double):
-        numba.extending.lower_builtin(fma, kind, kind, kind)(
+        extending.lower_builtin(fma, kind, kind, kind)(
             lambda context, builder, signature, arguments: builder.fma(*arguments)
         )
     return numba

@@ -1,28 +1,34 @@
-"""Files of compiled kernels: closed by their own digest, in a folder that nobody else can write to.
+"""Folders of compiled kernels, one for each kernel, closed by digests of what Numba has put there.
 
-They hold pickles, so that reading one is executing it. None is given to anybody before its digest was right, and none
-from a folder of somebody else. Whatever else lies there is no kernel, and compiled again.
+Numba's cache believes whatever it finds: a file that lost its end breaks every build for ever, and one that somebody
+else wrote is executed. So a process opens the folder of a kernel once, before Numba does. What is not as its digests
+say, or may be another user's, is thrown away whole, and the kernel is compiled again.
 """
 
 import contextlib
 import errno
+import functools
 import hashlib
 import os
 import shutil
 import stat
 import sys
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
-_TRAILER = b"\n#sha256="
+_DIGESTS = "SHA256SUMS"
+"""Name of the file that `sha256sum -c` understands."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 Warn = Callable[[str], None]
 
 _said: set[str] = set()
+opened: set[str] = set()
+"""Names of the folders that this process has opened."""
 
 
 def say(text: str) -> None:
@@ -32,63 +38,66 @@ def say(text: str) -> None:
         print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
-def read(path: Path, warn: Warn = say) -> bytes | None:
-    """Bytes that `write` wrote. Anything else that lies there is removed, with a warning that names it, and None."""
-    with _folder_of(path, warn) as folder:
-        if folder is None or not _is_there(path.name, folder):
-            return None
-        try:
-            handle = os.open(path.name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
-            with os.fdopen(handle, "rb") as stream:
-                raw = stream.read() if stat.S_ISREG(os.fstat(handle).st_mode) else b""
-        except OSError:
-            raw = b""
-    body, _, tail = raw.rpartition(_TRAILER)
-    if tail == _digest(path, body):
-        return body
-    discard(path, "is damaged", warn)
-    return None
+def open_folder(folder: Path, warn: Warn = say) -> Path:
+    """A folder for the code of a kernel, with code that can be trusted or none.
 
-
-def discard(path: Path, why: str, warn: Warn = say) -> None:
-    """Remove a file that cannot be used, and say so."""
-    warn(f"the compiled kernel {path} {why}; it is compiled again")
-    with contextlib.suppress(OSError):
-        path.rename(_aside(path, "damaged")) if path.is_dir() and not path.is_symlink() else path.unlink()
-
-
-def write(path: Path, body: bytes, warn: Warn = say) -> None:
-    """Put a file into place at once: whoever reads meanwhile finds the old one, the new one or none.
-
-    A folder that cannot be written is only slower, and that is said.
+    Numba needs a folder that it can write to, so that a temporary one stands in for one that is read-only, with a copy
+    of its code.
 
     Raises
     ------
     EnvironmentFault
         The disk is full.
     """
-    aside = _aside(path, "new")
-    with _folder_of(path, warn) as folder, _kept(path.parent, len(body), warn):
-        if folder is None and path.parent.is_dir():  # somebody else's
-            return
-        try:
-            aside.write_bytes(body + _TRAILER + _digest(path, body))
-            aside.replace(path)
-        finally:
-            aside.unlink(missing_ok=True)
+    opened.add(folder.name)
+    make_folder(folder.parent, warn)
+    if _is_private(folder.parent):
+        with contextlib.suppress(OSError), no_full_disk(folder):
+            if os.path.lexists(folder) and not is_whole(folder):
+                _discard(folder, warn)
+            folder.mkdir(mode=0o700, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    stand_in = Path(_temporary().name) / folder.name
+    if is_whole(folder):
+        shutil.copytree(folder, stand_in, dirs_exist_ok=True)
+    else:
+        warn(
+            f"cannot keep compiled kernels in {folder.parent}, so every process compiles them; "
+            "set PIPELINE_JIT_CACHE to a folder that you may write to"
+        )
+        stand_in.mkdir(exist_ok=True)
+    return stand_in
+
+
+def seal(folder: Path) -> None:
+    """Close a folder in which Numba has put code; without it, whoever opens the folder throws that away."""
+    with contextlib.suppress(FileNotFoundError), no_full_disk(folder):  # thrown away by a process that came between
+        aside = _aside(folder / _DIGESTS, "new")
+        aside.write_text(_digests(folder), encoding="utf-8")
+        aside.replace(folder / _DIGESTS)
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether only this user can have put anything into a folder, and it holds what it was closed with."""
+    try:
+        private = _is_private(folder.parent) and _is_private(folder)
+        return private and _digests(folder) == _read(folder / _DIGESTS).decode()
+    except (OSError, ValueError):
+        return False
 
 
 def make_folder(folder: Path, warn: Warn = say) -> None:
-    """Make the folder, for this user alone. What stands there and is no folder of ours gets another name.
+    """Make the folder of all kernels, for this user alone. What is there and no folder of ours gets another name.
 
     Raises
     ------
     EnvironmentFault
         The disk is full.
     """
-    with _kept(folder, 0, warn):
+    with contextlib.suppress(OSError), no_full_disk(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
-        if os.path.lexists(folder) and not _is_safe(folder) and folder.lstat().st_uid == os.geteuid():
+        if os.path.lexists(folder) and not _is_private(folder) and folder.lstat().st_uid == os.geteuid():
             damaged = _aside(folder, "damaged")
             folder.rename(damaged)
             warn(f"{folder} was no folder for you alone, and is now {damaged.name}; kernels are compiled again")
@@ -96,61 +105,62 @@ def make_folder(folder: Path, warn: Warn = say) -> None:
 
 
 @contextlib.contextmanager
-def _kept(folder: Path, size: int, warn: Warn) -> Iterator[None]:
-    """Tell errors that happen while something is put into a folder."""
+def no_full_disk(folder: Path) -> Iterator[None]:
+    """Tell that the disk of compiled kernels is full.
+
+    Raises
+    ------
+    EnvironmentFault
+    """
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
-            free = shutil.disk_usage(next(place for place in (folder, *folder.parents) if place.is_dir())).free
-            raise EnvironmentFault(
-                f"cannot keep compiled kernels in {folder}: {error.strerror}",
-                hint=f"{size:,} bytes needed, {free:,} bytes free; PIPELINE_JIT_CACHE names another folder",
-            ) from error
-        warn(
-            f"cannot keep compiled kernels in {folder} ({error.strerror}), so every process compiles them; "
-            "set PIPELINE_JIT_CACHE to a folder that you may write to"
-        )
+        if error.errno not in _FULL:
+            raise
+        free = shutil.disk_usage(next(place for place in (folder, *folder.parents) if place.is_dir())).free
+        raise EnvironmentFault(
+            f"cannot keep compiled kernels in {folder}: {error.strerror}",
+            hint=f"{free:,} bytes are free; PIPELINE_JIT_CACHE names another folder",
+        ) from error
 
 
-@contextlib.contextmanager
-def _folder_of(path: Path, warn: Warn) -> Iterator[int | None]:
-    """The open folder of a file, if nobody else can have put anything there."""
+def _digests(folder: Path) -> str:
+    """A line for each file that Numba would read."""
+    paths = sorted(Path(place) / name for place, _, names in os.walk(folder) for name in names)
+    code = [path for path in paths if path.suffix in (".nbi", ".nbc")]
+    return "".join(f"{hashlib.sha256(_read(path)).hexdigest()}  {path.relative_to(folder)}\n" for path in code)
+
+
+def _read(path: Path) -> bytes:
+    """Bytes of a file, not by way of a link; none of a pipe."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
+        return stream.read() if stat.S_ISREG(os.fstat(stream.fileno()).st_mode) else b""
+
+
+def _discard(folder: Path, warn: Warn) -> None:
+    """Throw away what cannot be trusted; without digests a process was killed that compiled, or is at it."""
+    if not folder.is_dir() or (folder / _DIGESTS).is_file():
+        warn(f"the compiled kernel {folder} is damaged; it is compiled again")
+    aside = _aside(folder, "damaged")
+    folder.rename(aside)
+    shutil.rmtree(aside) if aside.is_dir() and not aside.is_symlink() else aside.unlink()
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether something is a folder into which only this user, or the administrator, can have put anything."""
     try:
-        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:
-        yield None
-        return
-    try:
-        safe = _is_private(os.fstat(handle))
-        if not safe:
-            warn(f"others than you may write to {path.parent}: the compiled kernels in it are not used")
-        yield handle if safe else None
-    finally:
-        os.close(handle)
-
-
-def _is_safe(folder: Path) -> bool:
-    return folder.is_dir() and _is_private(folder.stat())
-
-
-def _is_private(facts: os.stat_result) -> bool:
-    """Whether only this user, or the administrator, can have put anything into a folder."""
-    return facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-
-
-def _is_there(name: str, folder: int) -> bool:
-    try:
-        os.stat(name, dir_fd=folder, follow_symlinks=False)
+        facts = folder.lstat()
     except OSError:
         return False
-    return True
+    ours = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return ours and stat.S_ISDIR(facts.st_mode)
+
+
+@functools.cache
+def _temporary() -> "tempfile.TemporaryDirectory[str]":
+    """A folder of this process, removed when it ends."""
+    return tempfile.TemporaryDirectory(prefix="kernels-")
 
 
 def _aside(path: Path, why: str) -> Path:
     return path.with_name(f"{path.name}.{uuid.uuid4().hex}.{why}")
-
-
-def _digest(path: Path, body: bytes) -> bytes:
-    """Digest of the bytes, and of the name that they belong to."""
-    return hashlib.sha256(path.name.encode() + b"\0" + body).hexdigest().encode() + b"\n"

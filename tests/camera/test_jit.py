@@ -1,28 +1,22 @@
 """Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole."""
 
 import errno
-import math
 import os
-import pickle
-import re
-import threading
+import subprocess
 from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.postproc import PostProcessor
-from numba.core.types import BaseFunction
 
+from pipeline.app import compile_kernels
 from pipeline.app.build import compile_once, project
 from pipeline.app.kernel_steps import steps_of
 from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
-from pipeline.jit.cache import KernelCache
-from pipeline.jit.compiler import remembering
-from pipeline.jit.decorators import Kernel, _source_digest, inline, kernel, unit
+from pipeline.jit.decorators import Kernel, inline, kernel, unit
+from pipeline.machine.another_python import command
 from pipeline.optics.kernels import PACKET, new_packet
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +25,6 @@ SOURCES = {
     "room/kernels.py": "from pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
     "room/table.py": "from pipeline import units\nimport pipeline.room\nROW = units.MM",
     "units.py": "MM = 1",
-    "jit/compiler.py": "OPTIONS = {}",
     "apart.py": "from pipeline.room import kernels",
 }
 
@@ -46,38 +39,31 @@ def package(tmp_path):
     return tmp_path / "pipeline"
 
 
-@pytest.mark.parametrize(
-    "name", ["room/kernels.py", "room/table.py", "units.py", "room/__init__.py", "jit/compiler.py"]
-)
-def test_an_edit_of_what_a_kernel_reaches_compiles_anew(package, name):
+def test_kernels_are_known_by_all_sources_that_they_reach(package):
     """Numba compiles constants in and looks at the kernel's own file alone."""
-    before = _source_digest(package)
-    (package / name).write_text(SOURCES[name] + "\nX = 1", encoding="utf-8")
-    assert _source_digest(package) != before
+    reached = decorators._reached(package)
+    assert {str(path.relative_to(package)) for path in reached} == {*SOURCES} - {"apart.py"}
+    before = decorators._digest_of(reached)
+    (package / "units.py").write_text("MM = 2", encoding="utf-8")
+    assert decorators._digest_of(reached) != before
 
 
-def test_comments_and_modules_that_no_kernel_reaches_do_not_count(package):
-    before = _source_digest(package)
-    (package / "apart.py").write_text("Y = 2", encoding="utf-8")
-    (package / "units.py").write_text("# a remark\nMM = 1", encoding="utf-8")
-    assert _source_digest(package) == before
+def test_a_source_with_another_time_is_another_source(package):
+    """Numba would compile its kernels again, each worker for itself."""
+    before = decorators._digest_of([package / "units.py"])
+    os.utime(package / "units.py", (1.0, 1.0))
+    assert decorators._digest_of([package / "units.py"]) != before
 
 
-def test_processes_that_are_started_believe_the_digest_only_of_the_same_bytes(monkeypatch):
+def test_processes_that_are_started_believe_the_digest_only_of_the_same_sources(monkeypatch):
     """It takes each of them a third of a second to find by itself."""
     monkeypatch.delenv(decorators._TOLD, raising=False)
     digest_of_this = decorators._digest_of_this.__wrapped__
     digest = digest_of_this()
-    monkeypatch.setattr(decorators, "_source_digest", lambda: "found anew")
+    monkeypatch.setattr(decorators, "_reached", set)
     assert digest_of_this() == digest
-    monkeypatch.setattr(decorators, "_digest_of_bytes", lambda: "of other sources")
-    assert digest_of_this() == "found anew"
-
-
-def test_the_digest_of_bytes_counts_every_source(package):
-    before = decorators._digest_of_bytes(package)
-    (package / "apart.py").write_text("Y = 2", encoding="utf-8")
-    assert decorators._digest_of_bytes(package) != before
+    monkeypatch.setenv(decorators._TOLD, f"others {digest}")
+    assert digest_of_this() != digest
 
 
 def twice(x):
@@ -87,7 +73,7 @@ def twice(x):
 
 @unit
 def sum_of_squares(x, count):
-    """Part of a kernel that is compiled once."""
+    """Part of a kernel."""
     total = 0.0
     for i in range(count):
         total += square(x[i])
@@ -100,26 +86,10 @@ def square(x):
     return x * x
 
 
-@inline
-def itself(x):
-    """What no inline function may do."""
-    return x
-
-
 @kernel
-def length(x):
-    """Driver of a unit."""
-    return math.sqrt(sum_of_squares(x, x.size))
-
-
-class Bomb:
-    """Unpickling it makes a file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
+def with_literals(x):
+    """Driver that calls the same with two literals, and with a number."""
+    return sum_of_squares(x, 0) + sum_of_squares(x, 1) + sum_of_squares(x, x.size)
 
 
 def test_functions_that_others_compile_may_call_ours():
@@ -134,138 +104,68 @@ def test_functions_that_others_compile_may_call_ours():
     assert rays() == (PACKET, PACKET)
 
 
-def test_what_others_compile_waits_for_ours_and_finds_numba_as_it_was():
-    """Numba is told what we remember while our kernels are compiled, whatever becomes of them."""
-    found, taken = (PostProcessor.run, BaseFunction.get_call_type), threading.Event()
-
-    def other():
-        with global_compiler_lock:
-            assert (PostProcessor.run, BaseFunction.get_call_type) == found
-            taken.set()
-
-    thread = threading.Thread(target=other)
-    with pytest.raises(ZeroDivisionError), remembering():
-        assert PostProcessor.run != found[0] and BaseFunction.get_call_type != found[1]
-        thread.start()
-        assert not taken.wait(0.5)
-        raise ZeroDivisionError
-    thread.join(60)
-    assert taken.is_set()
+def test_python_may_call_parts_of_kernels():
+    assert square(3.0) == 9.0 and sum_of_squares(np.array([3.0, 4.0]), 2) == 25.0
 
 
 @pytest.fixture
 def said(monkeypatch):
     """Warnings of this test."""
-    monkeypatch.setattr(files, "_said", found := set())
-    return found
+    monkeypatch.setattr(files, "_said", texts := set())
+    return texts
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
     """Where the kernels of this test are kept."""
+    monkeypatch.setattr(decorators, "cache_folder", lambda: tmp_path / "jit")
     return tmp_path / "jit"
 
 
-def compiled(folder):
+def is_loaded(value=4.0):
     """Call the kernel as a fresh process would; whether its code came from the folder."""
-    dispatcher = numba.njit(twice)
-    dispatcher._cache = KernelCache(twice, folder)
-    assert dispatcher(4.0) == 8.0
-    return bool(dispatcher.stats.cache_hits)
+    fresh = Kernel(twice, "kernel")
+    assert fresh(value) == 2.0 * value
+    return bool(fresh.compiled.stats.cache_hits)
 
 
-def other_types(path):
-    """Leave a right file under a name that it does not belong to."""
-    dispatcher = numba.njit(twice)
-    dispatcher._cache = KernelCache(twice, path.parent)
-    dispatcher(4)
-    other = next(file for file in path.parent.iterdir() if file != path)
-    other.replace(path)
+def code_in(folder):
+    """The code of the kernel, and not Numba's index."""
+    (path,) = folder.rglob("*.twice-*.nbc")
+    return path
 
 
-@pytest.fixture
-def fresh(monkeypatch, folder):
-    """Gives a driver and its unit as a fresh process has them, with the folder of this test."""
-    monkeypatch.setattr("pipeline.jit.decorators.cache_folder", lambda: folder)
-
-    def load():
-        unit_of_test, driver = Kernel(sum_of_squares.__wrapped__, "unit"), Kernel(length.__wrapped__, "kernel")
-        monkeypatch.setitem(globals(), "sum_of_squares", unit_of_test)
-        assert driver(np.array([3.0, 4.0])) == 5.0
-        return driver.compiled.stats, unit_of_test.compiled.stats
-
-    return load
+def test_a_kernel_is_compiled_for_numbers_and_not_for_each_literal(folder, monkeypatch):
+    part = Kernel(sum_of_squares.function, "unit")
+    monkeypatch.setitem(globals(), "sum_of_squares", part)
+    assert Kernel(with_literals.function, "kernel")(np.array([3.0, 4.0])) == 9.0 + 25.0
+    assert len(part.compiled.overloads) == 1
 
 
-def loaded(stats):
-    """Whether code came from the folder."""
-    return bool(stats.cache_hits) and not stats.cache_misses
+def test_kernels_and_units_are_kept_each_by_itself(folder, monkeypatch, said):
+    monkeypatch.setitem(globals(), "sum_of_squares", Kernel(sum_of_squares.function, "unit"))
+    for hits in (0, 1):
+        driver = Kernel(with_literals.function, "kernel")
+        driver(np.array([3.0, 4.0]))
+        assert sum(driver.compiled.stats.cache_hits.values()) == hits
+    names = {path.name.rpartition(".")[2] for path in folder.iterdir()}
+    assert {"with_literals-kernel", "sum_of_squares-unit"} <= names and not said
 
 
-def test_a_unit_is_kept_by_itself_and_loaded_before_its_driver(fresh, folder, said):
-    assert not any(loaded(stats) for stats in fresh())
-    names = sorted(path.name.rsplit(".", 1)[1].rpartition("-")[0] for path in folder.iterdir())
-    assert names == ["length-kernel", "sum_of_squares-unit"]
-    assert all(loaded(stats) for stats in fresh()) and not said
-
-
-@pytest.mark.parametrize("damaged", ["length", "sum_of_squares"])
-def test_a_damaged_unit_is_compiled_again_and_the_driver_calls_that(fresh, folder, said, damaged):
-    fresh()
-    next(path for path in folder.iterdir() if damaged in path.name).write_bytes(b"")
-    assert [loaded(stats) for stats in fresh()] == [damaged != "length", damaged == "length"]
-    assert len(said) == 1 and all(loaded(stats) for stats in fresh())
-
-
-def test_a_driver_of_a_unit_of_another_name_is_compiled_again(fresh, folder, said, monkeypatch):
-    """The linker would end the process."""
-    fresh()
-    next(path for path in folder.iterdir() if "sum_of_squares" in path.name).unlink()
-    monkeypatch.setattr("pipeline.jit.compiler.DriverCompiler.digest", "0123456789abcdef")
-    assert not any(loaded(stats) for stats in fresh())
-    assert ["there is no" in text for text in said] == [True] and all(loaded(stats) for stats in fresh())
-
-
-def test_the_code_of_a_unit_is_not_copied_into_its_driver(fresh):
-    driver = Kernel(length.__wrapped__, "kernel")
-    driver(np.array([3.0, 4.0]))
-    (code,) = driver.compiled.inspect_llvm().values()
-    assert re.search(r"^declare .*sum_of_squares", code, re.MULTILINE) and "define" in code
-    assert not re.search(r"^define .*sum_of_squares", code, re.MULTILINE)
-
-
-def test_python_may_call_parts_of_kernels():
-    assert square(3.0) == 9.0 and sum_of_squares(np.array([3.0, 4.0]), 2) == 25.0
-
-
-def test_a_unit_that_kernels_have_called_is_no_driver_for_python(fresh, folder):
-    """The same function for the same types, in the same folder: its code as a unit has no way in from Python."""
-    for _ in range(2):
-        fresh()
-        assert globals()["sum_of_squares"](np.array([3.0, 4.0]), 2) == 25.0
-    assert len(list(folder.iterdir())) == 3
-
-
-def test_an_inline_function_returns_no_array():
-    """It counts no references, so the caller would free what is not its own."""
-
-    @kernel
-    def bad(x):
-        return itself(x)[0]
-
-    with pytest.raises(TypeError, match="itself is inline"):
-        bad(np.zeros(1))
+def test_a_kernel_of_other_types_is_kept_beside(folder, said):
+    fresh = Kernel(twice, "kernel")
+    assert fresh(4.0) == fresh(4) == 8.0
+    assert is_loaded() and is_loaded(4) and not said
 
 
 DAMAGE = {
     "empty": lambda path: path.write_bytes(b""),
     "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
-    "cut in the middle": lambda path: path.write_bytes(path.read_bytes()[:1000]),
     "zeros": lambda path: path.write_bytes(bytes(path.stat().st_size)),
     "a flipped bit": lambda path: path.write_bytes(b"\x81" + path.read_bytes()[1:]),
-    "of other types": other_types,
-    "a pickle": lambda path: path.write_bytes(pickle.dumps(Bomb(path.parent / "executed"))),
-    "a folder": lambda path: (path.unlink(), path.mkdir(), (path / "thesis").touch()),
+    "another": lambda path: path.with_name("another.nbc").write_bytes(path.read_bytes()),
+    "none": lambda path: path.unlink(),
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
     "a link": lambda path: (path.rename(path.with_name("there")), path.symlink_to("there")),
     "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
 }
@@ -273,103 +173,70 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_kernel_is_compiled_again_once_and_never_executed(folder, said, damage):
-    assert not compiled(folder) and compiled(folder) and not said
-    (path,) = folder.iterdir()
-    DAMAGE[damage](path)
-    assert not compiled(folder)
-    assert [str(path) in text and "compiled again" in text for text in said] == [True]
-    assert compiled(folder) and len(said) == 1
-    assert not (folder / "executed").exists()
+    assert not is_loaded() and is_loaded() and not said
+    DAMAGE[damage](code_in(folder))
+    assert not is_loaded()
+    assert ["is damaged" in text and str(folder) in text for text in said] == [True]
+    assert is_loaded() and len(said) == 1
 
 
-def test_a_kernel_that_is_whole_and_cannot_be_loaded_is_compiled_again(folder, said):
-    """As after an update of a library that calls itself by the same version."""
-    compiled(folder)
-    (path,) = folder.iterdir()
-    files.write(path, pickle.dumps(("something", "else")))
-    assert not compiled(folder) and "cannot be used" in str(said) and compiled(folder)
+@pytest.mark.parametrize("thing", ["file", "link", "pipe"])
+def test_what_stands_in_the_place_of_the_folder_of_a_kernel_is_removed(folder, said, thing):
+    is_loaded()
+    (place,) = folder.iterdir()
+    place.rename(folder / "away")
+    {"file": Path.touch, "link": lambda path: path.symlink_to("away"), "pipe": os.mkfifo}[thing](place)
+    assert not is_loaded() and is_loaded() and "is damaged" in str(said)
 
 
-def test_a_flipped_bit_anywhere_is_noticed(tmp_path, said):
-    path = tmp_path / "k"
-    files.write(path, b"kernel")
-    whole = path.read_bytes()
-    for number in range(8 * len(whole)):
-        flipped = bytearray(whole)
-        flipped[number // 8] ^= 1 << number % 8
-        path.write_bytes(flipped)
-        assert files.read(path) is None
-    for size in range(len(whole)):
-        path.write_bytes(whole[:size])
-        assert files.read(path) is None
-    path.write_bytes(whole)
-    assert files.read(path) == b"kernel"
+def test_code_of_a_process_that_was_killed_before_it_closed_the_folder_is_not_used(folder, said):
+    is_loaded()
+    next(folder.rglob("SHA256SUMS")).unlink()
+    assert not is_loaded() and is_loaded() and not said
 
 
 def test_kernels_in_a_folder_that_others_may_write_to_are_not_used(folder, said):
     """They are pickles: reading one is executing it."""
-    compiled(folder)
+    is_loaded()
     folder.chmod(0o777)
-    assert not compiled(folder) and "was no folder for you alone" in str(said)
-    assert folder.stat().st_mode & 0o777 == 0o700 and compiled(folder)
+    assert not is_loaded() and "was no folder for you alone" in str(said)
+    assert folder.stat().st_mode & 0o777 == 0o700 and is_loaded()
 
 
 def test_kernels_in_a_folder_of_somebody_else_are_not_used(folder, said, monkeypatch):
-    compiled(folder)
+    is_loaded()
     if os.geteuid() == 0:
         os.chown(folder, 12345, -1)
     else:
         monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    assert not compiled(folder) and not compiled(folder)
-    assert len(said) == 1 and "others than you" in str(said)
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert not is_loaded() and len(said) == 1 and "every process compiles them" in str(said)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_folder_that_can_only_be_read_lends_a_copy(folder, said, monkeypatch):
+    """Numba itself takes no code from such a folder."""
+    is_loaded()
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert is_loaded() and not said
+    assert not is_loaded(4) and {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_a_file_in_the_place_of_the_folder_gets_another_name(folder, said):
     folder.write_text("mine")
-    assert not compiled(folder) and compiled(folder)
+    assert not is_loaded() and is_loaded()
     assert [path.read_text() for path in folder.parent.glob("jit.*.damaged")] == ["mine"]
 
 
-def failing(error):
-    """A disk that takes nothing."""
-
-    def fail(self, data):
-        raise OSError(error, os.strerror(error))
-
-    return fail
-
-
 def test_a_full_disk_is_an_error_of_the_machine(folder, said, monkeypatch):
-    monkeypatch.setattr(Path, "write_bytes", failing(errno.ENOSPC))
+    def fail(path, *arguments, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", fail)
     with pytest.raises(EnvironmentFault, match=r"cannot keep compiled kernels in .*No space left") as caught:
-        compiled(folder)
-    assert "PIPELINE_JIT_CACHE" in caught.value.hint and not list(folder.iterdir())
-
-
-def test_a_folder_that_cannot_be_written_is_only_slower(folder, said, monkeypatch):
-    monkeypatch.setattr(Path, "write_bytes", failing(errno.EROFS))
-    assert not compiled(folder) and not compiled(folder)
-    assert len(said) == 1 and "every process compiles them" in str(said)
-
-
-def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, said):
-    path, bodies, stop = tmp_path / "k", [bytes([n]) * 50_000 for n in range(4)], threading.Event()
-
-    def writing(body):
-        while not stop.is_set():
-            files.write(path, body)
-
-    threads = [threading.Thread(target=writing, args=(body,)) for body in bodies]
-    for thread in threads:
-        thread.start()
-    found = [files.read(path) for _ in range(300)]
-    stop.set()
-    for thread in threads:
-        thread.join()
-    assert {*found} - {None} <= {*bodies} and None not in found[50:] and not said
-    assert [file.name for file in tmp_path.iterdir()] == ["k"]
+        is_loaded()
+    assert "PIPELINE_JIT_CACHE" in caught.value.hint
 
 
 def test_a_graph_compiles_what_its_tasks_call():
@@ -407,26 +274,51 @@ def task(kind, params):
     return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, reads={})
 
 
-def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
-    from pipeline.jit.decorators import cache_folder
+def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkeypatch):
+    calls = []
 
-    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
-    calls, said = [], []
-
-    def compile_kernels(steps):
+    def fake(steps):
         calls.append(1)
-        for name in "ab":
-            files.write(cache_folder() / name, name.encode())
-        return {"a", "b"}
+        is_loaded()
+        return {path.name for path in folder.glob("*-kernel")}
 
-    monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", compile_kernels)
-    compile_once(said.append)
-    compile_once(said.append)
+    monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", fake)
+    compile_once()
+    compile_once()
     assert len(calls) == 1 and not said
-    (cache_folder() / "b").write_bytes(b"")
-    compile_once(said.append)
-    compile_once(said.append)
-    assert len(calls) == 2 and len(said) == 1 and str(cache_folder() / "b") in said[0]
-    (cache_folder() / "a").unlink()
-    compile_once(said.append)
+    code_in(folder).write_bytes(b"")
+    compile_once()
+    compile_once()
+    assert len(calls) == 2 and len(said) == 1
+    (listed,) = folder.glob("*.txt")
+    listed.write_text("")
+    compile_once()
     assert len(calls) == 3
+
+
+def test_two_processes_share_the_parts_from_both_ends(tmp_path):
+    """The second one runs to its end here before the first goes on."""
+    done = []
+
+    def part(name):
+        def note():
+            done.append(name)
+            if name == "b":
+                compile_kernels._call_unclaimed(parts[::-1], tmp_path)
+
+        note.__name__ = name
+        return note
+
+    parts = [part(name) for name in "abcd"]
+    compile_kernels._call_unclaimed(parts, tmp_path)
+    assert done == ["a", "b", "d", "c"]
+
+
+def test_a_process_apart_names_the_folders_that_it_opened(tmp_path):
+    apart = command("pipeline.app.compile_kernels:compile_apart", "search")
+    environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path / "jit")}
+    environment.pop("PYTHONUNBUFFERED", None)  # what is said last must arrive all the same
+    names = subprocess.run(apart, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    assert {*names} == {path.name for path in tmp_path.glob("jit/*/*")}
+    assert {"quads_that_hold-kernel", "solve_quads-kernel"} <= {name.rpartition(".")[2] for name in names}
+    assert all(files.is_whole(path) for path in tmp_path.glob("jit/*/*"))

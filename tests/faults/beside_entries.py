@@ -21,7 +21,6 @@ from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import files
 from pipeline.jit.decorators import cache_folder
-from pipeline.machine.processor import level
 
 _FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine")
 _FILES = ("VERSION", "gc.lock")
@@ -33,9 +32,9 @@ def damaged_kernels(bench: Workbench) -> Row:
     called = _called(bench)  # compiles what is missing, before the copy
     folder = bench.new_place() / "jit" / cache_folder().name
     shutil.copytree(cache_folder(), folder)
-    kernels = sorted(path for path in folder.iterdir() if path.name != "lock")
+    kernels = sorted(path for path in folder.rglob("*") if path.is_file() and path.parent != folder)
     for number, path in enumerate(kernels):
-        whole = path.read_bytes()
+        whole, kernel = path.read_bytes(), folder / path.relative_to(folder).parts[0]
         flips = [_flipped(bench, whole) for _ in range(24 if bench.whole else 2)]
         for data in (
             b"",
@@ -46,30 +45,28 @@ def damaged_kernels(bench: Workbench) -> Row:
             *flips,
         ):
             path.write_bytes(data)
-            said: list[str] = []
             row.tried += 1
-            row.wrong += files.read(path, said.append) is not None or str(path) not in said[0]
+            row.wrong += files.is_whole(kernel)
         path.write_bytes(whole)
-        row.wrong += files.read(path) is None
-    small = sorted((folder / name for name in called), key=lambda path: path.stat().st_size)[:3]  # they compile fast
+        row.wrong += not files.is_whole(kernel)
+    code = (next((folder / name).rglob("*.nbc")) for name in called)
+    small = sorted(code, key=lambda path: path.stat().st_size)[:3]  # they compile fast
     for path in small if bench.whole else ():
         for damage in (lambda path: path.write_bytes(b""), lambda path: (path.unlink(), path.mkdir())):
             damage(path)
-            codes = [_command(bench, folder.parent, path, said) for said in (True, False)]
+            codes = [_command(bench, folder.parent, path.parents[1], said) for said in (True, False)]
+            path = next(path.parents[1].rglob("*.nbc"))
             row.tried += 1
             row.wrong += codes != [0, 0]
     return row
 
 
 def _called(bench: Workbench) -> list[str]:
-    """Files of the kernels that a build of the stage calls; it looks at no others."""
+    """Folders of the kernels that a build of the stage calls; it looks at no others."""
     graph = bench.project.graph
     compile_once(graph=graph)
-    steps = "-".join(steps_of(graph[name] for name in graph))
-    (listed,) = cache_folder().glob(f"{steps}-{level()}-*")
-    names = files.read(listed)
-    assert names is not None
-    return names.decode().split()
+    listed = cache_folder() / f"{'-'.join(steps_of(graph[name] for name in graph))}.txt"
+    return [name for name in listed.read_text().split() if (cache_folder() / name).is_dir()]
 
 
 def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> int:
