@@ -1,6 +1,6 @@
 """Records of the report page: data between Python and the scripts of `web/`, which know no optics and no files.
 
-Lists of numbers hold None where a value is unknown. `web/types.py` writes the same records as TypeScript.
+Lists of numbers hold None where a value is unknown. `web/record_types.py` writes the same records as TypeScript.
 """
 
 from dataclasses import dataclass
