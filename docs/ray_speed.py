@@ -2,7 +2,7 @@
 
 python docs/ray_speed.py
 
-docs/exports.md quotes it. One by one, 4,000 random pixels are traced; seconds
+docs/evidence.md quotes it. One by one, 4,000 random pixels are traced; seconds
 are those of the processor.
 """
 
