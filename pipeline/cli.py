@@ -189,7 +189,7 @@ def verify(
     are judged by the certificate with another seed. All other columns and files are compared by digest only. Nothing
     is signed: this finds accidents and mistakes, not forgery.
     """
-    from pipeline.app.verifying.verify import verify as verdict_on
+    from pipeline.app.verify import verify as verdict_on
     from pipeline.report.verdict import lines
 
     verdict = verdict_on(out, seed)

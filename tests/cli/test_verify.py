@@ -14,7 +14,7 @@ from stage_text import without_method
 import pipeline
 from pipeline import cli
 from pipeline.app.verbs import building
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table

@@ -15,7 +15,7 @@ from rerun.small_tiles import in_small_tiles
 
 import pipeline
 from pipeline.app.build import Result
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.export_formats import is_pair
 from pipeline.scene.load import load
 
