@@ -1,9 +1,10 @@
 """`pipeline fit`: models of other programs fitted to a camera of a stage or of a build, and written for renderers."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.app.stages import existing, write_new
 from pipeline.built.folder import BuiltFolder
 from pipeline.built.records import BuiltCamera, pinholes
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -32,7 +33,7 @@ _DEFAULT = "brown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class CameraFit:
     """A fitted camera, where it comes from, and why a model that is fitted by default is missing, if one is."""
 
     opened: Opened
@@ -71,18 +72,14 @@ class Found:
         lut = self._tables(path.with_suffix("")) if with_tables else None
         seen = seen_by_omniverse(self.camera, self.opened.entry.prim_path, pitch_mm, lut)
         text = distortion_layer(self.opened.stage, path, seen)
-        try:
-            with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
-        except FileExistsError:
-            raise UsageError(f"{path} exists", hint="choose another name, or remove it") from None
+        write_new(text, path)
 
     def _tables(self, stem: Path) -> Lut:
         """Write the lookup tables of the main lens."""
         for name in ("ray_enter", "ray_exit"):
             table = stem.with_name(f"{stem.name}.{name}.exr")
             if table.exists():
-                raise UsageError(f"{table} exists", hint="choose another name, or remove it")
+                raise existing(table)
         lens = main_lens(self.ready)
         rays = StatedSight(
             built=_as_built(self.opened, lens.camera), sight=lambda: lens, convention=CONVENTIONS["omni-lut"], scale=1.0
@@ -93,12 +90,12 @@ class Found:
         return Lut(ray_enter=enter.name, ray_exit=leave.name, centre_mm=ideal.pinhole.centre_mm, z_mm=ideal.z_mm)
 
 
-def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
+def _as_built(opened: Opened, camera: Camera) -> BuiltCamera:
     """The record of a camera that a build would write, as far as maps need it."""
-    record = first_order_document(labels_of(there.entry), camera, pinhole(camera))
+    record = first_order_document(labels_of(opened.entry), camera, pinhole(camera))
     plain, with_distortion = pinholes(record)
     return BuiltCamera(
-        name=there.entry.full_name,
+        name=opened.entry.full_name,
         is_plenoptic=False,
         size_px=(camera.sensor.width_px, camera.sensor.height_px),
         pitch_mm=camera.sensor.pitch_mm,
@@ -108,18 +105,20 @@ def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
         views=(),
         white_path=None,
         rays_path=None,
-        _folder=BuiltFolder(path=there.stage.parent, stage=str(there.stage), digests={}),
+        _folder=BuiltFolder(path=opened.stage.parent, stage=str(opened.stage), digests={}),
     )
 
 
-def fit(place: Path, name: str | None, models: Iterable[str] = (), allow_roots: Iterable[str | Path] = ()) -> Found:
+def fit(
+    place: Path, name: str | None, models: Collection[str] = (), allow_roots: Iterable[str | Path] = ()
+) -> CameraFit:
     """Fit models to a camera; by default OpenCV's five coefficients, and to a plenoptic camera a thin lens, too."""
-    there = opened(place, name, allow_roots)
-    camera = there.ready()
-    wanted = list(models)
-    if wanted or not camera.is_plenoptic:
-        return Found(opened=there, camera=fit_camera(camera, wanted or [_DEFAULT]), ready=camera)
+    stage = opened(place, name, allow_roots)
+    camera = stage.ready()
+    wanted = list(models) or ([_DEFAULT, THIN_LENS] if camera.is_plenoptic else [_DEFAULT])
     try:
-        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT, THIN_LENS]), ready=camera)
+        return CameraFit(opened=stage, camera=fit_camera(camera, wanted), ready=camera)
     except FitError as error:
-        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)
+        if models or not camera.is_plenoptic:
+            raise
+        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)

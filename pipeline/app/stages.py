@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
@@ -73,3 +74,24 @@ def asset_path(path: Path, out: Path) -> str:
         return path.as_posix()
     relative = Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
     return relative if relative.startswith("..") else f"./{relative}"
+
+
+def existing(path: Path) -> UsageError:
+    """The error about a new file whose name is taken."""
+    return UsageError(f"{path} exists", hint="choose another name, or remove it")
+
+
+def write_new(text: str, path: Path) -> None:
+    """Write a new text file.
+
+    Raises
+    ------
+    UsageError
+        There is a file of that name.
+    EnvironmentFault
+        It cannot be written.
+    """
+    if path.exists():
+        raise existing(path)
+    with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)

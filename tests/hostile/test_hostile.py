@@ -56,7 +56,7 @@ def test_every_attribute_and_relationship_is_tried_with_hostile_values():
 @pytest.mark.parametrize("shard", [None, *(pytest.param(n, marks=pytest.mark.heavy) for n in range(0, 30, 3))])
 def test_no_hostile_value_does_harm(shard, tmp_path):
     """One of 300 values in `make test`; a third of them, in shards of thirty, in `make proofs`."""
-    dice, some, accepted, wrong = random.Random(11), attempts(), [], []
+    dice, some, accepted, wrong = random.Random(11), list(attempts()), [], []
     dice.shuffle(some)
     try:
         for attempt in some[::300] if shard is None else some[shard::30]:

@@ -197,6 +197,7 @@ def test_an_edited_value_reruns_its_readers_only(conventional):
         assert set(conventional.run()) == kinds, new
 
 
+@pytest.mark.heavy
 def test_renaming_the_camera_reruns_only_what_writes_its_name(plenoptic):
     plenoptic.edit('def "Rig"', 'def "Gestell"')
     plenoptic.edit("/Rig/", "/Gestell/")
@@ -286,6 +287,7 @@ def test_another_method_reruns_the_truth_alone(conventional):
     assert set(conventional.run()) == TRUTH
 
 
+@pytest.mark.heavy
 def test_method_direct_needs_no_rays_and_does_not_rerun_for_their_number(conventional, tmp_path, monkeypatch):
     conventional.use_method("direct")
     assert set(conventional.run()) == TRUTH
