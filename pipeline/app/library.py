@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
@@ -11,7 +10,7 @@ from pipeline.scene.load import load
 from pipeline.share import share
 from pipeline.spelling import did_you_mean
 
-Figures = dict[str, Any]
+Figures = dict[str, float | str | list[float] | None]
 """Key figures of a part by names with units."""
 KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")
 

@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -135,20 +134,8 @@ def test_wrong_usage_ends_with_2_and_a_word(pipeline, stage, arguments, message)
     assert (code, output) == (2, "") and message in log and "Traceback" not in log
 
 
-def test_another_stages_folder_is_refused(pipeline, stage):
-    pipeline("build", stage(), "-o", "out", "-j1")
-    code, _, log = pipeline("build", stage(project={"stage": "other"}), "-o", "out")
-    assert code == 2 and "another stage" in log
-
-
 def test_a_full_disk_ends_with_5(pipeline, stage):
     assert pipeline("build", stage(project={"extra": [["full", "full", {}]]}), "-j1")[0] == 5
-
-
-def test_a_store_that_cannot_be_made_ends_with_5(pipeline, stage, cache):
-    cache.write_text("a file")
-    code, _, log = pipeline("build", stage(), "-j1")
-    assert code == 5 and "store" in log and "Traceback" not in log
 
 
 @pytest.mark.parametrize("arguments", [("-j1", "--events", "no/such/folder/e.jsonl"), ("-j1", "--events", ".")])
@@ -182,10 +169,11 @@ def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage
     assert not (cache / "cas").exists()
 
 
-def test_a_store_below_a_file_ends_with_5(pipeline, stage, cache, monkeypatch):
-    monkeypatch.setenv("PIPELINE_CACHE", "s.json/store")
+@pytest.mark.parametrize("place", ["s.json", "s.json/store"])
+def test_a_store_in_the_place_of_a_file_or_below_one_ends_with_5(pipeline, stage, monkeypatch, place):
+    monkeypatch.setenv("PIPELINE_CACHE", place)
     code, _, log = pipeline("build", stage(), "-j1")
-    assert code == 5 and "cannot make the store" in log and "Traceback" not in log
+    assert code == 5 and "store" in log and "Traceback" not in log
 
 
 def test_a_bug_of_ours_ends_with_70(pipeline, stage):
@@ -348,10 +336,3 @@ def test_version_says_which_usd_and_where_the_plug_in_is(pipeline):
     assert code == 0 and "usd-core 26" in output and "schemas" in output
     code, output, _ = pipeline("plugin-path")
     assert code == 0 and [Path(line).name for line in output.splitlines()] == ["schemas", "stages"]
-
-
-def test_help_is_instant():
-    code = "import sys; from pipeline import cli; print(sorted({m.split('.')[0] for m in sys.modules}))"
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    for heavy in ("numpy", "pxr", "networkx", "numba"):
-        assert f"'{heavy}'" not in output

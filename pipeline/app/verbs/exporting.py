@@ -24,8 +24,8 @@ def _print_list(wanted: bool) -> None:
     from pipeline.exports.conventions import CONVENTIONS
 
     width = max(map(len, FORMATS))
-    for name, one in FORMATS.items():
-        say(f"{name:{width}}  {CONVENTIONS[name].consumer}: {', '.join(one.files)} [cameras: {one.cameras}]")
+    for name, form in FORMATS.items():
+        say(f"{name:{width}}  {CONVENTIONS[name].consumer}: {', '.join(form.files)} [cameras: {form.cameras}]")
     raise typer.Exit
 
 
