@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.solving import rig_of, solved
+from shorter import few
 
 from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
 from pipeline.camera.focusing.depth_of_field import foci, focused
@@ -215,7 +216,7 @@ def write_rig(run, kind: str) -> None:
     assert run("new", "rig", "r.usda", *words)[0] == 0
 
 
-@pytest.mark.parametrize("kind", ["three types", "one type", "pinhole"])
+@pytest.mark.parametrize("kind", few(["one type", "pinhole"], "three types"))
 def test_a_fitted_board_is_sharp_behind_microlenses_and_seen_by_a_pinhole(run, kind):
     """Blur by real rays, and light and dark squares in images of the middle of the sensor.
 

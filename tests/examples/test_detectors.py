@@ -11,6 +11,7 @@ import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 
+pytestmark = pytest.mark.heavy  # a sharp image of many pixels; tests/exports has further columns of a smaller build
 TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 STAGE = """#usda 1.0
 (
