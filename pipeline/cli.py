@@ -123,7 +123,7 @@ def show(
     """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays over the
     field.
     """
-    from pipeline.app.show import AskedPoints, draw_points, plain_json
+    from pipeline.app.show import draw_points, plain_json
     from pipeline.app.show import plot as draw
     from pipeline.app.show import show as cameras_of
 
@@ -136,11 +136,12 @@ def show(
     shown = cameras_of(stage, camera, tuple(allow_root or ()))
     if plot is not None:
         draw(shown, plot)
-    points = draw_points(shown, AskedPoints(psf, at, distance)) if psf is not None else None
+    points = draw_points(shown, psf, at, distance) if psf is not None else None
     for warning in shown[0].warnings:
         note(str(warning))
-    say(plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join("\n".join(one.page()) for one in shown))
-    for line in points.lines if points is not None and not as_json else ():
+    pages = ("\n".join(part.page()) for part in shown)
+    say(plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join(pages))
+    for line in points.lines() if points is not None and not as_json else ():
         say(line)
     for file in (plot, psf):
         if file is not None:
@@ -189,7 +190,7 @@ def verify(
     are judged by the certificate with another seed. All other columns and files are compared by digest only. Nothing
     is signed: this finds accidents and mistakes, not forgery.
     """
-    from pipeline.app.verifying.verify import verify as verdict_on
+    from pipeline.app.verify import verify as verdict_on
     from pipeline.report.verdict import lines
 
     verdict = verdict_on(out, seed)

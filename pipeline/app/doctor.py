@@ -56,10 +56,9 @@ def findings() -> Iterator[Finding]:
     for look in (_python, _libraries, _processor, _memory, _device, _store, _kernels, _disk, _usd, _library, _settings):
         try:
             yield from look()
-        except PipelineError as error:
-            yield Finding(look.__name__[1:], error.what, error.hint or "see the message", is_wrong=True)
-        except OSError as error:
-            yield Finding(look.__name__[1:], str(error), "see the message", is_wrong=True)
+        except (PipelineError, OSError) as error:
+            what, hint = (error.what, error.hint) if isinstance(error, PipelineError) else (str(error), None)
+            yield Finding(look.__name__[1:], what, hint or "see the message", is_wrong=True)
 
 
 def _python() -> Iterator[Finding]:

@@ -1,9 +1,10 @@
 """`pipeline fit`: models of other programs fitted to a camera of a stage or of a build, and written for renderers."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.app.stages import write_new
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
@@ -22,7 +23,7 @@ _DEFAULT = "brown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class CameraFit:
     """A fitted camera, where it comes from, and why a model that is fitted by default is missing, if one is."""
 
     opened: Opened
@@ -58,21 +59,19 @@ class Found:
         pitch_mm = self.ready.camera.sensor.pitch_mm
         seen = seen_by_omniverse(self.camera, self.opened.entry.prim_path, pitch_mm)
         text = distortion_layer(self.opened.stage, path, seen)
-        try:
-            with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
-        except FileExistsError:
-            raise UsageError(f"{path} exists", hint="choose another name, or remove it") from None
+        write_new(text, path)
 
 
-def fit(place: Path, name: str | None, models: Iterable[str] = (), allow_roots: Iterable[str | Path] = ()) -> Found:
+def fit(
+    place: Path, name: str | None, models: Collection[str] = (), allow_roots: Iterable[str | Path] = ()
+) -> CameraFit:
     """Fit models to a camera; by default OpenCV's five coefficients, and to a plenoptic camera a thin lens, too."""
-    there = opened(place, name, allow_roots)
-    camera = there.ready()
-    wanted = list(models)
-    if wanted or not camera.is_plenoptic:
-        return Found(opened=there, camera=fit_camera(camera, wanted or [_DEFAULT]), ready=camera)
+    stage = opened(place, name, allow_roots)
+    camera = stage.ready()
+    wanted = list(models) or ([_DEFAULT, THIN_LENS] if camera.is_plenoptic else [_DEFAULT])
     try:
-        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT, THIN_LENS]), ready=camera)
+        return CameraFit(opened=stage, camera=fit_camera(camera, wanted), ready=camera)
     except FitError as error:
-        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)
+        if models or not camera.is_plenoptic:
+            raise
+        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)

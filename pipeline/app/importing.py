@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pipeline.app.stages import existing, write_new
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
 from pipeline.files.cameras.read import read_camera_file
@@ -71,7 +72,7 @@ def require_free(out: Path) -> None:
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
     if out.exists():
-        raise UsageError(f"{out} exists", hint="choose another name, or remove it")
+        raise existing(out)
     if not out.parent.is_dir():
         raise UsageError(f"{out} cannot be written: there is no folder {out.parent}", hint=f"mkdir -p {out.parent}")
 
@@ -79,13 +80,7 @@ def require_free(out: Path) -> None:
 def write_stage(text: str, out: Path) -> list[Problem]:
     """Write a new stage, check it, and return its problems."""
     require_free(out)
-    try:
-        with out.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise UsageError(f"{out} exists", hint="choose another name, or remove it") from None
-    except OSError as error:
-        raise UsageError(f"{out} cannot be written: {error.strerror}") from None
+    write_new(text, out)
     return load(out, look=True).problems
 
 
@@ -96,7 +91,7 @@ def write_whole(text: str, out: Path) -> Loaded:
     ------
     StageError
     """
-    if errors := [one for one in write_stage(text, out) if one.is_error]:
+    if errors := [problem for problem in write_stage(text, out) if problem.is_error]:
         out.unlink()
         raise StageError(unwritten(errors, out, out))
     fix(out)
@@ -105,21 +100,18 @@ def write_whole(text: str, out: Path) -> Loaded:
 
 def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:
     """Problems of a stage that was `read` and will not lie at `out`: those of its own text have no line for a user."""
-    own = shown_path(read.resolve())
+    file = shown_path(read.resolve())
     return [
-        replace(one, file=str(out), line=None, column=None, at=None) if one.file == own else one for one in problems
+        replace(problem, file=str(out), line=None, column=None, at=None) if problem.file == file else problem
+        for problem in problems
     ]
 
 
 def _losses(lost: Iterable[Lost]) -> Iterator[str]:
-    if said := "; ".join(one.what for one in lost):
-        yield f"Not part of this stage, or decided on import: {said}."
+    if statements := "; ".join(loss.what for loss in lost):
+        yield f"Not part of this stage, or decided on import: {statements}."
 
 
 def _warnings(path: Path, lost: Iterable[Lost]) -> Iterator[str]:
-    for one in lost:
-        yield f"{_place(path, one)}: warning: {one.what}"
-
-
-def _place(path: Path, lost: Lost) -> str:
-    return f"{path}:{lost.line}" if lost.line else f"{path}"
+    for loss in lost:
+        yield f"{path}:{loss.line}: warning: {loss.what}" if loss.line else f"{path}: warning: {loss.what}"

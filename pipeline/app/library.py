@@ -5,39 +5,30 @@ from pathlib import Path
 
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
-from pipeline.files.jsonfile import Json
 from pipeline.folders import share
 from pipeline.scene.library import array_figures, sensor_figures, title_of
 from pipeline.scene.load import load
 from pipeline.spelling import did_you_mean
 
+Figures = dict[str, float | str | list[float] | None]
+"""Key figures of a part by names with units."""
 KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """A file of the library.
-
-    Attributes
-    ----------
-    name : str
-        Name by which stages refer to it: `lenses/cooke_triplet_50mm.usda`.
-    title : str
-        First words of its description.
-    figures : dict
-        Key figures, by names with units.
-    """
+class LibraryPart:
+    """A file of the library: the name by which stages refer to it, what it is, and its key figures."""
 
     name: str
     title: str
-    figures: Json
+    figures: Figures
 
-    def to_dict(self) -> Json:
+    def to_dict(self) -> Figures:
         """Plain data, as in `library --json`."""
         return {"name": self.name, "title": self.title, **self.figures}
 
 
-def library(kind: str | None = None) -> dict[str, list[Part]]:
+def library(kind: str | None = None) -> dict[str, list[LibraryPart]]:
     """Parts by kind, of one kind or of all.
 
     Raises
@@ -48,12 +39,12 @@ def library(kind: str | None = None) -> dict[str, list[Part]]:
     if kind is not None and kind not in KINDS:
         hint = _of_part(Path(kind).stem) or did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
         raise UsageError(f"the library has no {kind}", hint=hint)
-    return {one: [_part(path) for path in _files(one)] for one in _kinds(kind)}
+    return {name: [_part(path) for path in _files(name)] for name in (KINDS if kind is None else (kind,))}
 
 
 def _of_part(name: str) -> str | None:
     """A hint for the name of a part in the place of a kind."""
-    kind = next((one for one in KINDS for path in _files(one) if path.stem == name), None)
+    kind = next((kind for kind in KINDS for path in _files(kind) if path.stem == name), None)
     if kind is None:
         return None
     verb = {"lenses": "show", "rigs": "show", "targets": "target"}.get(kind)
@@ -65,23 +56,19 @@ def _files(kind: str) -> list[Path]:
     return sorted((share("stages") / kind).glob("*.usda"))
 
 
-def _kinds(kind: str | None) -> tuple[str, ...]:
-    return KINDS if kind is None else (kind,)
-
-
-def _part(path: Path) -> Part:
+def _part(path: Path) -> LibraryPart:
     kind = path.parent.name
-    return Part(name=f"{kind}/{path.name}", title=title_of(path), figures=_FIGURES[kind](path))
+    return LibraryPart(name=f"{kind}/{path.name}", title=title_of(path), figures=_FIGURES[kind](path))
 
 
-def _of_lens(path: Path) -> Json:
+def _of_lens(path: Path) -> Figures:
     lens = load(path).lens
     assert lens is not None, path
     report = lens_report(lens.prescription)
     return {name: report[name] for name in ("efl_mm", "f_number", "bfd_mm", "length_mm", "surfaces")}
 
 
-def _of_rig(path: Path) -> Json:
+def _of_rig(path: Path) -> Figures:
     entry = load(path).cameras[0]
     camera = entry.asked
     report, sensor = lens_report(camera.prescription), camera.sensor
@@ -91,7 +78,7 @@ def _of_rig(path: Path) -> Json:
     return {**figures, "microlens_types": None if array is None else len(array.focal_lengths_mm)}
 
 
-def _of_target(path: Path) -> Json:
+def _of_target(path: Path) -> Figures:
     target = load(path).targets[0].target
     return {"kind": target.kind, "points": len(target.points().kinds)}
 

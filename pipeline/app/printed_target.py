@@ -4,20 +4,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.chosen import chosen
+from pipeline.app.stages import chosen, lacking, sound
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing, write_pdf
 from pipeline.report.artwork import pages_of, paper_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.load import load
-from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.problems import Problem
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import Target
 
 
 @dataclass(frozen=True)
-class Artwork:
+class TargetPrint:
     """One target of a stage, and warnings about the stage."""
 
     entry: TargetEntry
@@ -56,7 +55,7 @@ class Artwork:
         return self.entry.target
 
 
-def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Artwork:
+def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> TargetPrint:
     """The artwork of a target of a stage, which may be a dataset or a file of the library.
 
     Raises
@@ -66,12 +65,8 @@ def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[s
     UsageError
         No target has that name, or the stage has several and none is named.
     """
-    loaded = load(path, allow_roots)
-    if loaded.errors:
-        raise StageError(loaded.problems)
+    loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.targets]
     if not names:
-        hint = "name a dataset or a file of stages/targets"
-        file = shown_path(Path(path).resolve())
-        raise StageError([Problem(code="no-target", message="the stage holds no target", file=file, line=1, hint=hint)])
-    return Artwork(loaded.targets[chosen(path, "target", names, target)], loaded.problems)
+        raise lacking(path, "target", "name a dataset or a file of stages/targets")
+    return TargetPrint(loaded.targets[chosen(path, "target", names, target)], loaded.problems)

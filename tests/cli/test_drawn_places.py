@@ -15,22 +15,14 @@ DRAWINGS = [
 ]
 
 
-@pytest.fixture
-def pipeline(tmp_path, monkeypatch, in_this_process):
-    """Run the command in this process: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    return in_this_process
-
-
 @pytest.mark.parametrize("place", ["no/such/drawing", "file/drawing", "folder"])
 @pytest.mark.parametrize(("verb", "stage", "option", "suffix"), DRAWINGS)
 def test_a_drawing_into_a_place_that_does_not_exist_is_an_error_with_a_hint(
-    pipeline, tmp_path, verb, stage, option, suffix, place
+    run, tmp_path, verb, stage, option, suffix, place
 ):
     (tmp_path / "file").touch()
     (tmp_path / f"folder{suffix}").mkdir()
-    code, _, log = pipeline(verb, stage, option, f"{place}{suffix}")
+    code, _, log = run(verb, stage, option, f"{place}{suffix}")
     assert code == 5
     assert f"error: cannot write {place}{suffix}: " in log and "hint: choose another place" in log
     assert "Traceback" not in log and not list(tmp_path.rglob(f"drawing{suffix}"))

@@ -8,7 +8,7 @@ import pytest
 from stage_text import without_method
 
 import pipeline
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
 

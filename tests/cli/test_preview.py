@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from pipeline.app.build import build, project
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.engine.running.session import plan_of
 from pipeline.errors import UsageError
 

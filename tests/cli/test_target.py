@@ -9,15 +9,8 @@ ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "stages/targets"
 
 
-@pytest.fixture
-def pipeline(tmp_path, monkeypatch, in_this_process):
-    """Run the command in this process: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-    return in_this_process
-
-
-def test_the_page_says_what_a_target_is(pipeline):
-    code, page, log = pipeline("target", TARGETS / "charuco_cylinder.usda")
+def test_the_page_says_what_a_target_is(run):
+    code, page, log = run("target", TARGETS / "charuco_cylinder.usda")
 
     assert (code, log) == (0, "")
     assert page.splitlines()[0] == (
@@ -28,11 +21,9 @@ def test_the_page_says_what_a_target_is(pipeline):
     assert "points  28 x corner" in page
 
 
-def test_prints_are_written_and_the_same_twice(pipeline, tmp_path):
+def test_prints_are_written_and_the_same_twice(run, tmp_path):
     for name in ("one", "two"):
-        code, _, log = pipeline(
-            "target", TARGETS / "aprilgrid_cube.usda", "--svg", f"{name}.svg", "--pdf", f"{name}.pdf"
-        )
+        code, _, log = run("target", TARGETS / "aprilgrid_cube.usda", "--svg", f"{name}.svg", "--pdf", f"{name}.pdf")
         assert code == 0 and log.startswith(f"wrote {name}.svg: 6 pages of up to ") and f"\nwrote {name}.pdf: " in log
     for suffix in ("svg", "pdf"):
         assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
@@ -40,8 +31,8 @@ def test_prints_are_written_and_the_same_twice(pipeline, tmp_path):
 
 
 @pytest.mark.parametrize("file", sorted(TARGETS.glob("*.usda")), ids=lambda path: path.stem)
-def test_every_target_of_the_library_prints_but_the_mesh(pipeline, file):
-    code, page, log = pipeline("target", file, "--svg", "print.svg")
+def test_every_target_of_the_library_prints_but_the_mesh(run, file):
+    code, page, log = run("target", file, "--svg", "print.svg")
 
     assert "points" in page
     if "mesh" in file.stem:
@@ -52,36 +43,36 @@ def test_every_target_of_the_library_prints_but_the_mesh(pipeline, file):
 
 
 @pytest.mark.parametrize(("square_mm", "paper"), [(6, "fits A4"), (30, "fits A3"), (200, "is larger than A0")])
-def test_a_print_says_what_paper_it_needs(pipeline, square_mm, paper):
+def test_a_print_says_what_paper_it_needs(run, square_mm, paper):
     """Its size is that of the page in the PDF file, in points of 1/72 inch."""
     head = '(\n    defaultPrim = "B"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)'
     board = f"@targets/checkerboard_4x7.usda@)\n{{\n    uniform double plen:squareSize = {square_mm}\n}}\n"
     Path("b.usda").write_text(f'#usda 1.0\n{head}\n\ndef "B" (prepend references = {board}', encoding="utf-8")
-    log = pipeline("target", "b.usda", "--pdf", "b.pdf")[2]
+    log = run("target", "b.usda", "--pdf", "b.pdf")[2]
     box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", Path("b.pdf").read_bytes())
     long, short = sorted((float(side) / 72 * 25.4 for side in box.groups()), reverse=True)
     assert f"1 page of up to {long:.0f} x {short:.0f} mm, which {paper}" in log
 
 
-def test_a_target_of_a_dataset_is_found_by_its_name(pipeline):
+def test_a_target_of_a_dataset_is_found_by_its_name(run):
     tiny = ROOT / "tests/data/tiny_conventional/dataset.usda"
 
-    assert pipeline("target", tiny)[1] == pipeline("target", tiny, "Board")[1]
-    code, _, log = pipeline("target", tiny, "Bord")
+    assert run("target", tiny)[1] == run("target", tiny, "Board")[1]
+    code, _, log = run("target", tiny, "Bord")
     assert code == 2
     assert 'has no target "Bord"' in log
     assert 'did you mean "Board"?' in log
 
 
-def test_a_stage_without_a_target_says_so(pipeline):
-    code, _, log = pipeline("target", ROOT / "stages/sensors/michels_2019.usda")
+def test_a_stage_without_a_target_says_so(run):
+    code, _, log = run("target", ROOT / "stages/sensors/michels_2019.usda")
 
     assert code == 2
     assert "the stage holds no target [no-target]" in log
 
 
-def test_other_file_names_are_refused(pipeline):
-    code, _, log = pipeline("target", TARGETS / "lines_7x5.usda", "--pdf", "print.ps")
+def test_other_file_names_are_refused(run):
+    code, _, log = run("target", TARGETS / "lines_7x5.usda", "--pdf", "print.ps")
 
     assert code == 2
     assert "print.ps is no .pdf file" in log

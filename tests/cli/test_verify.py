@@ -5,7 +5,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import typer
@@ -13,8 +12,7 @@ from stage_text import without_method
 
 import pipeline
 from pipeline import cli
-from pipeline.app.verbs import building
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
@@ -160,18 +158,6 @@ def test_a_stage_that_does_not_belong_to_the_folder_disagrees(out):
     sign(out, "dataset.usda")
     (problem,) = verify(out).problems
     assert problem.startswith("dataset.usda is no stage that could have been built")
-
-
-@pytest.mark.parametrize(("passed", "code"), [(False, 6), (None, 0), (True, 0)])
-def test_a_build_ends_with_a_code_of_its_own_if_a_certificate_fails(passed, code, monkeypatch):
-    """No verdict is no failure."""
-    certificate = dict.fromkeys(("claim_px", "mean_px", "rms_px", "max_px", "own_sigma_px", "reason"))
-    certificate |= {"passed": passed, "rows": 0, "of": 0, "by_kind": [], "by_distance_from_cell_edge": []}
-    result = SimpleNamespace(exit_code=0, certificate={"c": certificate}, points=None, delivery=None)
-    monkeypatch.setattr(building, "_run", lambda *arguments: result)
-    with pytest.raises(typer.Exit) as ended:
-        building.build(TINY, verbose=0, quiet=0)
-    assert ended.value.exit_code == code
 
 
 def test_every_exit_code_stands_once_in_the_table():

@@ -46,6 +46,7 @@ over "TinyConventional"
 """
 
 
+@pytest.mark.heavy
 def test_the_export_of_a_pinhole_has_its_own_coefficients_and_its_truth_is_their_projection(
     tmp_path: Path, common_store: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -129,6 +129,7 @@ def found_in(data, flags):
     return rms, matrix[0, 0], zip(turns, shifts, strict=True)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("flags", [GUESS, CENTRED])
 @pytest.mark.parametrize("camera", ["Left.Camera", "Right.Camera"])
 def test_opencv_finds_the_focal_length_the_poses_and_the_residual_of_the_rows(exported, camera, flags):
@@ -143,6 +144,7 @@ def test_opencv_finds_the_focal_length_the_poses_and_the_residual_of_the_rows(ex
         assert np.linalg.norm((found - ours)[0 if flags == CENTRED else 2 :]) < NEAR_MM  # c moves with x and y
 
 
+@pytest.mark.heavy
 def test_opencv_finds_the_baseline_of_the_rows(exported):
     data = np.load(exported / "opencv/stereo-Left.Camera-Right.Camera.npz")
     views = [np.split(data[name], data["starts"][1:-1]) for name in ("object_points", "image_points1", "image_points2")]
@@ -151,6 +153,7 @@ def test_opencv_finds_the_baseline_of_the_rows(exported):
     assert abs(np.linalg.norm(shift) - np.linalg.norm(data["T"])) < NEAR_MM / 2
 
 
+@pytest.mark.heavy
 def test_the_errors_of_colmaps_points_are_those_that_colmap_computes(exported):
     model = pycolmap.Reconstruction(str(exported / "colmap"))
     stated = [point.error for point in model.points3D.values()]

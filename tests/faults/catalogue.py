@@ -509,5 +509,5 @@ FAULTS = (
     second_users,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 19, 20, 23)
+SHORT = (0, 2, 4, 6, 8, 11, 12, 20)
 """Rows that `make test` does too, by number; the others start processes that load everything again."""

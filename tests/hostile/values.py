@@ -1,5 +1,6 @@
 """Every attribute of the schemas, and of USD what is used of it, with every hostile value of its type."""
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -97,7 +98,8 @@ class Attempt:
         return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}"
 
 
-def attempts() -> list[Attempt]:
+@functools.cache
+def attempts() -> tuple[Attempt, ...]:
     """All of them, in the same order at every run."""
     found = [one for name in SCENES for one in _of_scene(name)]
     for at in ("Board", "Camera", "Screen"):
@@ -107,7 +109,7 @@ def attempts() -> list[Attempt]:
     for key, usual in metadata().items():
         kind = next((kind for kind in WRITTEN if isinstance(usual, kind)), float)
         found += [Attempt("conventional", "", key, "metadata", text) for text in WRITTEN[kind]()]
-    return found
+    return tuple(found)
 
 
 def _of_scene(scene: str) -> Iterator[Attempt]:

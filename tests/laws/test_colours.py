@@ -216,10 +216,6 @@ def check_primaries(folder: Path, light: str, channels: tuple[str, ...]) -> None
     judge(pixels(folder, light, channels, things, places, 5), np.array(expected))
 
 
-def test_pixels_have_the_colours_of_the_colorchecker(tmp_path: Path) -> None:
-    check_patches(tmp_path, "A", tuple(BAYER))
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("light", LIGHTS)
 def test_pixels_of_all_sensors_have_the_colours_of_the_colorchecker(tmp_path: Path, light: str) -> None:

@@ -124,7 +124,7 @@ def test_the_strehl_ratio_is_marechals(position: tuple[float, float]) -> None:
     ("semi_mm", "position", "object_mm"),
     [
         (1.2, (1.0, 0.5), 350.0),
-        (9.0, (4.0, 3.0), 433.0),
+        pytest.param(9.0, (4.0, 3.0), 433.0, marks=pytest.mark.heavy),
         pytest.param(4.5, (0.0, 0.0), 434.36, marks=pytest.mark.heavy),
         pytest.param(9.0, (0.0, 5.0), 440.0, marks=pytest.mark.heavy),
     ],

@@ -87,10 +87,11 @@ def test_rows_at_the_edge_of_the_light_keep_claim_and_sigma(name: str, count: in
     assert np.all(apart <= 3 * np.hypot(*rows.sigma_px.T) + doubt + HALVED_PX)
 
 
-def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors() -> None:
+@pytest.mark.parametrize("count", [20, pytest.param(100, marks=pytest.mark.heavy)])
+def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors(count: int) -> None:
     """There J bends: a difference over half a pixel is no derivative of it, and was wrong by a factor of five."""
     camera = pipeline.ready(random_camera(np.random.default_rng(6)))
-    rng, sensor, count = np.random.default_rng(1), camera.camera.sensor, 100
+    rng, sensor = np.random.default_rng(1), camera.camera.sensor
     x_px, y_px = rng.uniform(-0.5, sensor.width_px - 0.5, count), rng.uniform(-0.5, sensor.height_px - 0.5, count)
     rays, distance_mm = camera.rays(x_px, y_px), rng.uniform(*camera.planes_mm, count)
     lit = np.flatnonzero(rays.hit_fraction >= 0.05)
@@ -102,4 +103,4 @@ def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors
         apart = np.hypot(images.x_px[own] - x_px[i], images.y_px[own] - y_px[i])
         claimed = 3 * np.hypot(*images.error_px[own].T) + 3 * np.hypot(*rays.error_px[i]) + HALVED_PX
         came_back += bool((apart <= claimed).any())
-    assert came_back == len(lit) > 80
+    assert came_back == len(lit) > 0.8 * count

@@ -156,6 +156,7 @@ def test_sigma_of_conventional_rows_is_their_actual_error(
     assert HONEST[0] < np.sqrt(np.mean(np.square(ratios))) < HONEST[1]
 
 
+@pytest.mark.heavy
 def test_sigma_of_plenoptic_rows_is_their_actual_error(plenoptic: Camera, tmp_path: Path) -> None:
     """Root of pooled squares, per type and distance, rows in full light.
 

@@ -26,8 +26,6 @@ from pipeline.render.imaging import irradiance
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 8_000, 16
-QUICK = "biconvex conics, square, tilted discs"
-"""The kind with most peculiarities, which `make test` tries; `make proofs` tries all."""
 
 
 def slow(tracer: Tracer, start: np.ndarray, row: int, seed: int) -> np.ndarray:
@@ -126,9 +124,8 @@ def test_vertices_are_those_of_the_slow_twin(place: str) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING_MM)
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=() if kind == QUICK else pytest.mark.heavy) for kind in KINDS]
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize("kind", KINDS)
 def test_bundles_are_those_of_the_slow_twin(kind: str) -> None:
     """J on two tilted planes, second moments, weight and free weight, each with its standard error."""
     assert_same(camera_with(kind), 3)

@@ -178,6 +178,7 @@ def test_points_that_face_away_have_no_rows(build) -> None:
     assert "points_facing_away 108" in built.header
 
 
+@pytest.mark.heavy
 def test_methods_agree_on_a_cube(build, tmp_path) -> None:
     """Position images traced to each face's own plane, against moments.
 

@@ -68,6 +68,7 @@ def test_contrast_is_that_of_optiland():
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=OPTILAND_CONTRAST, err_msg=what)
 
 
+@pytest.mark.heavy
 def test_the_page_is_what_the_command_prints():
     shown = re.search(r"--write -->\n(.*)<!-- end -->", PAGE, re.S)[1]
     assert shown == public_numbers.tables(), "python docs/public_numbers.py --write"

@@ -58,6 +58,7 @@ def test_white_must_be_light(white: float) -> None:
         srgb_preview(np.ones((2, 2)), white=white)
 
 
+@pytest.mark.heavy
 def test_the_import_is_silent() -> None:
     """A user must not meet advice about packages that nobody asked for, not even with every warning on."""
     command = [sys.executable, "-W", "always", "-c", "import pipeline.render.spectral.spectra"]

@@ -40,15 +40,20 @@ def program() -> str:
     return found
 
 
+def at_the_images(tab, page: Path) -> None:
+    """Open a page and go to its images, until these are drawn."""
+    tab.look_as(1400, 900)
+    tab.open(page)
+    tab.run("document.documentElement.style.scrollBehavior = 'auto'")
+    tab.run("document.querySelector('#images').scrollIntoView()")
+    tab.wait("(one => one.scale && one.rows > 0)(document.querySelector('.viewer-stage').dataset)")
+
+
 @pytest.fixture
 def tab(program, page):
     """The page in a browser, at its images."""
     with chromium.browser(program) as tab:
-        tab.look_as(1400, 900)
-        tab.open(page[1])
-        tab.run("document.documentElement.style.scrollBehavior = 'auto'")
-        tab.run("document.querySelector('#images').scrollIntoView()")
-        tab.wait("(one => one.scale && one.rows > 0)(document.querySelector('.viewer-stage').dataset)")
+        at_the_images(tab, page[1])
         yield tab
 
 
@@ -199,11 +204,7 @@ def large(page, tmp_path) -> tuple[Path, np.ndarray]:
 def test_every_pixel_of_a_large_frame_is_where_its_position_says(program, large, tmp_path):
     """(0, 0) is the centre of the first pixel: colours on the screen are those of the image."""
     with chromium.browser(program) as tab:
-        tab.look_as(1400, 900)
-        tab.open(large[0])
-        tab.run("document.documentElement.style.scrollBehavior = 'auto'")
-        tab.run("document.querySelector('#images').scrollIntoView()")
-        tab.wait("(one => one.scale && one.rows > 0)(document.querySelector('.viewer-stage').dataset)")
+        at_the_images(tab, large[0])
         tab.press("1")  # no crosses over the pixels
         tab.run("[...document.querySelectorAll('.zoom button')].find(one => one.textContent === '1:1').click()")
         corner = [float(one) for one in tab.settle("document.querySelector('.viewer-stage').dataset.corner").split()]

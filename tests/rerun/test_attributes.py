@@ -168,6 +168,7 @@ def test_the_name_of_a_lens_group_bends_no_ray(bench, focused):
     assert changed == ({"first_order/A.Camera"} if focused else set())
 
 
+@pytest.mark.heavy
 def test_keys_are_the_same_in_another_process_with_another_hash_seed(bench, tmp_path):
     path = tmp_path / "s.usda"
     path.write_text(STAGE, encoding="utf-8")

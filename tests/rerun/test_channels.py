@@ -15,7 +15,7 @@ from rerun.small_tiles import in_small_tiles
 
 import pipeline
 from pipeline.app.build import Result
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.formats import is_pair
 from pipeline.scene.load import load
 
@@ -193,6 +193,7 @@ RESPONDS = """        over "Sensor" (
 """
 
 
+@pytest.mark.heavy
 def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Path) -> None:
     """Triangles have the area times the mean wavelength of their corners; the lens bends both colours almost alike."""
     stage = stage_at(tmp_path, "conventional", TRIANGLE)
@@ -207,6 +208,7 @@ def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Pa
         assert photons[name] / photons["green"] == pytest.approx(light[name] / light["green"], rel=0.01)
 
 
+@pytest.mark.heavy
 def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_as_spectra(tmp_path: Path) -> None:
     """Names of its channels are read by colour-science's own pattern; values are those of each channel's image."""
     frame = spectral_frame(tmp_path)

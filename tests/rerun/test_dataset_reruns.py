@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import pipeline
 from pipeline.app.show import show
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.cli import app
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table

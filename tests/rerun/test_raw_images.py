@@ -10,7 +10,7 @@ from laws.rigs import facing
 from naive import polar
 
 import pipeline
-from pipeline.app.verifying.folder_files import wrong_files
+from pipeline.app.verify import wrong_files
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.output import manifest
 from pipeline.files import tiff

@@ -20,10 +20,11 @@ TILED = {"image_tile", "white_tile", "micro_images_tile"}
 @pytest.mark.parametrize(
     ("tiny", "truth", "kinds"),
     [
-        (
+        pytest.param(
             "plenoptic",
             'uniform token plen:truth:method = "direct"\n            uniform bool plen:truth:rays = true',
             TILED | {"rays_tile", "truth_tile"},
+            marks=pytest.mark.heavy,
         ),
         pytest.param(
             "plenoptic",
@@ -31,12 +32,7 @@ TILED = {"image_tile", "white_tile", "micro_images_tile"}
             TILED | {"rays_tile"},
             marks=pytest.mark.heavy,
         ),
-        pytest.param(
-            "conventional",
-            'uniform token plen:truth:method = "image"',
-            {"image_tile", "white_tile", "rays_tile"},
-            marks=pytest.mark.heavy,
-        ),
+        ("conventional", 'uniform token plen:truth:method = "image"', {"image_tile", "white_tile", "rays_tile"}),
     ],
 )
 def test_small_tiles_give_the_same_bytes(

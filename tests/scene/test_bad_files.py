@@ -47,14 +47,14 @@ def _at_the_root(monkeypatch):
 
 
 def one_of_each() -> list[str]:
-    """A file for every set of codes that any file announces."""
+    """A file for every set of codes that any file announces; `make test` reads a third of these, `make proofs` all."""
     return sorted({tuple(sorted(announced(file))): file for file in FILES}.values())
 
 
 @pytest.mark.parametrize("are_all", [False, pytest.param(True, marks=pytest.mark.heavy)])
 def test_bad_files_give_exactly_the_problems_that_they_announce_in_the_expected_words_and_nothing_else(are_all):
     """One test, because two workers that share the tests of a file would each read all stages."""
-    files = FILES if are_all else one_of_each()
+    files = FILES if are_all else one_of_each()[::3]
     stages = {file: load(file, look=True) for file in files}
     problems = [problem for loaded in stages.values() for problem in loaded.problems]
 

@@ -11,7 +11,7 @@ from pxr import Gf, Sdf, UsdSkel, Vt
 
 import pipeline
 from pipeline import cli
-from pipeline.app.verifying.verify import verify
+from pipeline.app.verify import verify
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem
 

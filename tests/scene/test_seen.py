@@ -61,6 +61,7 @@ def test_a_board_of_grey_is_named_though_its_light_arrives(check):
     assert check({4: far, 5: behind}) == ["frame 4 (too far away or too blurred to tell its points apart)"]
 
 
+@pytest.mark.heavy
 def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monkeypatch):
     """Squares of 1 mm at 420 and 800 mm: images over white images have standard deviations of 0.30 and 0.10."""
     text = (TINY.parents[1] / "tiny_plenoptic" / "dataset.usda").read_text(encoding="utf-8")

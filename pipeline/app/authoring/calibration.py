@@ -36,14 +36,14 @@ def uncertainty(
     for pinhole_from_target, points_mm in views:
         turned = points_mm @ pinhole_from_target[:3, :3].T
         place = turned + pinhole_from_target[:3, 3]
-        u, (x, y, z), nil, one = place[:, :2] / place[:, 2:], turned.T, np.zeros(len(place)), np.eye(2)
+        u, (x, y, z), nil, unit = place[:, :2] / place[:, 2:], turned.T, np.zeros(len(place)), np.eye(2)
         r2 = np.sum(u**2, axis=1)[:, None, None]
-        bent = principal_distance_px * ((1 + k1 * r2) * one + 2 * k1 * u[:, :, None] * u[:, None, :])
-        shift = bent @ np.dstack([np.tile(one, (len(u), 1, 1)), -u[:, :, None]]) / place[:, 2, None, None]
+        bent = principal_distance_px * ((1 + k1 * r2) * unit + 2 * k1 * u[:, :, None] * u[:, None, :])
+        shift = bent @ np.dstack([np.tile(unit, (len(u), 1, 1)), -u[:, :, None]]) / place[:, 2, None, None]
         turn = shift @ np.array([[nil, z, -y], [-z, nil, x], [y, -x, nil]]).transpose(2, 0, 1)
         of_pose = np.dstack([turn, shift]).reshape(-1, 6)
         of_f, of_k1 = u * (1 + k1 * r2[:, 0]), principal_distance_px * u * r2[:, 0]
-        shared = np.column_stack([of_f.ravel(), np.tile(one, (len(u), 1)), of_k1.ravel()])
+        shared = np.column_stack([of_f.ravel(), np.tile(unit, (len(u), 1)), of_k1.ravel()])
         left = shared - of_pose @ np.linalg.lstsq(of_pose, shared, rcond=None)[0]
         information += left.T @ left
     size = np.sqrt(np.diag(information))  # the columns differ by many powers of ten

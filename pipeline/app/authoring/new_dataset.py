@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pipeline.app.authoring.calibration import NOISE_PX
-from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, Field, Pose, Wish, poses_that_fill, predicted
-from pipeline.app.authoring.stage_text import DatasetText, Placed, asset, found
-from pipeline.app.chosen import chosen
+from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
 from pipeline.app.importing import require_free, unwritten, write_whole
+from pipeline.app.stages import asset_path, chosen, located, sound
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset
@@ -30,6 +30,68 @@ _WITH = {"camera": "rigs", "target": "targets"}
 """Kinds of parts of the library that hold one."""
 _CELLS = 8, 6
 """Cells of the image in which the points of all frames are counted, along x and y."""
+_Frame = tuple[np.ndarray, str]
+"""World_from_target of one frame, and a comment on it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _DatasetText:
+    """Contents of a new dataset: `cameras` are paths below the rig, `values` lengths of the target in place of its own
+    [mm].
+    """
+
+    name: str
+    doc: str
+    rig: str
+    target: str
+    cameras: tuple[str, ...]
+    values: dict[str, float]
+
+    def text(self, frames: Sequence[_Frame]) -> str:
+        """The stage, with one frame per pose."""
+        cameras = ", ".join(f"</{self.name}/Rig{camera}>" for camera in self.cameras)
+        return f'''#usda 1.0
+(
+    defaultPrim = "{self.name}"
+    doc = """{self.doc}"""
+    endTimeCode = {len(frames)}
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+def PlenDataset "{self.name}" (
+    kind = "assembly"
+)
+{{
+    rel plen:cameras = {f"[{cameras}]" if len(self.cameras) > 1 else cameras}
+    uniform int plen:seed = 1
+    rel plen:targets = </{self.name}/Board>
+
+    # The camera with its lens and sensor. Say here what shall be different: over "Sensor" {{ ... }}
+    def "Rig" (
+        prepend references = @{self.rig}@
+    )
+    {{
+    }}
+
+    # The target. Its frame: x right, y up, z towards the viewer. Lengths are millimetres.
+    def "Board" (
+        prepend references = @{self.target}@
+    )
+    {{
+{self._values()}        quatd xformOp:orient.timeSamples = {{
+{_samples(frames, _quaternion)}        }}
+        double3 xformOp:translate.timeSamples = {{
+{_samples(frames, _translation, with_comments=True)}        }}
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+    }}
+}}
+'''
+
+    def _values(self) -> str:
+        return "".join(f"        uniform double {name} = {value:.6g}\n" for name, value in self.values.items())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,52 +134,47 @@ def new_dataset(
         values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
         plan = dataclasses.replace(plan, values=values)
     world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
-    placed = [
-        Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
-    ]
+    frames = [(world_from_camera @ pose.vision_from_target, _comment(pose)) for pose in poses]
     lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
     plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
-    return NewDataset(lines=lines, loaded=write_whole(plan.text(placed), out))
+    return NewDataset(lines=lines, loaded=write_whole(plan.text(frames), out))
 
 
-def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> DatasetText:
-    parts = load(found(rig)), load(found(target))
-    for part in parts:
-        if part.errors:
-            raise StageError(part.problems)
-    names = [entry.name for entry in parts[0].cameras]
-    if not names or not parts[1].targets:
+def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> _DatasetText:
+    cameras, board = sound(located(rig)), sound(located(target))
+    names = [entry.name for entry in cameras.cameras]
+    if not names or not board.targets:
         kind, path = ("camera", rig) if not names else ("target", target)
         raise UsageError(f"{path} holds no {kind}", hint=f"`pipeline library {_WITH[kind]}` lists some that do")
-    if parts[0].dataset:
+    if cameras.dataset:
         raise UsageError(f"{rig} is a dataset", hint="name a stage of one or more cameras without a PlenDataset")
     only = range(len(names)) if camera is None else [chosen(rig, "camera", names, camera)]
-    return DatasetText(
+    return _DatasetText(
         name=identifier(out.stem if out.stem != "dataset" else out.resolve().parent.name),
         doc="",
-        rig=asset(rig, out),
-        target=asset(target, out),
-        cameras=tuple("/" + parts[0].cameras[one].prim_path.strip("/").partition("/")[2] for one in only),
+        rig=asset_path(rig, out),
+        target=asset_path(target, out),
+        cameras=tuple("/" + cameras.cameras[number].prim_path.strip("/").partition("/")[2] for number in only),
         values={},
     )
 
 
-def _fields(dataset: Dataset, wish: Wish) -> list[Field]:
+def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
     """The cameras of a dataset before its target."""
     vision_from_world = [np.array(dataset.frames[0].camera_from_world[entry.name]) for entry in dataset.cameras]
-    own, target = [vision @ inverse(vision_from_world[0]) for vision in vision_from_world], dataset.targets[0].target
+    first_from_world, target = vision_from_world[0], dataset.targets[0].target
     return [
-        Field(camera=entry.camera, target=target, wish=wish, vision_from_first=vision_from_first)
-        for entry, vision_from_first in zip(dataset.cameras, own, strict=True)
+        CameraField(camera=entry.camera, target=target, wish=wish, vision_from_first=vision @ inverse(first_from_world))
+        for entry, vision in zip(dataset.cameras, vision_from_world, strict=True)
     ]
 
 
-def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Field], list[Pose]]:
+def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[list[CameraField], list[BoardPose]]:
     """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
-    first, poses = fields[0], list[Pose]()
+    first, poses = fields[0], list[BoardPose]()
     if fit := first.wish.fit:
         _lengths(first.target)  # a mesh is refused at once
-    shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
+    shares = first.shares
     for share in shares if fit else shares[-1:]:
         poses.clear()
         try:
@@ -134,7 +191,7 @@ def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Fiel
     return fields, poses
 
 
-def _read(out: Path, plan: DatasetText) -> Dataset:
+def _read(out: Path, plan: _DatasetText) -> Dataset:
     """The records of a stage that is not written yet, as if it lay where it will; its target is far away."""
     away = np.eye(4)
     away[2, 3] = -_FAR_MM
@@ -142,7 +199,7 @@ def _read(out: Path, plan: DatasetText) -> Dataset:
     path = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(plan.text([Placed(world_from_target=away, comment="")]))
+            stream.write(plan.text([(away, "")]))
         loaded = load(path)
     finally:
         path.unlink()
@@ -151,7 +208,7 @@ def _read(out: Path, plan: DatasetText) -> Dataset:
     return loaded.dataset
 
 
-def _documentation(lines: list[str], fields: Sequence[Field]) -> str:
+def _documentation(lines: list[str], fields: Sequence[CameraField]) -> str:
     blur = " and ".join(dict.fromkeys(f"{field.blur_px:g} px" for field in fields))
     where = " behind microlenses" if any(field.camera.microlenses for field in fields) else ""
     filled = f"Poses all over the image and the depth of field; points blur to {blur} at most{where}."
@@ -172,13 +229,13 @@ def _scaled(target: Any, scale: float) -> Any:
     return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))
 
 
-def _comment(pose: Pose) -> str:
+def _comment(pose: BoardPose) -> str:
     middle = np.nanmean(pose.seen_px[0], axis=0)
     where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.vision_from_target[2, 3]:.1f} mm away"
     return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.seen} of {pose.seen_px.shape[1]} points"
 
 
-def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> list[str]:
+def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:
     """Lines that tell what the poses fill, and what a calibration by them will know."""
     depths, tilts = [float(pose.vision_from_target[2, 3]) for pose in poses], [pose.tilt_deg for pose in poses]
     lines = [
@@ -186,12 +243,12 @@ def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> li
         f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"
     ]
     seen_px = np.stack([pose.seen_px for pose in poses], axis=1)
-    for name, field, own_px, known in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
-        own_px = own_px[np.isfinite(own_px[:, :, 0])]
-        cells = np.floor((own_px + 0.5) / (2 * field.middle_px + 1) * _CELLS).astype(int)
+    for name, field, points_px, known in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
+        points_px = points_px[np.isfinite(points_px[:, :, 0])]
+        cells = np.floor((points_px + 0.5) / (2 * field.middle_px + 1) * _CELLS).astype(int)
         filled = len(np.unique(np.clip(cells, 0, np.array(_CELLS) - 1), axis=0))
-        what = f"{len(own_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
-        lines.append(f"{name}: {what}" if len(names) > 1 else f"{len(poses)} poses, {what}")
+        counts = f"{len(points_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
+        lines.append(f"{name}: {counts}" if len(names) > 1 else f"{len(poses)} poses, {counts}")
         if known is None and not field.camera.microlenses:
             lines.append("no calibration of f, centre and k1: too few points, or no pinhole fits the lens")
         if known:
@@ -204,9 +261,9 @@ def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> li
     return lines
 
 
-def _limit(fields: Sequence[Field]) -> list[str]:
+def _limit(fields: Sequence[CameraField]) -> list[str]:
     """The limit of a calibration, and what would help."""
-    field = min(fields, key=lambda one: one.steepest_deg)
+    field = min(fields, key=lambda field: field.steepest_deg)
     if field.steepest_deg >= field.wish.most_tilt_deg:
         limit = "the field of view limits that: more poses help by the root of their number"
         return [] if field.camera.microlenses else [limit]
@@ -215,3 +272,20 @@ def _limit(fields: Sequence[Field]) -> list[str]:
     remedy = f"--blur {blur_px:g}" if field.camera.microlenses else f"a stop half as wide, or --blur {blur_px:g},"
     limit = f"the depth of field, {near:.1f} to {far:.1f} mm, limits tilts to {field.steepest_deg:.0f} degrees"
     return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]
+
+
+def _samples(frames: Sequence[_Frame], shown: Callable[[np.ndarray], str], *, with_comments: bool = False) -> str:
+    lines = []
+    for number, (world_from_target, comment) in enumerate(frames, 1):
+        remark = f"  # {comment}" if with_comments and comment else ""
+        lines.append(f"            {number}: {shown(world_from_target)},{remark}\n")
+    return "".join(lines)
+
+
+def _translation(pose: np.ndarray) -> str:
+    return f"({', '.join(f'{x:.6f}'.rstrip('0').rstrip('.') for x in pose[:3, 3] + 0.0)})"
+
+
+def _quaternion(pose: np.ndarray) -> str:
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True) + 0.0
+    return f"({', '.join(f'{part:.15g}' for part in (w, x, y, z))})"

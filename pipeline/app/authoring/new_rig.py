@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.app.authoring.stage_text import asset, found
 from pipeline.app.importing import require_free, write_whole
+from pipeline.app.stages import asset_path, located, sound
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
-from pipeline.scene.load import Loaded, load
+from pipeline.scene.load import Loaded
 from pipeline.scene.usd.problems import StageError
 
 
@@ -59,8 +59,10 @@ def new_rig(out: Path, wish: RigWish) -> Loaded:
     try:
         return write_whole(_text(out, wish, _lens(out, wish)), out)
     except StageError as error:
-        told = [replace(one, hint=_AS_OPTIONS.get(str(one.hint), one.hint)) for one in error.problems]
-        raise StageError(told) from None
+        problems = [
+            replace(problem, hint=_AS_OPTIONS.get(str(problem.hint), problem.hint)) for problem in error.problems
+        ]
+        raise StageError(problems) from None
 
 
 def _lens(out: Path, wish: RigWish) -> str:
@@ -68,9 +70,7 @@ def _lens(out: Path, wish: RigWish) -> str:
         if wish.f_number is None:
             raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
         return _THIN_LENS.format(focal_mm=wish.lens, semi_mm=wish.lens / wish.f_number / 2)
-    loaded = load(found(wish.lens))
-    if loaded.errors:
-        raise StageError(loaded.problems)
+    loaded = sound(located(wish.lens))
     if loaded.lens is None:
         raise UsageError(f"{wish.lens} is no lens", hint="a stage whose default prim is a PlenLens")
     stop = ""
@@ -79,7 +79,7 @@ def _lens(out: Path, wish: RigWish) -> str:
         semi_mm = prescription.stop.semi_diameter_mm * first_order(prescription).f_number / wish.f_number
         stop = f'        # The stop of F/{wish.f_number:g}.\n        over "{loaded.lens.stop_name}"\n        {{\n'
         stop += f"            uniform double plen:semiDiameter = {semi_mm:.9g}\n        }}\n"
-    return _part("Lens", asset(wish.lens, out), stop)
+    return _part("Lens", asset_path(wish.lens, out), stop)
 
 
 _THIN_LENS = """    # An ideal thin lens, as camera models have it: sharp and undistorted everywhere. No glass does it.
@@ -110,7 +110,7 @@ def _text(out: Path, wish: RigWish, lens: str) -> str:
     for name, value_mm in (("near", wish.near_mm), ("far", wish.far_mm)):
         camera += "" if value_mm is None else f"        uniform double plen:camera:{name} = {value_mm:.9g}\n"
     if wish.microlenses is not None:
-        array = _part("Microlenses", asset(wish.microlenses, out), "")
+        array = _part("Microlenses", asset_path(wish.microlenses, out), "")
         camera += "        rel plen:camera:microlenses = </Rig/Microlenses>\n"
         camera += f"        uniform double plen:camera:microlensDistance = {wish.microlens_distance_mm:g}\n"
     return f"""#usda 1.0
@@ -135,7 +135,7 @@ def Xform "Rig" (
 {camera}    }}
 
 {lens}
-{_part("Sensor", asset(wish.sensor, out), "")}{array and chr(10)}{array}}}
+{_part("Sensor", asset_path(wish.sensor, out), "")}{array and chr(10)}{array}}}
 """
 
 

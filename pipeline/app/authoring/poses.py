@@ -47,7 +47,7 @@ _STEEP = 0.45
 """Reach of a tilted target along the axis over the depth of field [1], on either side: a tenth is for its place."""
 _BLUR_PX = 3.0
 """Largest blur before a conventional camera, unless asked otherwise [px]: detectors find corners well in that."""
-SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
+_SHARES, _PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
 """Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
 that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
 """
@@ -88,7 +88,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pose:
+class BoardPose:
     """A place and a turn of a target, and what cameras see of it.
 
     Attributes
@@ -112,7 +112,7 @@ class Pose:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class CameraField:
     """A camera's main lens before a target: image positions of poses, and places that have an image position.
 
     Microlenses are left out: they move a point by less than a micro-image.
@@ -171,17 +171,22 @@ class Field:
 
     def sharp_mm(self, least_mm: float = 0.0) -> tuple[float, float]:
         """Depth of field from a distance on, behind microlenses that of all types together."""
-        found = foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
+        sharp = foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
         first_mm = -self.camera.prescription.vertices_from_stop_mm[0]
-        near = max(min(focus.depth_of_field_mm[0] for focus in found), first_mm + 1.0, least_mm)
+        near = max(min(focus.depth_of_field_mm[0] for focus in sharp), first_mm + 1.0, least_mm)
         deepest = _PLENOPTIC_DEEPEST if self.camera.microlenses else _DEEPEST
-        return near, min(max(focus.depth_of_field_mm[1] for focus in found), deepest * near)
+        return near, min(max(focus.depth_of_field_mm[1] for focus in sharp), deepest * near)
 
     @property
     def steepest_deg(self) -> float:
         """Largest tilt with which the target stays sharp."""
         near, far = self.depth_mm
         return math.degrees(math.asin(min(1.0, _STEEP * max(0.0, far - near) / self.radius_mm)))
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Radii that a fitted target may have, over half the diagonal of the image."""
+        return _PLENOPTIC_SHARES if self.camera.microlenses else _SHARES
 
     def scale_to_fill(self, share: float) -> float:
         """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
@@ -207,9 +212,9 @@ class Field:
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
         planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
-        found = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).solutions
+        images = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).solutions
         seen = np.full((len(planes), 2), np.nan)
-        seen[found.point] = np.stack([found.x_px, found.y_px], axis=1)
+        seen[images.point] = np.stack([images.x_px, images.y_px], axis=1)
         return seen
 
     def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
@@ -219,7 +224,7 @@ class Field:
         return inside
 
 
-def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, False)) -> Iterator[Pose]:
+def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (True, False)) -> Iterator[BoardPose]:
     """Poses all over the images and the depths of field of cameras, each with the points that are seen.
 
     Where possible, what is around the points is in the image as well, or always if `room` is (True,).
@@ -241,12 +246,12 @@ def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, Fal
                 where = f"it fits into the image from {near:.6g} mm on but is sharp up to {far:.6g} mm only: no place"
             other = "" if wish.fit else "take a smaller target, --fit to scale it, "
             hint = f"{other}allow more blur with --blur, or ask for a smaller share of its points with --seen"
-            what = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
-            raise UsageError(what, hint=hint)
+            message = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
+            raise UsageError(message, hint=hint)
         yield pose
 
 
-def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertainty | None]:
+def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[Uncertainty | None]:
     """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and of too few points."""
     known = list[Uncertainty | None]()
     for number, field in enumerate(fields):
@@ -260,11 +265,11 @@ def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertaint
     return known
 
 
-def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tuple[float, ...]) -> Pose | None:
+def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: tuple[float, ...]) -> BoardPose | None:
     """The pose of six numbers in [0, 1) in the image of one of the cameras, by one of `_TRIES` and with or without room
     around points; None where a camera sees too little.
     """
-    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[drawn_in], numbers, way
+    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[index], numbers, way
     (near, far), middle = field.depth_mm, field.middle_px
     # Steep tilts tell the principal distance from the distance of the target.
     tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
@@ -272,8 +277,10 @@ def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tup
     z = near + reach + (deep + away * (1 - deep)) * (far - near - 2 * reach)
     centre = field.place_mm(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
     if len(fields) > 1:  # pulled towards what all cameras see
-        from_others = [field.vision_from_first @ inverse(one.vision_from_first) for one in fields]
-        middles = [apply(own, one.place_mm(one.middle_px, z)) for own, one in zip(from_others, fields, strict=True)]
+        middles = [
+            apply(field.vision_from_first @ inverse(other.vision_from_first), other.place_mm(other.middle_px, z))
+            for other in fields
+        ]
         centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.place_mm(middle, z))[:2]
     if np.isnan(centre).any() or far <= near:
         return None
@@ -282,14 +289,15 @@ def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tup
     pose[:3, :3] = _turn(2 * math.pi * about, tilt) @ _roll(math.radians(30) * (2 * turned - 1)) @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
     pose, seen = inverse(field.vision_from_first) @ pose, []
-    for one in fields:
-        own = one.vision_from_first @ pose
-        seen.append(one.seen_px(own))
-        shown = one.has_room(seen[-1], own[2, 3]) if roomy else np.isfinite(seen[-1][:, 0])
-        is_sharp = one.depth_mm[0] <= own[2, 3] <= one.depth_mm[1]
-        if not is_sharp or shown.sum() < max(1, one.wish.least_seen * len(shown)):
+    for other in fields:
+        vision_from_target = other.vision_from_first @ pose
+        z_mm = vision_from_target[2, 3]
+        seen.append(other.seen_px(vision_from_target))
+        shown = other.has_room(seen[-1], z_mm) if roomy else np.isfinite(seen[-1][:, 0])
+        is_sharp = other.depth_mm[0] <= z_mm <= other.depth_mm[1]
+        if not is_sharp or shown.sum() < max(1, other.wish.least_seen * len(shown)):
             return None
-    return Pose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
+    return BoardPose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
 
 
 def _turn(about: float, angle: float) -> np.ndarray:

@@ -23,7 +23,7 @@ class Spacing(StrEnum):
     AFTER = "after"
 
 
-class Apertures(StrEnum):
+class ApertureMeaning(StrEnum):
     """Meaning of the apertures in a FlareSim lens: whole diameters or half of them."""
 
     DIAMETER = "diameter"
@@ -140,7 +140,7 @@ def import_lens(
         Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
     ] = None,
     apertures: Annotated[
-        Apertures | None,
+        ApertureMeaning | None,
         typer.Option(metavar="diameter|semi-diameter", help="Meaning of the column semi_ap of a FlareSim lens."),
     ] = None,
     scenario: Annotated[
@@ -166,10 +166,9 @@ def import_lens(
     """
     from pipeline.app.importing import import_lens
 
+    meaning = apertures and apertures.value
     beam = {"f_number": f_number, "half_field_deg": half_field}
-    meaning = apertures.value if apertures else None
-    told = spacing.value if spacing else None
-    _deliver(import_lens(file, told, apertures=meaning, scenario=scenario, **beam), out)
+    _deliver(import_lens(file, spacing and spacing.value, apertures=meaning, scenario=scenario, **beam), out)
 
 
 @imports.command("camera", cls=Verb)

@@ -28,15 +28,15 @@ def info(as_json: Json = False) -> None:
     from pipeline.engine.store.store import Store
 
     store = Store()
-    found = contents_of(store)
+    contents = contents_of(store)
     if as_json:
-        say_json({"store": str(store.root), **asdict(found)})
+        say_json({"store": str(store.root), **asdict(contents)})
         return
     say(f"store       {store.root}")
-    say(f"results     {found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)}")
-    say(f"held        {human(found.pinned_bytes)} by output folders that are still there")
-    say(f"limit       {human(found.limit_bytes)} ($PIPELINE_CACHE_SIZE)")
-    say(f"quarantine  {found.quarantined:,} damaged entries, {human(found.quarantine_bytes)}")
+    say(f"results     {contents.records:,} tasks, {contents.blobs:,} files, {human(contents.bytes)}")
+    say(f"held        {human(contents.pinned_bytes)} by output folders that are still there")
+    say(f"limit       {human(contents.limit_bytes)} ($PIPELINE_CACHE_SIZE)")
+    say(f"quarantine  {contents.quarantined:,} damaged entries, {human(contents.quarantine_bytes)}")
 
 
 @cache.command(cls=Verb)
@@ -76,12 +76,12 @@ def fsck(as_json: Json = False) -> None:
 
     store = Store(warn=note)
     with store.in_use():
-        found = check(store)
-    bad = len(found.damaged) + len(found.incomplete)
+        checked = check(store)
+    bad = len(checked.damaged) + len(checked.incomplete)
     if as_json:
-        say_json({"store": str(store.root), **asdict(found)})
+        say_json({"store": str(store.root), **asdict(checked)})
     else:
-        say(f"{found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)} read: {bad} damaged")
+        say(f"{checked.records:,} tasks, {checked.blobs:,} files, {human(checked.bytes)} read: {bad} damaged")
     if bad:
         note("damaged results are in quarantine; the next build makes them again")
     raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)
@@ -97,14 +97,14 @@ def doctor(as_json: Json = False) -> None:
     """
     from pipeline.app.doctor import findings
 
-    found = list(findings())
-    wrong = sum(finding.state == "wrong" for finding in found)
-    doubts = sum(finding.state == "doubt" for finding in found)
+    looked = list(findings())
+    wrong = sum(finding.state == "wrong" for finding in looked)
+    doubts = sum(finding.state == "doubt" for finding in looked)
     if as_json:
-        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in found]})
+        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in looked]})
     else:
-        width = max(len(finding.name) for finding in found)
-        for finding in found:
+        width = max(len(finding.name) for finding in looked)
+        for finding in looked:
             say(f"{_SIGNS[finding.state]} {finding.name:<{width}}  {finding.value}")
             if finding.mend:
                 say(f"  {'':<{width}}  mend: {finding.mend}")

@@ -67,15 +67,15 @@ def fit(
 
     _require_usable(plot, layer)
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
-    found = fitted(place, camera, names, tuple(allow_root or ()))
-    say(found.json().rstrip("\n") if as_json else "\n".join(found.page()))
-    if found.left_out is not None:
-        note(f"no thin lens before pinholes: {found.left_out}")
+    fitted_camera = fitted(place, camera, names, tuple(allow_root or ()))
+    say(fitted_camera.json().rstrip("\n") if as_json else "\n".join(fitted_camera.page()))
+    if fitted_camera.left_out is not None:
+        note(f"no thin lens before pinholes: {fitted_camera.left_out}")
     if plot is not None:
-        found.plot(plot)
+        fitted_camera.plot(plot)
         note(f"wrote {plot}")
     if layer is not None:
-        found.layer(layer)
+        fitted_camera.layer(layer)
         note(f"wrote {layer}")
 
 

@@ -10,7 +10,7 @@ from pipeline.app.verbs.options import project_of
 from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, require_suffix, say, say_json
 
 
-class Format(StrEnum):
+class GraphFormat(StrEnum):
     """Formats in which the graph is written."""
 
     MERMAID = "mermaid"
@@ -21,8 +21,8 @@ class Format(StrEnum):
 def graph(
     stage: Stage,
     form: Annotated[
-        Format, typer.Option("--format", rich_help_panel=OUTPUT, help="Format of the output.")
-    ] = Format.MERMAID,
+        GraphFormat, typer.Option("--format", rich_help_panel=OUTPUT, help="Format of the output.")
+    ] = GraphFormat.MERMAID,
     picture: Annotated[
         Path | None,
         typer.Option(
@@ -50,7 +50,7 @@ def graph(
         with chosen_place("write", picture):
             write_drawing(picture, svg(groups, str(project.head.get("stage"))))
         note(f"wrote {picture}")
-    elif form is Format.JSON:
+    elif form is GraphFormat.JSON:
         say_json({"groups": [group.to_dict() for group in groups]})
     else:
-        say("\n".join(as_mermaid(groups) if form is Format.MERMAID else as_dot(groups)))
+        say("\n".join(as_mermaid(groups) if form is GraphFormat.MERMAID else as_dot(groups)))

@@ -38,11 +38,11 @@ def library(
     """
     from pipeline.app.library import library as parts_of
 
-    found = parts_of(kind)
+    library_parts = parts_of(kind)
     if as_json:
-        say_json({name: [part.to_dict() for part in parts] for name, parts in found.items()})
+        say_json({name: [part.to_dict() for part in parts] for name, parts in library_parts.items()})
         return
-    for number, (name, parts) in enumerate(found.items()):
+    for number, (name, parts) in enumerate(library_parts.items()):
         rows = [("", *_HEADS[name], "")]
         rows += [(part.name, *(_cell(part.figures.get(head)) for head in _HEADS[name]), part.title) for part in parts]
         for line in ([""] if number else []) + _table(rows):

@@ -46,7 +46,7 @@ def library_file(path: Any) -> Any:
     is.
     """
     if isinstance(path, (list, tuple)):
-        return [library_file(one) for one in path]
+        return [library_file(part) for part in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
         return path
     from pipeline.folders import share
