@@ -113,16 +113,6 @@ def test_the_same_manifest_as_here_also_with_a_worker_killed_and_a_second_build_
     assert build(project, engine=lambda store, packages: cluster.engine(store)).executed == 0
 
 
-def test_dask_knows_the_units_of_our_settings(extra):
-    """They stay in the process: a scheduler that is started there later reads them."""
-    from dask.utils import parse_timedelta
-
-    from pipeline.engine.running.cluster import _SETTINGS
-
-    assert parse_timedelta(_SETTINGS["distributed.scheduler.worker-ttl"]) == 1800
-    assert parse_timedelta(_SETTINGS["distributed.comm.timeouts.connect"]) == 30
-
-
 def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
     graph = toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "no")}))
     failed = run(graph, store, engine=cluster.engine(store)).results["fail"]
