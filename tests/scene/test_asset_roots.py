@@ -147,16 +147,6 @@ def test_a_search_path_leads_to_the_library_and_to_what_is_allowed(places):
         register()
 
 
-def test_a_file_with_the_name_of_a_member_is_not_read_for_it(places):
-    """Lines are looked up in the text of a layer, and statements that are written there twice."""
-    project, outside = places
-    (outside / "twice.usda").write_text(PART.replace("{\n}", "{\n    double a = 1\n    double a = 1\n}"))
-    (project / "p.usdz[in.usda]").symlink_to(outside / "twice.usda")
-    package(project / "p.usdz", PART)
-
-    assert load(stage(project, "./p.usdz[in.usda]")).problems == []
-
-
 def test_a_file_that_is_no_layer_is_told_where_it_is_named_and_why(places):
     (places[0] / "part.usda").write_text("a lens of 1890")
     path = stage(places[0], "./part.usda")
