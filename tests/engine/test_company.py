@@ -51,13 +51,6 @@ def test_a_company_is_not_larger_than_allowed(tmp_path, store):
     assert [text.count("+") + 1 for text in ran(tmp_path)] == [MAX_COMPANY, 1]
 
 
-def test_results_that_are_there_are_not_made_again(tmp_path, store):
-    run(graph(tmp_path, 2), store)
-    outcome = run(graph(tmp_path, 4), store)
-    assert ran(tmp_path) == ["a+b", "c+d"]
-    assert [outcome.results[name].state for name in "abcd"] == ["cached", "cached", "executed", "executed"]
-
-
 def test_free_workers_are_not_left_without_work(tmp_path, store):
     run(graph(tmp_path, 4), store, BuildOptions(jobs=2))
     assert sorted(text.count("+") + 1 for text in ran(tmp_path)) == [2, 2]

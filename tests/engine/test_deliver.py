@@ -17,7 +17,7 @@ from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.output import output_index
 from pipeline.engine.output.output_folder import Folder
 from pipeline.engine.output.output_index import Seen
-from pipeline.engine.running.session import build, logs_of, plan_of, status_of
+from pipeline.engine.running.session import build, status_of
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 
@@ -217,24 +217,6 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
     assert codes == [0, 0] and ours == toy.contents(fresh.out)
 
 
-def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
-    (tmp_path / "real").mkdir()
-    (tmp_path / "alias").symlink_to(tmp_path / "real")
-    real, alias = (toy.project(tmp_path / name / "out", power=9.0) for name in ("real", "alias"))
-    build(toy.project(real.out), ALONE)
-
-    def killed(*arguments, **options):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Folder, "place", killed)
-        build(real, ALONE)
-    build(alias, ALONE)
-    assert not list(real.out.rglob("*.kept*"))
-    assert plan_of(real) == plan_of(alias) and status_of(real) == status_of(alias)
-    assert logs_of(real, "lens") == logs_of(alias, "lens")
-
-
 def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
     """Anybody can write one, or a downloaded folder brings it along."""
     out = tmp_path / "out"
@@ -303,21 +285,3 @@ def test_an_output_folder_in_a_store_is_refused(tmp_path, out):
     with pytest.raises(UsageError, match="lies in a store of results"):
         build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), ALONE)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp_path, monkeypatch):
-    """Without common locks, between the look at a place and the act: folders, files and the manifest."""
-    said = []
-    build(toy.project(tmp_path / "theirs"), ALONE)
-    clear = Folder.clear
-
-    def late(self, path, **how):
-        if not os.path.lexists(self.out / path):
-            theirs = tmp_path / "theirs" / path
-            (shutil.copytree if theirs.is_dir() else shutil.copy)(theirs, self.out / path)
-        clear(self, path, **how)
-
-    monkeypatch.setattr(Folder, "clear", late)
-    build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
-    assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
-    assert not [event.text for event in said if event.name == "warning"]

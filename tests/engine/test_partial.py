@@ -99,15 +99,6 @@ def test_files_of_a_former_build_stay_ours_through_a_part(out):
     assert result.delivery.removed == (IMAGE,) and result.delivery.foreign == ()
 
 
-def test_a_manifest_of_others_and_their_files_are_kept(out):
-    out.mkdir()
-    (out / "manifest.json").write_text('{"mine": 1}')
-    (out / "notes.txt").write_text("mine")
-    part(out, IMAGE)
-    assert {path.read_text() for path in out.glob("manifest.json*")} == {'{"mine": 1}'}
-    assert not (out / "manifest.json").exists() and (out / "notes.txt").read_text() == "mine"
-
-
 def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_reason_is_said(out, tmp_path):
     assert "FILE" in part(out, "lens").untouched
     extra = [["fail", "fail", {"flag": str(tmp_path / "flag")}]]

@@ -8,7 +8,6 @@ from exports.maps import CHECKS, channels, write_small_build
 
 import pipeline
 from pipeline.exports.export import export
-from pipeline.formats import ExportError
 from pipeline.results.output import open_output
 
 
@@ -138,8 +137,3 @@ def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, t
     identity = np.stack([(x + 0.5) / width, 1 - (y + 0.5) / height], axis=1)
     np.testing.assert_allclose(undistort[y, x] + distort[y, x], 2 * identity, rtol=0, atol=1e-5)
     assert np.abs(distort[y, x] - identity).max() > 1e-6
-
-
-def test_plenoptic_cameras_have_no_map_to_a_pinhole(plenoptic, tmp_path):
-    with pytest.raises(ExportError, match="stmap expects one position per point, and"):
-        export(plenoptic, ["stmap"], tmp_path)

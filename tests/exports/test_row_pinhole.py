@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 from builds import DATA, tiny
 from exports.pretended import F_PX, Scene, write_build
+from stage_text import head
 
 from pipeline.app.build import build
 from pipeline.exports.export import export
@@ -60,16 +61,9 @@ def stage() -> str:
         turns += f"            {frame}: ({', '.join(map(repr, map(float, turn)))}),\n"
         places += f"            {frame}: ({', '.join(map(repr, map(float, place)))}),\n"
     cameras = CAMERA.format(name="Left", turn=-5, x=-60) + CAMERA.format(name="Right", turn=5, x=60)
-    return f"""#usda 1.0
-(
-    defaultPrim = "Wide"
-    endTimeCode = {FRAMES[-1]}
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+    return (
+        head("Wide", end=FRAMES[-1])
+        + f"""
 def PlenDataset "Wide"
 {{
     rel plen:cameras = [</Wide/Left/Camera>, </Wide/Right/Camera>]
@@ -105,6 +99,7 @@ def PlenDataset "Wide"
     }}
 }}
 """
+    )
 
 
 @pytest.fixture(scope="module")

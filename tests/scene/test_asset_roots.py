@@ -153,12 +153,3 @@ def test_a_file_that_is_no_layer_is_told_where_it_is_named_and_why(places):
     (problem,) = load(path).problems
     assert (problem.file, "@" in path.read_text().splitlines()[problem.line - 1]) == (str(path), True)
     assert "not a valid usda layer" in problem.message
-
-
-def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places):
-    project, outside = places
-    name = f"@@./nowhere introduced by @{outside}/other.usda@</A>@@"
-
-    (problem,) = load(stage(project, name)).problems
-
-    assert problem.file == str(project / "s.usda")

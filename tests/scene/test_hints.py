@@ -65,17 +65,6 @@ def test_a_negative_index_is_understood_as_a_mirror(tmp_path):
     assert "mirrors are not simulated" in one.hint
 
 
-@pytest.mark.parametrize(("second", "is_told"), [("Board", False), ("board", True)])
-def test_names_that_only_some_file_systems_distinguish_are_told_from_equal_ones(tmp_path, second, is_told):
-    targets = f"    rel plen:targets = [</Mine/A/Board>, </Mine/B/{second}>]\n"
-    boards = [
-        f'    def Xform "{place}"\n    {{\n        def PlenCheckerboard "{name}"\n        {{\n        }}\n    }}\n'
-        for place, name in (("A", "Board"), ("B", second))
-    ]
-    (one,) = (one for one in problems(tmp_path, targets + "".join(boards)) if one.code == "name-collision")
-    assert ("file systems" in one.hint) == is_told
-
-
 def test_a_missing_file_is_one_error_with_the_nearest_name_and_the_folders_that_were_searched(tmp_path):
     found = problems(tmp_path, LENS.replace("FILE", "double_gauss_50mm_cannon").replace("PRIM", "Stop"))
     missing = next(one for one in found if one.code == "usd-invalid-asset-path")
@@ -178,19 +167,3 @@ def test_one_mistake_in_all_frames_is_one_message(tmp_path, place, away, hint):
     (tmp_path / "s.usda").write_text(head + start + samples + rest.partition("}")[2], encoding="utf-8")
     [problem] = load(tmp_path / "s.usda").problems
     assert "in frames 1-2; in frame 1" in problem.message and away in problem.message and hint in problem.hint
-
-
-def test_a_sensor_is_doubted_alone_and_blamed_where_it_was_written(tmp_path):
-    rig = HEAD + 'def "Rig" (prepend references = @rigs/conventional_100mm.usda@)\n{\nover "Sensor"\n{\n'
-    for text, line in (
-        (
-            HEAD + '    def PlenSensor "S"\n    {\n        uniform int2 plen:resolution = (64, 48)\n',
-            "plen:pixelPitch = 1.4",
-        ),
-        (rig, "plen:resolution = (640, 48000)"),
-    ):
-        kind = "double" if "Pitch" in line else "int2"
-        whole = f"{text}            uniform {kind} {line}\n" + "}\n" * (text.count("{\n"))
-        (tmp_path / "s.usda").write_text(whole.replace("PlenDataset", "Xform"), encoding="utf-8")
-        [problem] = load(tmp_path / "s.usda", look=True).problems
-        assert whole.splitlines()[problem.line - 1].strip().endswith(line)

@@ -171,16 +171,6 @@ def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
     assert np.allclose(faces.points_mm.max(axis=0), half, rtol=1e-12)
 
 
-def test_a_mesh_named_preview_that_stands_in_the_way_is_left_alone(stage):
-    """As an occluder it is part of the dataset."""
-    path = stage(("rel plen:targets", "rel plen:occluders = </Mine/Board/Preview>\n    rel plen:targets"))
-    loaded = load(path)
-    delivered = loaded.flattened.replace(" ", "")
-
-    assert "double3xformOp:scale=(3,3,3)" in delivered
-    assert [one.prim_path for one in loaded.dataset.occluders] == ["/Mine/Board/Preview"]
-
-
 def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_clipping_range(stage):
     wrong = 'over "Camera"\n        {\n            float focalLength = 50\n            float2 clippingRange = (7, 8000)'
     text = load(stage(('over "Camera"\n        {', wrong))).flattened
