@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builds import tiny
 from exports.pretended import Scene, write_build
 from typer.testing import CliRunner
 
@@ -23,11 +22,6 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     return write_build(tmp_path_factory.mktemp("pretended") / "out", Scene())
-
-
-@pytest.fixture(scope="module")
-def plenoptic(tmp_path_factory, common_store):
-    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
 
 
 @pytest.fixture
@@ -125,8 +119,8 @@ def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path)
     assert command("npz:chef", out)[0] == 2 and command("npz:saddle", out)[0] == 2
 
 
-def test_cameras_of_the_other_kind_are_refused(command, plenoptic):
-    code, _, told = command("opencv", plenoptic)
+def test_cameras_of_the_other_kind_are_refused(command, plenoptic_build):
+    code, _, told = command("opencv", plenoptic_build)
     assert code == 2 and "opencv expects one position per point, and Rig.Camera is plenoptic" in told
     assert "formats for it:" in told and "npz" in told
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from builds import tiny
 from exports.flipping import flips, require_notice
 from exports.maps import CHECKS, channels, write_small_build
 
@@ -17,13 +16,13 @@ def output(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def conventional(tmp_path_factory, common_store):
-    return open_output(tiny("conventional", tmp_path_factory.mktemp("built"), common_store))
+def conventional(conventional_build):
+    return open_output(conventional_build)
 
 
 @pytest.fixture(scope="module")
-def plenoptic(tmp_path_factory, common_store):
-    return open_output(tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store))
+def plenoptic(plenoptic_build):
+    return open_output(plenoptic_build)
 
 
 @pytest.mark.parametrize("name", CHECKS)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builds import tiny
 from shorter import few
 
 import pipeline
@@ -232,11 +231,10 @@ print(json.dumps({
 """
 
 
-def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_material(tmp_path, common_store):
+def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_material(plenoptic_build):
     """Behind the camera, along +z, lies the sensor; rays start at the microlenses and go along -z."""
-    out = tiny("plenoptic", tmp_path, common_store)
-    found = foreign(PARTS_VIEWER, out / "dataset.usda")
-    camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text())
+    found = foreign(PARTS_VIEWER, plenoptic_build / "dataset.usda")
+    camera = json.loads((plenoptic_build / "cameras/Rig.Camera/camera.json").read_text())
     assert found["errors"] == [] and found["purposes"] == ["guide"]
     assert found["surface"] == ["UsdPreviewSurface", "UsdUVTexture", "UsdPrimvarReader_float2"]
     picture = read_png(Path(found["picture"]))
