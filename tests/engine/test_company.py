@@ -82,11 +82,6 @@ def test_a_death_in_company_condemns_nobody(tmp_path, store):
     assert any(event.name == "retry" and "it runs alone now" in event.error for event in events)
 
 
-def test_who_kills_its_worker_alone_too_has_failed(tmp_path, store):
-    outcome = run(graph(tmp_path, 4, kills="always"), store, BuildOptions(jobs=2, keep_going=True))
-    assert {name for name, result in outcome.results.items() if result.state == "failed"} == {"b"}
-
-
 def test_inputs_that_differ_are_no_company(tmp_path, store):
     """`together` is only a hint: who reads other bytes is run for itself."""
     result = graph(tmp_path, 2)

@@ -40,13 +40,6 @@ def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path,
     require_notice(CHECKS[name], output, name, {field: other}, tmp_path, monkeypatch)
 
 
-def test_the_same_build_gives_the_same_bytes(output, tmp_path):
-    first, second = (export(output, list(CHECKS), tmp_path / place) for place in "ab")
-    for one, other in zip(first, second, strict=True):
-        for path in (path for path in one.rglob("*") if path.is_file()):
-            assert path.read_bytes() == (other / path.relative_to(one)).read_bytes(), path.name
-
-
 def some_pixels(output) -> np.ndarray:
     """Row and column of every seventh pixel."""
     width, height = output.camera.size_px

@@ -96,7 +96,7 @@ def _facts(folder: Path) -> dict[str, tuple[int, bytes]]:
     return {path.relative_to(folder).as_posix(): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
 
 
-@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("name", few(["conventional"], "plenoptic"))
 def test_a_second_build_executes_nothing_and_rewrites_no_file(name, request):
     workshop = request.getfixturevalue(name)
     before = _facts(workshop.out)
@@ -182,11 +182,12 @@ DECENTRED = """over "Lens"
         over "Sensor\""""
 
 
-@pytest.mark.parametrize("name", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
 def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of_the_centred_lens(name, request):
     """Everything of the camera runs anew; undoing it reruns nothing. Rows move by what the page of `show` states.
 
-    Of camera.json only the pinhole is traced, and moves.
+    Of camera.json only the pinhole is traced, and moves. Quick siblings: the table of attributes, laws of displacement.
     """
     workshop = request.getfixturevalue(name)
     before, (figures, pinhole) = _rows(workshop), _figures(workshop)
@@ -296,8 +297,12 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
 
+@pytest.mark.heavy
 def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothing(plenoptic):
-    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it."""
+    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it.
+
+    Quick siblings: the table of attributes, and the camera of a request in tests/scene/test_reading.py.
+    """
     asked = (
         "uniform double plen:camera:focusDistance = 420\n"
         "            uniform double plen:camera:sensorDistance = None\n"
