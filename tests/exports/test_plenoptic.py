@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exports.flipping import flips, require_notice
-from exports.libpleno_reader import check_libpleno, kind, node, read, reprojection_errors, sections
+from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
 from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.exports.export import Request, export
+from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.noise import Noise
 from pipeline.formats import Centre, ExportError, format_of, module_of
 from pipeline.results.output import open_output
@@ -146,3 +147,30 @@ def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path,
     """There the main lens makes no image, so there is no virtual depth."""
     with pytest.raises(ExportError, match="up to the focal point"):
         export(open_output(plenoptic_build), ["raytrix"], tmp_path / "exports")
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal", "hexagonal-columns"])
+@pytest.mark.parametrize("size", [(7, 8), (8, 7)])
+def test_microlenses_of_libpleno_are_opposite_to_their_micro_images(layout, size):
+    """The law of its central projection for any number of lines: (k, l) lies beyond (columns - 1 - k, rows - 1 - l)."""
+    from pipeline.exports.writers.plenoptic import libpleno as writer
+
+    axis, per_px, (columns, rows) = np.array([90.0, 70.0]), 0.004, size
+    mesh = GridMesh(
+        layout=layout,
+        columns=columns,
+        rows=rows,
+        pitch_px=(20.0, 20.5),
+        angle_rad=0.1,
+        origin=np.array([8.0, 6.0]),
+        middle=np.zeros(2),
+    )
+    images = writer._mesh(mesh)
+    pose = writer._array_pose(mesh, axis, per_px, 50.0)
+    flat = {**images, "pitch": [[20.0 * per_px, 20.5 * per_px]]}
+    flat["pose"] = {"rotation": np.eye(2), "translation": [[0.0, 0.0]]}
+    for k in range(columns):
+        for l in range(rows):
+            here = node(flat, images["width"] - 1 - k, images["height"] - 1 - l)
+            there = matrix(pose["rotation"])[:2, :2] @ here + pose["translation"][0][:2]
+            np.testing.assert_allclose(there, -(node(images, k, l) - axis) * per_px, rtol=0, atol=1e-12)

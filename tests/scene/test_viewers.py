@@ -161,6 +161,22 @@ def test_preview_faces_have_the_colours_of_the_pattern_and_cover_its_sheet(name)
     assert same.all() if is_upright else same.mean() > 0.95
 
 
+@pytest.mark.parametrize(
+    "name", ["charuco_cylinder", "checkerboard_4x7_warped", "aprilgrid_cube", "checkerboard_stairs"]
+)
+def test_preview_faces_of_other_shapes_lie_on_the_surface_and_look_outwards(name):
+    """The points of the target, which have normals of their own, lie on them to the sag of a face."""
+    target = load(ROOT / f"stages/targets/{name}.usda").targets[0].target
+    faces, points = preview_faces(target), target.points()
+    corners = faces.points_mm[faces.faces]
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+
+    for point, axes in list(zip(points.position_mm, points.axes, strict=True))[::7]:
+        nearest = np.argmin(np.linalg.norm(corners.mean(axis=1) - point, axis=1) + 1e3 * (normals @ axes[:, 2] < 0.9))
+        assert abs((point - corners[nearest].mean(axis=0)) @ normals[nearest]) < 0.05
+
+
 @pytest.mark.parametrize("pattern", [Checkerboard(columns=3001, rows=2000, square_mm=1.0), LINES])
 def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
     faces = preview_faces(Target(pattern))
