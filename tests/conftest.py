@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+from builds import tiny
 from laws import rigs
 
 from pipeline.camera.parts.camera import Camera
@@ -20,6 +21,18 @@ def common_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store for all processes of this test run: what one test has built, others start from."""
     own = tmp_path_factory.getbasetemp()
     return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "common-store"
+
+
+@pytest.fixture(scope="session")
+def conventional_build(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
+    """Output folder of the tiny conventional dataset, which no test changes."""
+    return tiny("conventional", tmp_path_factory.mktemp("built"), common_store)
+
+
+@pytest.fixture(scope="session")
+def plenoptic_build(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
+    """Output folder of the tiny plenoptic dataset, which no test changes."""
+    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
 
 
 @pytest.fixture(scope="session")

@@ -45,10 +45,3 @@ def test_equal_bytes_are_computed_once(calls):
 def test_any_other_bit_is_another_result(calls, one, other):
     _, of = calls
     assert (of(one), of(other), of(one)) == (1, 2, 1)
-
-
-def test_the_oldest_go_first(calls):
-    made, of = calls
-    for number in [*range(100), 99, 0]:
-        of(number)
-    assert [number for (number,) in made] == [*range(100), 0]

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import socket
 
 import pytest
 from engine import toy
@@ -12,7 +11,6 @@ from pipeline.engine.maintenance import bytes_of, check, collect, info, pinned_k
 from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
-from pipeline.engine.store.workspace import sweep
 from pipeline.errors import EnvironmentFault, UsageError
 
 
@@ -84,40 +82,12 @@ def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
     assert any("over its limit" in getattr(event, "text", "") for event in events)
 
 
-def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkeypatch):
-    def refuse(store, limit):
-        raise EnvironmentFault("cannot read a record")
-
-    events = []
-    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
-    monkeypatch.setattr("pipeline.engine.running.session.collect", refuse)
-    assert build(toy.project(tmp_path / "out"), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
-    assert any("over its limit" in getattr(event, "text", "") and "cannot read" in event.text for event in events)
-
-
 def test_nothing_is_collected_under_a_running_build(store):
     keys = filled(store, 3)
     with store.in_use(), store.in_use() as held:
         assert held  # builders do not exclude each other
         assert collect(store, 0).busy
     assert all(store.record(key) for key in keys)
-
-
-def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store, monkeypatch):
-    from pipeline.engine import maintenance
-
-    keys, unlink = filled(store, 4), maintenance._unlink
-
-    def killed(store, table, name):
-        if table == "blob":
-            raise KeyboardInterrupt
-        unlink(store, table, name)
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(maintenance, "_unlink", killed)
-        collect(store, 0)
-    assert check(store).damaged == check(store).incomplete == ()
-    assert collect(store, 0).blobs == len(keys)
 
 
 def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, store):
@@ -146,16 +116,6 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
             collect(store, 0)
         assert len(check(store).damaged) == len(said) == 2 and "stays in place" in said[0]
     assert store.record(key) and not info(store).quarantined
-
-
-@pytest.mark.parametrize("machine", ["elsewhere", f"{socket.gethostname()}-gpu"])
-def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store, machine):
-    folder = store.root / "tmp" / f"{machine}-1-{32 * 'a'}"
-    folder.mkdir(parents=True)
-    assert sweep(store.root / "tmp") == sweep(store.root / "tmp", 86400.0) == 0
-    os.utime(folder, (0, 0))
-    assert sweep(store.root / "tmp") == 0
-    assert sweep(store.root / "tmp", 86400.0) == 1
 
 
 @pytest.mark.parametrize(("text", "size"), [("1000", 1000), ("1.5G", 1.5e9), ("500 MB", 5e8), ("2t", 2e12), ("0", 0)])

@@ -1,6 +1,5 @@
 """A Dask cluster gives the same bytes as this machine alone, also when parts of it die."""
 
-import asyncio
 import os
 import signal
 import subprocess
@@ -113,16 +112,6 @@ def test_the_same_manifest_as_here_also_with_a_worker_killed_and_a_second_build_
     assert build(project, engine=lambda store, packages: cluster.engine(store)).executed == 0
 
 
-def test_dask_knows_the_units_of_our_settings(extra):
-    """They stay in the process: a scheduler that is started there later reads them."""
-    from dask.utils import parse_timedelta
-
-    from pipeline.engine.running.cluster import _SETTINGS
-
-    assert parse_timedelta(_SETTINGS["distributed.scheduler.worker-ttl"]) == 1800
-    assert parse_timedelta(_SETTINGS["distributed.comm.timeouts.connect"]) == 30
-
-
 def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
     graph = toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "no")}))
     failed = run(graph, store, engine=cluster.engine(store)).results["fail"]
@@ -147,23 +136,6 @@ def test_a_scheduler_that_dies_ends_with_what_was_finished(tmp_path, cluster, st
     again = run(graph, store, BuildOptions(jobs=2))
     states = [result.state for result in again.results.values()]
     assert states.count("cached") >= 2 and set(states) == {"cached", "executed"}
-
-
-def test_a_scheduler_that_dies_while_the_build_connects_is_the_machines_fault(store, monkeypatch):
-    """A stand-in for Dask: each way in which a client was seen to lose its scheduler in the first second."""
-    dask, client = MagicMock(), MagicMock(status="running")
-    dask.Client.return_value = client
-    for name in ("dask", "distributed"):
-        monkeypatch.setitem(sys.modules, name, dask)
-    lost = type("CommClosedError", (OSError,), {"__module__": "distributed.comm.core"})
-    other = type("ClosedClientError", (RuntimeError,), {"__module__": "distributed.client"})
-    for error in (lost(), other(), ConnectionRefusedError(), asyncio.CancelledError()):
-        client.run.side_effect = error
-        with pytest.raises(EnvironmentFault, match="scheduler is gone"):
-            Dask("tcp://here:1", store, ("toykit.tasks",))
-    client.run.side_effect = ZeroDivisionError  # a bug of ours stays one
-    with pytest.raises(ZeroDivisionError):
-        Dask("tcp://here:1", store, ("toykit.tasks",))
 
 
 @pytest.mark.heavy

@@ -51,13 +51,6 @@ def test_a_company_is_not_larger_than_allowed(tmp_path, store):
     assert [text.count("+") + 1 for text in ran(tmp_path)] == [MAX_COMPANY, 1]
 
 
-def test_results_that_are_there_are_not_made_again(tmp_path, store):
-    run(graph(tmp_path, 2), store)
-    outcome = run(graph(tmp_path, 4), store)
-    assert ran(tmp_path) == ["a+b", "c+d"]
-    assert [outcome.results[name].state for name in "abcd"] == ["cached", "cached", "executed", "executed"]
-
-
 def test_free_workers_are_not_left_without_work(tmp_path, store):
     run(graph(tmp_path, 4), store, BuildOptions(jobs=2))
     assert sorted(text.count("+") + 1 for text in ran(tmp_path)) == [2, 2]
@@ -87,11 +80,6 @@ def test_a_death_in_company_condemns_nobody(tmp_path, store):
     )
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert any(event.name == "retry" and "it runs alone now" in event.error for event in events)
-
-
-def test_who_kills_its_worker_alone_too_has_failed(tmp_path, store):
-    outcome = run(graph(tmp_path, 4, kills="always"), store, BuildOptions(jobs=2, keep_going=True))
-    assert {name for name, result in outcome.results.items() if result.state == "failed"} == {"b"}
 
 
 def test_inputs_that_differ_are_no_company(tmp_path, store):

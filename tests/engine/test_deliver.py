@@ -8,19 +8,16 @@ import shutil
 import socket
 import threading
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from engine import toy
 
 from pipeline.engine.options import ALONE, Caller
-from pipeline.engine.output import manifest, output_index
+from pipeline.engine.output import output_index
 from pipeline.engine.output.output_folder import Folder
 from pipeline.engine.output.output_index import Seen
-from pipeline.engine.records import Blob
-from pipeline.engine.running.session import build, logs_of, plan_of, status_of
-from pipeline.engine.store import store as store_module
+from pipeline.engine.running.session import build, status_of
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 
@@ -37,18 +34,6 @@ def test_the_manifest_lists_every_file_but_itself(out):
     assert set(manifest["files"]) == set(toy.contents(out)) - {"manifest.json"}
     assert set(manifest["tasks"]) == set(toy.project(out).graph)
     assert manifest["format"] == 1 and manifest["certificate"] is None
-
-
-def test_the_manifest_is_sorted_json_with_a_line_per_task_and_per_file():
-    head = {"stage": 'a "b"\n.usda', "seeds": {"dataset": 1}, "empty": {}}
-    files = {"b/ü": Blob(sha256="1" * 64, size=5), "a": Blob(sha256="0" * 64, size=0)}
-    tasks = {"t/2": "3" * 64, "t/10": "2" * 64}
-    text = manifest.render(head, tasks, files).decode()
-    entries = {name: asdict(blob) for name, blob in files.items()}
-    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": entries}
-    whole = json.dumps(json.loads(text), indent=1, sort_keys=True, ensure_ascii=False)
-    assert "".join(text.split()) == "".join(whole.split())
-    assert [line.split('"')[1] for line in text.splitlines() if "sha256" in line] == ["a", "b/ü"]
 
 
 def test_files_are_copies_and_not_links(out):
@@ -105,40 +90,6 @@ def test_foreign_things_in_the_way_are_kept_under_another_name(tmp_path):
     assert (out / "report.kept1").read_text() == "mine"
 
 
-def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    shutil.rmtree(out / "report")
-    (out / "report").symlink_to(elsewhere)
-    build(toy.project(out), ALONE)
-    assert not list(elsewhere.iterdir())
-    assert (out / "report" / "index.html").is_file() and not (out / "report").is_symlink()
-
-
-@pytest.mark.parametrize("place", ["copy", "place"])
-def test_an_interrupted_delivery_leaves_no_manifest_or_the_whole_previous_build(out, monkeypatch, place):
-    before = toy.contents(out)
-    edited = toy.project(out, poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]])
-
-    class Killed(BaseException):
-        pass
-
-    def killed(*arguments, **options):
-        raise Killed
-
-    with monkeypatch.context() as patch:
-        if place == "copy":
-            patch.setattr(store_module, "copy", killed)
-        else:
-            patch.setattr(Folder, "place", killed)
-        with pytest.raises(Killed):
-            build(edited, ALONE)
-    assert toy.contents(out) == before if place == "copy" else not (out / "manifest.json").exists()
-    assert build(edited, ALONE).executed == 0
-    fresh = build(toy.project(out.parent / "fresh", poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]]), ALONE)
-    assert toy.contents(out) == toy.contents(fresh.out)
-
-
 def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
     def killed(folder, path):
         raise KeyboardInterrupt
@@ -169,16 +120,6 @@ def test_no_file_lands_outside_the_folder(tmp_path, path):
         build(project, ALONE)
 
 
-def test_a_file_with_the_very_same_bytes_is_taken_over(out, cache, monkeypatch):
-    """Another machine, with a store of its own, has put it there since this one looked."""
-    before = {path.name for path in out.rglob("*")}
-    (out / "manifest.json").unlink()
-    shutil.rmtree(cache)
-    monkeypatch.setattr(Folder, "present", lambda self: set())
-    assert build(toy.project(out), ALONE).exit_code == 0
-    assert {path.name for path in out.rglob("*")} == before
-
-
 def aside_of(host):
     return f".pipeline-{host}-{'a' * 32}"
 
@@ -201,30 +142,6 @@ def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_to
         path.write_bytes(whole[1:])
     assert build(toy.project(out), ALONE).exit_code == 0
     assert toy.contents(out) == {**right, "manifest.json.kept1": right["manifest.json"][1:]}
-
-
-def test_a_cut_manifest_is_replaced_in_a_folder_that_the_store_does_not_know(out, tmp_path):
-    right = toy.contents(out)
-    moved = out.rename(tmp_path / "moved")
-    (moved / "manifest.json").write_bytes(right["manifest.json"][:100])
-    assert build(toy.project(moved), ALONE).exit_code == 0
-    assert toy.contents(moved) == right
-
-
-@pytest.mark.parametrize("name", ["manifest.json", "dataset.usda"])
-def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, monkeypatch, name):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / name).write_text("mine")
-
-    def killed(*arguments, **options):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Folder, "place", killed)
-        build(toy.project(out), ALONE)
-    build(toy.project(out), ALONE)
-    assert (out / f"{name}.kept1").read_text() == "mine"
 
 
 def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_path):
@@ -278,19 +195,6 @@ def test_files_that_nobody_touched_are_not_read_again(out, monkeypatch):
     assert build(toy.project(out), ALONE).delivery.written == ()
 
 
-def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, monkeypatch):
-    place = Folder.place
-
-    def slow(*arguments, **options):
-        time.sleep(0.03)
-        place(*arguments, **options)
-
-    monkeypatch.setattr(Folder, "place", slow)
-    build(toy.project(tmp_path / "out"), ALONE)
-    monkeypatch.setattr(output_index, "digest_of", lambda path: pytest.fail(f"{path} was read"))
-    assert build(toy.project(tmp_path / "out"), ALONE).delivery.written == ()
-
-
 def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, monkeypatch):
     out, codes = tmp_path / "out", []
     builds = [(toy.project(out, power=power), Store(tmp_path / f"store{power}")) for power in (4.0, 9.0)]
@@ -311,37 +215,6 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
     fresh = build(toy.project(tmp_path / "fresh", power=9.0), ALONE)
     ours = {name: data for name, data in toy.contents(out).items() if ".kept" not in name}  # the other store's files
     assert codes == [0, 0] and ours == toy.contents(fresh.out)
-
-
-def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
-    (tmp_path / "real").mkdir()
-    (tmp_path / "alias").symlink_to(tmp_path / "real")
-    real, alias = (toy.project(tmp_path / name / "out", power=9.0) for name in ("real", "alias"))
-    build(toy.project(real.out), ALONE)
-
-    def killed(*arguments, **options):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Folder, "place", killed)
-        build(real, ALONE)
-    build(alias, ALONE)
-    assert not list(real.out.rglob("*.kept*"))
-    assert plan_of(real) == plan_of(alias) and status_of(real) == status_of(alias)
-    assert logs_of(real, "lens") == logs_of(alias, "lens")
-
-
-def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
-    (out / "dataset.usda").unlink()
-    real = Folder.place
-
-    def place(self, aside, path, **options):
-        aside.unlink()
-        real(self, aside, path, **options)
-
-    monkeypatch.setattr(Folder, "place", place)
-    result = build(toy.project(out), ALONE)
-    assert result.exit_code == 5 and "changed while files were put there" in str(result.error)
 
 
 def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
@@ -368,16 +241,6 @@ def test_a_folder_that_was_moved_or_copied_is_ours_still(out, tmp_path, how):
     assert not list(there.rglob("*.kept*")) and result.delivery.foreign == ()
 
 
-def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
-    out, said = tmp_path / "out", []
-    for name in toy.project(out).files:
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_text("mine")
-    build(toy.project(out), ALONE, caller=Caller(on_event=said.append))
-    texts = [event.text for event in said if event.name == "warning"]
-    assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
-
-
 def test_two_datasets_of_one_name_do_not_share_an_output_folder(tmp_path):
     """A copied example: file and prim have the same names, and so has the default output folder."""
     out, stages = tmp_path / "build", [tmp_path / name / "dataset.usda" for name in "ab"]
@@ -392,26 +255,6 @@ def test_two_datasets_of_one_name_do_not_share_an_output_folder(tmp_path):
     assert toy.snapshot(out) == before
     stages[0].unlink()  # moved, then: the same dataset in another place
     assert build(second, ALONE).exit_code == 0
-
-
-def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
-    """A bit that flips between the look at a blob and its copy does not arrive."""
-    right = toy.contents(out)
-    (out / "cameras/cam/near.bin").unlink()
-    real, flips = store_module.copy, []
-
-    def flipping(source, target):
-        if not flips:
-            flips.append(source)
-            data = source.read_bytes()
-            source.chmod(0o644)
-            source.write_bytes(bytes([data[0] ^ 1]) + data[1:])
-        real(source, target)
-
-    monkeypatch.setattr(store_module, "copy", flipping)
-    result = build(toy.project(out), ALONE)
-    assert flips and result.exit_code == 0 and toy.executed(result) == {"rays/cam"}
-    assert toy.contents(out) == right
 
 
 @pytest.mark.parametrize("out", [".", "..", "layers"])
@@ -442,21 +285,3 @@ def test_an_output_folder_in_a_store_is_refused(tmp_path, out):
     with pytest.raises(UsageError, match="lies in a store of results"):
         build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), ALONE)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp_path, monkeypatch):
-    """Without common locks, between the look at a place and the act: folders, files and the manifest."""
-    said = []
-    build(toy.project(tmp_path / "theirs"), ALONE)
-    clear = Folder.clear
-
-    def late(self, path, **how):
-        if not os.path.lexists(self.out / path):
-            theirs = tmp_path / "theirs" / path
-            (shutil.copytree if theirs.is_dir() else shutil.copy)(theirs, self.out / path)
-        clear(self, path, **how)
-
-    monkeypatch.setattr(Folder, "clear", late)
-    build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
-    assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
-    assert not [event.text for event in said if event.name == "warning"]

@@ -8,7 +8,7 @@ from engine import toy
 
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
-from pipeline.engine.planning.forecast import Cost, means_by_kind
+from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.records import Run
 from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
@@ -85,21 +85,3 @@ def test_the_rays_of_a_first_plan_are_those_of_its_images():
     costs = [assumed_cost(graph, name) for name in graph]
     assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
     assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
-
-
-def test_a_plan_tells_work_in_words(known, store):
-    tasks = plan_of(known, BuildOptions(force=("image",)), store=store)
-    told = list(describe(tasks, forecast_of(known, tasks, size, assumed, store=store)))
-    assert told[1].startswith("to come: about 6.0 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
-
-
-def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):
-    build(toy.project(tmp_path / "out"), ALONE)
-    (name,) = store.notes("history")
-    costs = store.read_note("history", name)["costs"]
-    assert set(costs) == {"lens", "rays", "image", "report"}
-    assert all(cost["peak_bytes"] > 1 << 20 and cost["cpu_seconds"] >= 0 for cost in costs.values())
-
-
-def test_records_of_older_versions_count_nothing():
-    assert means_by_kind([("image", toy.record("ab" * 32))]) == {}

@@ -109,23 +109,6 @@ def test_processors_of_a_level_get_the_same_settings(flags, level, kernels, monk
     assert settings.get("NUMBA_CPU_NAME") == (level.replace("_", "-") if kernels else None)
 
 
-def test_whole_vectors_of_the_highest_level_are_used():
-    """Compiled for that level, not run: LLVM would take half of each."""
-    code = (
-        "import math, numba\n"
-        "@numba.njit('void(f8[::1])', error_model='numpy')\n"
-        "def roots(a):\n"
-        "    for i in range(a.shape[0]): a[i] = math.sqrt(a[i])\n"
-        "print('zmm' in next(iter(roots.inspect_asm().values())))"
-    )
-    target = "x86-64-v4"
-    settings = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": processor.TUNING[target]}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, **settings}
-    )
-    assert done.stdout.strip() == "True"
-
-
 @pytest.fixture
 def moved(monkeypatch, store):
     """A task that was built before the C library changed."""

@@ -10,7 +10,6 @@ from pipeline.engine.maintenance import collect
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.running.notes import sources_of
 from pipeline.engine.running.session import build, status_of
-from pipeline.errors import UsageError
 
 IMAGE = "frames/0001/cam/image.txt"
 MOVED = [toy.POSES[0], [[9.0, 0.0], [0.0, 1.0]]]
@@ -100,36 +99,12 @@ def test_files_of_a_former_build_stay_ours_through_a_part(out):
     assert result.delivery.removed == (IMAGE,) and result.delivery.foreign == ()
 
 
-def test_a_manifest_of_others_and_their_files_are_kept(out):
-    out.mkdir()
-    (out / "manifest.json").write_text('{"mine": 1}')
-    (out / "notes.txt").write_text("mine")
-    part(out, IMAGE)
-    assert {path.read_text() for path in out.glob("manifest.json*")} == {'{"mine": 1}'}
-    assert not (out / "manifest.json").exists() and (out / "notes.txt").read_text() == "mine"
-
-
 def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_reason_is_said(out, tmp_path):
     assert "FILE" in part(out, "lens").untouched
     extra = [["fail", "fail", {"flag": str(tmp_path / "flag")}]]
     failed = part(out, "fail", "dataset.usda", extra=extra)
     assert failed.exit_code == 1 and "mend what failed" in failed.untouched
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("target", "hint"),
-    [
-        ("frames/0001/cam/imgae.txt", f"did you mean {IMAGE!r}?"),
-        ("rays/can", "did you mean 'rays/cam'?"),
-        ("cam", "there are cameras/cam, frames/0000/cam, frames/0001/cam, image/cam, rays/cam"),
-        ("something/else", "`pipeline graph` shows the tasks; their names begin with image, lens, rays, report"),
-    ],
-)
-def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):
-    with pytest.raises(UsageError) as error:
-        part(out, target)
-    assert error.value.hint == hint
 
 
 def test_the_summary_names_the_files(out):

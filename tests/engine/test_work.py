@@ -24,15 +24,6 @@ def test_time_to_load_is_no_time_of_the_kernel():
     assert 0.04 <= done.loading_s < 0.06
 
 
-def test_nested_loading_counts_once():
-    before = work().copy()
-    with loading():
-        busy(0.01)
-        with loading():
-            busy(0.02)
-    assert 0.03 <= work().since(before).loading_s < 0.045
-
-
 def test_each_thread_has_its_own():
     def other():
         with calling("elsewhere"):

@@ -55,19 +55,6 @@ def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monk
     assert '"lens": ' in next((store.root / "history").iterdir()).read_text()
 
 
-def test_a_signal_while_a_dead_worker_is_forgotten_stops_the_build(tmp_path, store, monkeypatch):
-    graph = toy.graph_of(("killed", "killed", {"folder": str(tmp_path), "times": 1}))
-    engine = Processes(store, graph.packages, 2)
-    unregister = engine._ready.unregister
-
-    def disturbed(stream):
-        unregister(stream)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(engine._ready, "unregister", disturbed)
-    assert run(graph, store, engine=engine).interrupted
-
-
 def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
     outcome = run(toy.graph_of(("probe", "probe", {})), store, BuildOptions(jobs=2))
     entry = outcome.records["probe"].outputs["probe.json"]
@@ -110,23 +97,6 @@ def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
     threading.Thread(target=hold).start()
     held.wait()
     assert build(project, BuildOptions(jobs=2, timeout_s=2.0)).exit_code == 0
-
-
-def test_two_builders_compute_once(tmp_path):
-    tasks = [(f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.2}) for n in range(3)]
-    results = []
-
-    def one():
-        results.append(build(toy.bare(toy.graph_of(*tasks), tmp_path / "out"), BuildOptions(jobs=2)))
-
-    threads = [threading.Thread(target=one) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(list(tmp_path.glob("ran-*"))) == 3
-    assert sum(result.executed for result in results) == 3
-    assert sum(result.cached for result in results) == 3
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

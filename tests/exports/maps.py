@@ -4,18 +4,16 @@ Each `check_<format>` asserts that a folder says what the camera is, by that con
 the table of conventions.
 """
 
-import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import OpenEXR
-from exports.pretended import write_manifest
+from exports.pretended import DISTORTION, same, write_camera, write_manifest
 
 from pipeline.results.answers import PixelRays
 
 SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
-DISTORTION = np.array([0.1, -0.05, 0.001, -0.002, 0.01])
 MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
 STOP_MM = np.array([0.0, 0.0, -6.0])
 """Centre of projection in the vision frame, whose origin is the centre of the stop."""
@@ -66,28 +64,12 @@ class SlantedScene:
 
 def write_small_build(folder: Path) -> Path:
     """What a build would write of it, as far as maps read that."""
-    place = folder / "cameras/Left"
-    place.mkdir(parents=True)
-    plain = {"principal_distance_px": F_PX, "principal_point_px": CENTRE_PX.tolist()}
-    plain["residual_px"] = {"rms": 0.0, "max": 0.0}
-    distorted = {**plain, "distortion": DISTORTION.tolist()}
-    record = {
-        "optical_axis_px": CENTRE_PX.tolist(),
-        "resolution": list(SIZE_PX),
-        "pixel_pitch_mm": 0.01,
-        "near_far_mm": [360.0, 480.0],
-        "pinhole": {"centre_mm": STOP_MM.tolist(), **plain, "with_distortion": distorted},
-    }
-    (place / "camera.json").write_text(json.dumps(record))
+    write_camera(folder / "cameras/Left", SIZE_PX, F_PX, CENTRE_PX, DISTORTION)
     view = folder / "frames/0001/Left"
     view.mkdir(parents=True)
     (view / "poses.json").write_text("{}")
     write_manifest(folder)
     return folder
-
-
-def same(found, expected, atol: float) -> None:
-    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=atol)
 
 
 def pixels_of(directions: np.ndarray) -> np.ndarray:

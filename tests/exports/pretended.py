@@ -20,6 +20,10 @@ HIDDEN = {("Left", 2, 3), ("Left", 2, 5), ("Right", 2, 0)}
 """Camera, frame and id of points that have no row."""
 
 
+def same(found, expected, atol: float) -> None:
+    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=atol)
+
+
 def board_mm(square_mm: float = SQUARE_MM) -> np.ndarray:
     """Points in the target frame: the middle is the origin, x right, y up; row 0 at the top."""
     row, column = np.divmod(np.arange(COLUMNS * ROWS), COLUMNS)
@@ -86,19 +90,23 @@ class Scene:
 def write_build(folder: Path, scene: Scene) -> Path:
     """What a build would write; the stop stands 6 mm behind the centre of projection."""
     for name in scene.rig:
-        _write_camera(folder / "cameras" / name, name)
+        write_camera(folder / "cameras" / name, SIZE_PX, F_PX, CENTRE_PX, DISTORTION)
         for frame in scene.poses:
             _write_view(folder / f"frames/{frame:04d}/{name}", scene, name, frame)
+    write_target(folder, SQUARE_MM)
+    write_manifest(folder)
+    return folder
+
+
+def write_target(folder: Path, square_mm: float) -> None:
     (folder / "targets").mkdir()
     points = [
         {"id": i, "kind": "corner", "nominal_mm": p, "actual_mm": p, "normal": [0.0, 0.0, 1.0]}
-        for i, p in enumerate(board_mm().tolist())
+        for i, p in enumerate(board_mm(square_mm).tolist())
     ]
     target = {"kind": "checkerboard", "surface": {"kind": "flat"}, "points": points}
-    target["parameters"] = {"columns": COLUMNS, "rows": ROWS, "square_mm": SQUARE_MM}
+    target["parameters"] = {"columns": COLUMNS, "rows": ROWS, "square_mm": square_mm}
     (folder / "targets/Board.json").write_text(json.dumps(target))
-    write_manifest(folder)
-    return folder
 
 
 def write_manifest(folder: Path) -> None:
@@ -114,14 +122,17 @@ def write_manifest(folder: Path) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
-def _write_camera(folder: Path, name: str) -> None:
+def write_camera(
+    folder: Path, size_px: tuple[int, int], f_px: float, centre_px: np.ndarray, distortion: np.ndarray
+) -> None:
+    """Files of a camera whose centre of projection is 6 mm before its stop."""
     folder.mkdir(parents=True)
-    plain = {"principal_distance_px": F_PX, "principal_point_px": CENTRE_PX.tolist()}
+    plain = {"principal_distance_px": f_px, "principal_point_px": centre_px.tolist()}
     plain["residual_px"] = {"rms": 0.0, "max": 0.0}
-    pinhole = {"centre_mm": [0.0, 0.0, -6.0], **plain, "with_distortion": {**plain, "distortion": DISTORTION.tolist()}}
+    pinhole = {"centre_mm": [0.0, 0.0, -6.0], **plain, "with_distortion": {**plain, "distortion": distortion.tolist()}}
     record = {
-        "optical_axis_px": CENTRE_PX.tolist(),
-        "resolution": list(SIZE_PX),
+        "optical_axis_px": centre_px.tolist(),
+        "resolution": list(size_px),
         "pixel_pitch_mm": 0.01,
         "near_far_mm": [360.0, 480.0],
         "pinhole": pinhole,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from exports.pretended import COLUMNS, FACING, ROWS, board_mm, turned, write_manifest
+from exports.pretended import FACING, board_mm, turned, write_manifest, write_target
 
 from pipeline.files.exr import Part, write_exr
 from pipeline.files.tables import write_table
@@ -163,14 +163,7 @@ def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
         poses["pinhole"] = {"pinhole_from_world": world, "world_from_pinhole": inverse(np.eye(4)).tolist()}
         (view / "poses.json").write_text(json.dumps(poses))
         write_exr(view / "image.exr", [Part(name="image", channels={"Y": slope_image(frame)})])
-    (folder / "targets").mkdir()
-    points = [
-        {"id": i, "kind": "corner", "nominal_mm": p, "actual_mm": p, "normal": [0.0, 0.0, 1.0]}
-        for i, p in enumerate(board_mm(2.0).tolist())
-    ]
-    target = {"kind": "checkerboard", "surface": {"kind": "flat"}, "points": points}
-    target["parameters"] = {"columns": COLUMNS, "rows": ROWS, "square_mm": 2.0}
-    (folder / "targets/Board.json").write_text(json.dumps(target))
+    write_target(folder, 2.0)
     write_manifest(folder)
     return folder
 

@@ -24,6 +24,7 @@ from exports.pretended import (
     SQUARE_MM,
     Scene,
     board_mm,
+    same,
 )
 from vision_calibration import models as calibration
 
@@ -31,10 +32,6 @@ from pipeline.frames import rotation_vector
 
 FLOAT32_PX, PRINTED_PX, SOLVED_PX = 5e-5, 1e-9, 1e-5
 """Rounding of single precision at 640 px; of a double; what OpenCV's iterations leave."""
-
-
-def same(found, expected, atol: float) -> None:
-    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=atol)
 
 
 def grid_points(square: float) -> np.ndarray:

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builds import tiny
-from exports.maps import CHECKS as MAPS
 from exports.pretended import Scene, write_build
 from typer.testing import CliRunner
 
 from pipeline import cli
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import grid_of
-from pipeline.formats import Cameras, ExportError, format_of, loadable, names
+from pipeline.formats import ExportError, format_of, names
 from pipeline.results.output import open_output
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,11 +22,6 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     return write_build(tmp_path_factory.mktemp("pretended") / "out", Scene())
-
-
-@pytest.fixture(scope="module")
-def plenoptic(tmp_path_factory, common_store):
-    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
 
 
 @pytest.fixture
@@ -55,17 +48,6 @@ def test_each_format_gets_a_folder_and_a_side_car(command, out, tmp_path):
         assert side["conventions"]["source"] == format_of(folder.name).source and side["noise"] is None
         assert str(tmp_path) not in (folder / "export.json").read_text()
     assert sorted(path.name for path in folders[0].parent.iterdir()) == ["npz", "opencv"]
-
-
-def test_the_same_build_gives_the_same_bytes(out, tmp_path):
-    asked = [name for name in names() if name not in PLENOPTIC | MAPS.keys()]
-    first, second = (export(open_output(out), asked, tmp_path / place) for place in "ab")
-    for one, other in zip(first, second, strict=True):
-        for path in one.rglob("*"):
-            assert path.is_dir() or path.read_bytes() == (other / path.relative_to(one)).read_bytes()
-
-
-PLENOPTIC = {name for name, record in loadable().items() if record.cameras is Cameras.PLENOPTIC}
 
 
 def test_one_camera_alone(out, tmp_path):
@@ -137,8 +119,8 @@ def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path)
     assert command("npz:chef", out)[0] == 2 and command("npz:saddle", out)[0] == 2
 
 
-def test_cameras_of_the_other_kind_are_refused(command, plenoptic):
-    code, _, told = command("opencv", plenoptic)
+def test_cameras_of_the_other_kind_are_refused(command, plenoptic_build):
+    code, _, told = command("opencv", plenoptic_build)
     assert code == 2 and "opencv expects one position per point, and Rig.Camera is plenoptic" in told
     assert "formats for it:" in told and "npz" in told
 

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from builds import tiny
 from exports.flipping import flips, require_notice
 from exports.maps import CHECKS, channels, write_small_build
 
 import pipeline
 from pipeline.exports.export import export
-from pipeline.formats import ExportError
 from pipeline.results.output import open_output
 
 
@@ -18,13 +16,13 @@ def output(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def conventional(tmp_path_factory, common_store):
-    return open_output(tiny("conventional", tmp_path_factory.mktemp("built"), common_store))
+def conventional(conventional_build):
+    return open_output(conventional_build)
 
 
 @pytest.fixture(scope="module")
-def plenoptic(tmp_path_factory, common_store):
-    return open_output(tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store))
+def plenoptic(plenoptic_build):
+    return open_output(plenoptic_build)
 
 
 @pytest.mark.parametrize("name", CHECKS)
@@ -40,13 +38,6 @@ UNSEEN = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
 @pytest.mark.parametrize(("name", "field", "other"), list(flips(CHECKS, UNSEEN)))
 def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path, monkeypatch):
     require_notice(CHECKS[name], output, name, {field: other}, tmp_path, monkeypatch)
-
-
-def test_the_same_build_gives_the_same_bytes(output, tmp_path):
-    first, second = (export(output, list(CHECKS), tmp_path / place) for place in "ab")
-    for one, other in zip(first, second, strict=True):
-        for path in (path for path in one.rglob("*") if path.is_file()):
-            assert path.read_bytes() == (other / path.relative_to(one)).read_bytes(), path.name
 
 
 def some_pixels(output) -> np.ndarray:
@@ -138,8 +129,3 @@ def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, t
     identity = np.stack([(x + 0.5) / width, 1 - (y + 0.5) / height], axis=1)
     np.testing.assert_allclose(undistort[y, x] + distort[y, x], 2 * identity, rtol=0, atol=1e-5)
     assert np.abs(distort[y, x] - identity).max() > 1e-6
-
-
-def test_plenoptic_cameras_have_no_map_to_a_pinhole(plenoptic, tmp_path):
-    with pytest.raises(ExportError, match="stmap expects one position per point, and"):
-        export(plenoptic, ["stmap"], tmp_path)

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from builds import DATA
 from exports.pretended import Scene, write_build
+from stage_text import head
 
 from pipeline import formats
 from pipeline.app.build import build
@@ -20,16 +21,9 @@ from pipeline.results.output import open_output
 from pipeline.scene.load import load
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/export_format.md"
-STAGE = f"""#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 2
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+STAGE = (
+    head("Dataset", end=2)
+    + f"""
 def PlenDataset "Dataset" (
     prepend references = @{DATA}/tiny_conventional/dataset.usda@
 )
@@ -37,6 +31,7 @@ def PlenDataset "Dataset" (
     uniform token[] plen:exports = ["corner-table"]
 }}
 """
+)
 
 
 def install(folder: Path, code: str, project: dict) -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builds import tiny
 from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
 from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
@@ -91,9 +90,9 @@ def test_the_reader_counts_as_published_observations_do():
         assert node(mesh, k, l)[0] - node(mesh, 156, 69)[0] == pytest.approx(u - 3628.13, abs=2)
 
 
-def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, common_store, monkeypatch):
+def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, plenoptic_build, monkeypatch):
     """Start values explain the rows of a double Gauss to 2 um on the sensor, 0.07 px; by the pinhole less well."""
-    output, off = open_output(tiny("plenoptic", tmp_path, common_store)), {}
+    output, off = open_output(plenoptic_build), {}
     for centre in Centre:
         monkeypatch.setattr(module_of("libpleno"), "FORMAT", replace(format_of("libpleno"), centre=centre))
         (folder,) = export(output, ["libpleno"], tmp_path / centre.name)
@@ -144,18 +143,10 @@ def test_noise_moves_observations_and_no_centre(output, tmp_path):
     assert 0.05 < sum(moved) / len(moved) < 0.11
 
 
-def test_a_conventional_camera_has_no_microlenses(tmp_path):
-    from exports.pretended import Scene, write_build
-
-    out = write_build(tmp_path / "out", Scene())
-    with pytest.raises(ExportError, match="expects a microlens array, and Left has none"):
-        export(open_output(out), ["libpleno"], tmp_path)
-
-
-def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, common_store):
+def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, plenoptic_build):
     """There the main lens makes no image, so there is no virtual depth."""
     with pytest.raises(ExportError, match="up to the focal point"):
-        export(open_output(tiny("plenoptic", tmp_path, common_store)), ["raytrix"], tmp_path / "exports")
+        export(open_output(plenoptic_build), ["raytrix"], tmp_path / "exports")
 
 
 @pytest.mark.parametrize("layout", ["square", "hexagonal", "hexagonal-columns"])

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from builds import DATA, tiny
+from builds import DATA
 from exports.pretended import F_PX, Scene, write_build
+from stage_text import head
 
 from pipeline.app.build import build
 from pipeline.exports.export import export
@@ -60,16 +61,9 @@ def stage() -> str:
         turns += f"            {frame}: ({', '.join(map(repr, map(float, turn)))}),\n"
         places += f"            {frame}: ({', '.join(map(repr, map(float, place)))}),\n"
     cameras = CAMERA.format(name="Left", turn=-5, x=-60) + CAMERA.format(name="Right", turn=5, x=60)
-    return f"""#usda 1.0
-(
-    defaultPrim = "Wide"
-    endTimeCode = {FRAMES[-1]}
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+    return (
+        head("Wide", end=FRAMES[-1])
+        + f"""
 def PlenDataset "Wide"
 {{
     rel plen:cameras = [</Wide/Left/Camera>, </Wide/Right/Camera>]
@@ -105,6 +99,7 @@ def PlenDataset "Wide"
     }}
 }}
 """
+    )
 
 
 @pytest.fixture(scope="module")
@@ -167,10 +162,10 @@ def stated(out, folder):
     return json.loads((place / "export.json").read_text())["pinholes_of_rows"]
 
 
-def test_the_pinhole_that_made_the_rows_is_found_and_none_where_twelve_rows_leave_it_open(tmp_path, common_store):
+def test_the_pinhole_that_made_the_rows_is_found_and_none_where_twelve_rows_leave_it_open(tmp_path, conventional_build):
     """Rows of a pinhole with the centre of camera.json and 1 % more focal length; two boards of six points."""
     matrix = Scene().matrix * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]])
     for found in stated(write_build(tmp_path / "out", Scene(matrix=matrix)), tmp_path).values():
         assert found["principal_distance_px"] == pytest.approx(1.01 * F_PX, rel=1e-9)
         np.testing.assert_allclose(found["centre_mm"], [0, 0, -6], rtol=0, atol=1e-6)
-    assert stated(tiny("conventional", tmp_path, common_store), tmp_path / "tiny") == {"Rig.Camera": None}
+    assert stated(conventional_build, tmp_path / "tiny") == {"Rig.Camera": None}

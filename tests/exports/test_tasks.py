@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builds import DATA
 from shorter import few
+from stage_text import head
 
 from pipeline.app.build import build, project
 from pipeline.exports.export import Request, export
@@ -24,8 +25,7 @@ def stage_text(kind, formats, **noise) -> str:
     lines = "".join(f"    uniform {line}\n" for line in noise.values())
     names = ", ".join(f'"{name}"' for name in formats)
     return (
-        '#usda 1.0\n(\n    defaultPrim = "Dataset"\n    endTimeCode = 2\n    metersPerUnit = 0.001\n'
-        '    startTimeCode = 1\n    timeCodesPerSecond = 24\n    upAxis = "Y"\n)\n\n'
+        f"{head('Dataset', end=2)}\n"
         'def PlenDataset "Dataset" (\n'
         f"    prepend references = @{DATA}/tiny_{kind}/dataset.usda@\n)\n{{\n"
         f"    uniform token[] plen:exports = [{names}]\n{lines}}}\n"

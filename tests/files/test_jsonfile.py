@@ -36,11 +36,6 @@ def test_values_return(tmp_path: Path) -> None:
     assert read_json(tmp_path / "x") == expected
 
 
-def test_infinities_are_words_that_float_reads(tmp_path: Path) -> None:
-    write_json(tmp_path / "x", [math.inf, -math.inf, np.float32(np.inf)])
-    assert [float(item) for item in read_json(tmp_path / "x")] == [math.inf, -math.inf, math.inf]
-
-
 @pytest.mark.parametrize("nan", [math.nan, np.float32(math.nan), np.array([1.0, math.nan])])
 def test_nan_is_refused_with_its_place(tmp_path: Path, nan: object) -> None:
     with pytest.raises(ValueError, match=r"\$\.lens\[0\]\.efl_mm"):

@@ -105,9 +105,7 @@ def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
     [
         ("  TYPE BICONICX", "a.zmx:9: surface 1 is of type BICONICX"),
         ("  CURV x", 'a.zmx:9: CURV must be a number, not "x"'),
-        ("  GLAS MIRROR 0 0 1.5 40", "a.zmx:9: surface 1 is a mirror"),
         ("  GLAS NOSUCH 0 0 1.5 40", "a.zmx:9: surface 1: the file gives no index of glass NOSUCH"),
-        ("  DISZ INFINITY", "a.zmx:4: surface 1 is infinitely far"),
         ("UNIT METER\n  TYPE EVENASPH\n  PARM -200 1", "a.zmx: holds numbers from which no lens can be computed"),
     ],
 )
@@ -299,12 +297,9 @@ def test_vignetting_factors_become_semi_diameters(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ("RDM\n", "", "a.seq: does not say whether surfaces have radii or curvatures"),
-        ("DIM M\n", "", "a.seq: does not say its unit"),
         ("EPD 10\n", "", "a.seq: surfaces 1, 2, 3 have no semi-diameter"),
         ("620410.603236", "NOSUCH_SCHOTT", "a.seq:6: surface 1: the file gives no index of glass NOSUCH of SCHOTT"),
-        ("620410.603236", "REFL", "a.seq:6: surface 1 is a mirror"),
         ("S 0 2", "S 0 2\n  YDE 0.1", "a.seq:8: YDE: a decentred or tilted surface cannot be represented"),
-        ("S 50", "S fifty", 'a.seq:6: S must be a number, not "fifty"'),
     ],
 )
 def test_codev_refuses_with_file_and_line(old: str, new: str, said: str, tmp_path: Path) -> None:
@@ -365,7 +360,6 @@ def test_blender_takes_the_second_of_two_air_rows_for_the_stop(tmp_path: Path) -
     ("old", "new", "said"),
     [
         ("radius;", "r;", "a.csv: 0 rows are marked as the aperture stop"),
-        (";80;air", ";80;Air", "a.csv: has no stop"),
         ("1.5168", "", "a.csv:2: glass BK7 has no index"),
         ("50;4", "50;four", 'a.csv:2: "thickness" must be a number, not "four"'),
     ],

@@ -145,21 +145,10 @@ def test_a_table_of_the_blender_add_on_without_apertures_is_sized_too(tmp_path):
     ("old", "new", "said"),
     [
         ("stop,", "4,", 'lens.csv: 0 rows are marked as the aperture stop, one must be\n    hint: write "stop"'),
-        ("radius", "radus", "lens.csv:3: the header has no column for a radius"),
         ("nd,vd", "nd,n", "lens.csv:3: two columns hold index"),
         ("22.01359", "22.0l", 'lens.csv:4: radius must be a number, not "22.0l"'),
-        (
-            "-435.76044",
-            "-435,76044",
-            "lens.csv:5: a row has 6 columns, the header 5\n    hint: write decimals with a point",
-        ),
-        ("-435.76044,6.00755,,", "-435,76044,6,00755,,", "lens.csv:5: a row has 7 columns"),
         ("6.00755", "", "lens.csv:5: has no thickness\n    hint: only the last row"),
-        ("# efl: 50", "# efl: fifty", 'lens.csv:2: efl must be a number, not "fifty"'),
         ("# efl: 50", "# unit: parsec", 'lens.csv:2: unknown unit "parsec"\n    hint: known are mm, cm, in, inch'),
-        ("# efl: 50", "# f-number: 0", "the F-number must be above 0"),
-        ("# efl: 50", "# f-number: 5\n# half-field: 95", "the half field must be at least 0 and below 90"),
-        ("2,-435.76044,6.00755,,", "2,-435,76044,6.00755", "lens.csv:5: no medium has an index of 6.00755"),
         ("# efl: 50", "#", "surfaces 1, 2, 3, 4, 5, 6 have no semi-diameter"),
     ],
 )

@@ -6,7 +6,6 @@ import rawpy
 import tifffile
 from PIL import Image
 
-from pipeline.files import tiff
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.dng import Negative, write_dng
 from pipeline.files.tiff import mapped, read_tiff, write_tiff
@@ -35,13 +34,6 @@ def test_a_tiff_is_what_another_program_reads(tmp_path):
     np.testing.assert_array_equal(pixels, NUMBERS)
     assert about == ABOUT
     np.testing.assert_array_equal(mapped(tmp_path / "raw.tiff"), NUMBERS)
-
-
-def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
-    write_tiff(tmp_path / "whole.tiff", NUMBERS.shape, rows, ABOUT)
-    monkeypatch.setattr(tiff, "_BAND_PX", 5 * NUMBERS.shape[1])
-    write_tiff(tmp_path / "bands.tiff", NUMBERS.shape, rows, ABOUT)
-    assert (tmp_path / "bands.tiff").read_bytes() == (tmp_path / "whole.tiff").read_bytes()
 
 
 def test_damage_anywhere_is_known(tmp_path):

@@ -14,10 +14,10 @@ from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.fits.field import FieldRays, FitError, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, field_rays, pupil_curve
 from pipeline.fits.fitting import fitted
 from pipeline.fits.models import MODELS
-from pipeline.fits.result import ALL, THIN_LENS, by_distance, document, fit_camera, worst
+from pipeline.fits.result import ALL, by_distance, document, fit_camera, worst
 from pipeline.fits.thin_plenoptic import positions_mm, thin_plenoptic
 from pipeline.optics.first_order import first_order
 from pipeline.results.answers import PixelRays
@@ -180,14 +180,6 @@ def test_its_equation_is_a_straight_line_through_image_and_vertex():
     seen = np.append(positions_mm(p, point, vertex)[0], 3 - 57.2)
     centre = np.append(vertex[0], 3 - 56.0)
     np.testing.assert_allclose(np.cross(centre - image, seen - image), 0, atol=1e-12)
-
-
-def test_wrong_names_are_told(conventional):
-    camera = pipeline.ready(conventional)
-    with pytest.raises(FitError, match='did you mean "brown"'):
-        fit_camera(camera, ["bronw"])
-    with pytest.raises(FitError, match="has no microlenses"):
-        fit_camera(camera, [THIN_LENS])
 
 
 def test_all_models_make_a_document(conventional):

@@ -12,9 +12,8 @@ from typing import Any
 
 import pytest
 from pxr import Sdf, Usd
-from rerun.attribute_stage import STAGE
-from rerun.attribute_table import CASES, TRUTH, A
-from shorter import few
+from rerun.attribute_stage import STAGE, path_of, write
+from rerun.attribute_table import CASES, TRUTH
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.graph import TaskGraph
@@ -53,20 +52,7 @@ class _Bench:
 
     def load(self, edits: dict[tuple[str, str], Any]):
         self.count += 1
-        path = self.folder / f"{self.count}.usda"
-        path.write_text(STAGE, encoding="utf-8")
-        stage = Usd.Stage.Open(str(path))
-        for (at, name), value in edits.items():
-            prim = stage.GetPrimAtPath(_path(at))
-            assert prim, at
-            if isinstance(value, list) and prim.GetRelationship(name):
-                prim.GetRelationship(name).SetTargets([Sdf.Path(f"/Scene/{target}") for target in value])
-                continue
-            attribute = prim.GetAttribute(name)
-            assert attribute, f"{at} has no {name}"
-            attribute.Block() if value is None else attribute.Set(value)
-        stage.Save()
-        return load(path)
+        return load(write(self.folder / f"{self.count}.usda", edits))
 
     def _keys(self, graph: TaskGraph) -> dict[str, str]:
         focused = graph.up_to([name for name in graph if graph[name].short_kind in ("focus", "planes")])
@@ -83,10 +69,6 @@ class _Bench:
         return keys
 
 
-def _path(at: str) -> str:
-    return f"/Scene/{at}".rstrip("/")
-
-
 def reruns(before: dict[str, str], after: dict[str, str]) -> set[str]:
     """Names of the tasks whose results are not there yet."""
     return {name for name, key in after.items() if key not in before.values()}
@@ -99,7 +81,7 @@ def test_the_table_holds_every_attribute_of_the_schemas_and_no_other():
     assert {name for _, name in declared} == {name for name in CASES if name.startswith("plen:")}
     stage = Usd.Stage.CreateInMemory()
     stage.GetRootLayer().ImportFromString(STAGE)
-    prims = {case.at: stage.GetPrimAtPath(_path(case.at)) for cases in CASES.values() for case in cases}
+    prims = {case.at: stage.GetPrimAtPath(path_of(case.at)) for cases in CASES.values() for case in cases}
     held = [(prims[case.at], name) for name, cases in CASES.items() for case in cases]
     left_out = {
         (schema, name)
@@ -152,20 +134,6 @@ def test_renaming_a_target_or_a_camera_reruns_only_what_writes_its_name(bench, o
     assert set(map(kind_of, changed)) == TRUTH | {"frame_poses"} | between
     if old == "A":
         assert {name.split("/")[1] for name in changed - between} == {"Left.Camera"}
-
-
-@pytest.mark.parametrize("focused", few([True], False))
-def test_the_name_of_a_lens_group_bends_no_ray(bench, focused):
-    """Of a request camera.json repeats the names; nothing else may run."""
-    edits = {(A, "plen:camera:focusGroups"): ["Rear"], (A, "plen:camera:focusDistance"): 434.0} if focused else {}
-    before = bench.keys(edits)
-    bench.load(edits)
-    stage = bench.folder / f"{bench.count}.usda"
-    text = stage.read_text(encoding="utf-8").replace('"Rear"', '"Back"')
-    renamed = stage.with_name(f"group_{focused}.usda")
-    renamed.write_text(text, encoding="utf-8")
-    changed = reruns(before, bench._keys(graph_of(load(renamed).dataset)[0]))
-    assert changed == ({"first_order/A.Camera"} if focused else set())
 
 
 @pytest.mark.heavy

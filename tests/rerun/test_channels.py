@@ -17,7 +17,6 @@ import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verify import verify
 from pipeline.formats import is_pair
-from pipeline.scene.load import load
 
 DATA = Path(__file__).parents[1] / "data"
 TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
@@ -163,17 +162,6 @@ def test_only_different_cameras_in_one_channel_make_a_stereo_pair() -> None:
     assert is_pair("Left@red", "Right@red")
     assert not is_pair("Left@red", "Left@blue")
     assert not is_pair("Left@red", "Right@blue")
-
-
-def test_every_channel_counts_as_a_camera_in_the_limit_of_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stage = stage_at(tmp_path, "conventional", TRIANGLE)
-    monkeypatch.setenv("PIPELINE_LIMITS", "frames=6")
-    assert load(stage).errors == []
-    monkeypatch.setenv("PIPELINE_LIMITS", "frames=5")
-    (error,) = load(stage).errors
-    assert error.code == "over-limit" and "2 frames of 3 cameras" in error.message
 
 
 EXPOSED = """            uniform token plen:image:exposure = "radiance"

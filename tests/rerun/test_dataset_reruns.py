@@ -96,7 +96,7 @@ def _facts(folder: Path) -> dict[str, tuple[int, bytes]]:
     return {path.relative_to(folder).as_posix(): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
 
 
-@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("name", few(["conventional"], "plenoptic"))
 def test_a_second_build_executes_nothing_and_rewrites_no_file(name, request):
     workshop = request.getfixturevalue(name)
     before = _facts(workshop.out)
@@ -144,20 +144,6 @@ def test_a_comment_and_the_order_of_properties_rerun_nothing(conventional):
     assert conventional.run() == Counter()
 
 
-def test_a_split_over_two_layers_reruns_nothing(conventional):
-    text = conventional.stage.read_text(encoding="utf-8")
-    whole = conventional.stage.with_name("whole.usda")
-    whole.write_text(text, encoding="utf-8")
-    conventional.edit("    rel plen:cameras = </TinyConventional/Rig/Camera>\n    uniform int plen:seed = 3\n", "")
-    lower = conventional.stage.with_name("lower.usda")
-    lower.write_text(text, encoding="utf-8")
-    head, _, body = text.partition("def PlenDataset")
-    upper = head.replace("#usda 1.0\n(", "#usda 1.0\n(\n    subLayers = [\n        @./lower.usda@\n    ]", 1)
-    conventional.stage.write_text(upper + 'over "TinyConventional"\n{\n    uniform int plen:seed = 3\n}\n', "utf-8")
-    assert body
-    assert conventional.run() == Counter()
-
-
 def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
     from pxr import Sdf
 
@@ -196,11 +182,12 @@ DECENTRED = """over "Lens"
         over "Sensor\""""
 
 
-@pytest.mark.parametrize("name", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
 def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of_the_centred_lens(name, request):
     """Everything of the camera runs anew; undoing it reruns nothing. Rows move by what the page of `show` states.
 
-    Of camera.json only the pinhole is traced, and moves.
+    Of camera.json only the pinhole is traced, and moves. Quick siblings: the table of attributes, laws of displacement.
     """
     workshop = request.getfixturevalue(name)
     before, (figures, pinhole) = _rows(workshop), _figures(workshop)
@@ -235,16 +222,6 @@ def _rows(workshop: Workshop) -> dict[tuple[float, ...], tuple[float, float]]:
     return {(point, k, l): (x, y) for point, k, l, x, y in zip(*columns, strict=True)}
 
 
-def test_method_direct_needs_no_rays_and_does_not_rerun_for_their_number(conventional, tmp_path, monkeypatch):
-    conventional.use_method("direct")
-    assert set(conventional.run()) == TRUTH
-    assert not (conventional.out / "cameras/Rig.Camera/rays.exr").exists()
-    conventional.edit("plen:truth:samples = 64", "plen:truth:samples = 128")
-    assert conventional.run() == Counter()
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
-    assert not RAYS & set(conventional.run())
-
-
 def test_rays_that_are_asked_for_are_one_more_product_and_no_row_knows_of_them(plenoptic):
     """The same J_near and J_far that `moments` needs: from there they come from the store."""
     assert not (plenoptic.out / "cameras/Rig.Camera/rays.exr").exists()
@@ -265,12 +242,6 @@ def test_the_certificate_judges_every_camera_in_manifest_and_result(conventional
     assert list(found) == ["Rig.Camera"] and found["Rig.Camera"]["passed"] is True
     assert found["Rig.Camera"]["own_sigma_px"] < found["Rig.Camera"]["claim_px"] / 3
     assert pipeline.build(conventional.stage, conventional.out, jobs=1).certificate == found
-
-
-def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
-    conventional.use_method("image")
-    assert set(conventional.run()) == {"positions"} | TRUTH
-    assert (conventional.out / "frames/0001/Rig.Camera/positions.exr").is_file()
 
 
 @pytest.mark.parametrize("tiny", few(["conventional"], "plenoptic"))
@@ -301,7 +272,7 @@ def test_a_frame_that_is_dropped_leaves_no_file(conventional):
 def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path, request):
     """Built here in one process, and from nothing by two workers of another one with other settings.
 
-    The short sibling, of toy tasks, is in test_engine_reruns.py.
+    The short sibling, of keys, is in test_attributes.py.
     """
     here, folder = request.getfixturevalue(tiny), tmp_path / "elsewhere"
     folder.mkdir()
@@ -317,17 +288,6 @@ def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tin
     assert [name for name, data in outs[0].items() if machine in data] == []
 
 
-def test_a_deleted_or_altered_file_comes_back_without_running_a_task(conventional):
-    before = {name: data for name, (_, data) in _facts(conventional.out).items()}
-    (conventional.out / "cameras/Rig.Camera/rays.exr").unlink()
-    table = conventional.out / "frames/0001/Rig.Camera/correspondences.csv"
-    table.write_text(table.read_text(encoding="utf-8").replace("moments", "movements"), encoding="utf-8")
-    assert conventional.run() == Counter()
-    after = {name: data for name, (_, data) in _facts(conventional.out).items()}
-    kept = after.pop("frames/0001/Rig.Camera/correspondences.csv.kept1")
-    assert b"movements" in kept and after == before
-
-
 @pytest.mark.heavy
 def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch):
     before = {name: data for name, (_, data) in _facts(conventional.out).items()}
@@ -337,8 +297,12 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
 
+@pytest.mark.heavy
 def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothing(plenoptic):
-    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it."""
+    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it.
+
+    Quick siblings: the table of attributes, and the camera of a request in tests/scene/test_reading.py.
+    """
     asked = (
         "uniform double plen:camera:focusDistance = 420\n"
         "            uniform double plen:camera:sensorDistance = None\n"

@@ -4,7 +4,6 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.planning.explain import describe
 from pipeline.engine.project import tasks_of
 from pipeline.engine.running.session import build, plan_of
 from pipeline.errors import UsageError
@@ -60,16 +59,6 @@ def test_the_plan_says_new_forced_and_missing(tmp_path, cache):
         if blob.is_file() and blob.read_bytes().startswith(b"far"):
             blob.unlink()
     assert reasons(project, "rays/cam") == ["missing in the store: planes/far.bin"]
-
-
-def test_a_long_plan_is_grouped(tmp_path):
-    poses = [[[float(n), 0.0], [0.0, 1.0]] for n in range(40)]
-    build(toy.project(tmp_path / "out", poses=poses), ALONE)
-    moved = [[[n + 0.5, 0.0], [0.0, 1.0]] for n in range(40)]
-    lines = list(describe(plan_of(toy.project(tmp_path / "out", poses=moved))))
-    assert lines[0] == "42 tasks: 2 cached, 40 to run, 1 maybe".replace("42", "43")
-    assert "… and 39 more image alike" in lines
-    assert len(lines) < 20
 
 
 def test_until_runs_a_part_and_leaves_the_folder_alone(tmp_path):

@@ -6,8 +6,7 @@ Nothing is traced. What was edited is known from the test; the line is looked fo
 from pathlib import Path
 
 import pytest
-from pxr import Sdf, Usd
-from rerun.attribute_stage import STAGE
+from rerun.attribute_stage import path_of, write
 from rerun.attribute_table import CASES, LENS, STOP, A
 from rerun.pretended import Pretended
 
@@ -39,23 +38,6 @@ def built(tmp_path_factory):
     return of
 
 
-def write(path: Path, values) -> Path:
-    """The stage of the table with some values, as one file."""
-    path.write_text(STAGE, encoding="utf-8")
-    stage = Usd.Stage.Open(str(path))
-    stage.Reload()
-    for (at, name), value in values.items():
-        prim = stage.GetPrimAtPath(f"/Scene/{at}".rstrip("/"))
-        if isinstance(value, list) and prim.GetRelationship(name):
-            prim.GetRelationship(name).SetTargets([Sdf.Path(f"/Scene/{target}") for target in value])
-        elif value is None:
-            prim.GetAttribute(name).Block()
-        else:
-            prim.GetAttribute(name).Set(value)
-    stage.Save()
-    return path
-
-
 def every_attribute_edit_is_named(built, name, case):
     before, path = built(case.given)
     changed = {**case.along, (case.at, name): case.value}
@@ -63,15 +45,11 @@ def every_attribute_edit_is_named(built, name, case):
     assert tasks
     for task in tasks:
         assert [str(reason) for reason in task.reasons if not reason.edits] == [], task.name
-        assert {edit.at for edit in task.edits} <= {_path(*one) for one in changed}
+        assert {edit.at for edit in task.edits} <= {f"{path_of(place)}.{one}" for place, one in changed}
     at, name = FOR_THE_CHECKS.get((case.at, name), (case.at, name))
-    edit = next(edit for task in tasks for edit in task.edits if edit.at == _path(at, name))
+    edit = next(edit for task in tasks for edit in task.edits if edit.at == f"{path_of(at)}.{name}")
     assert edit.old != edit.new
     assert name in _line(path, edit)
-
-
-def _path(at, name):
-    return "/Scene/".join(["", at]).rstrip("/") + f".{name}"
 
 
 def _line(path, edit):

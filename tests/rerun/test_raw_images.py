@@ -16,7 +16,6 @@ from pipeline.engine.output import manifest
 from pipeline.files import tiff
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.jsonfile import write_json
-from pipeline.files.png import read_png
 from pipeline.files.tiff import read_tiff
 from pipeline.records.plain import to_plain
 from pipeline.render.field_transmission import FieldTransmission
@@ -193,16 +192,3 @@ def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeyp
         # Half of a pixel's electrons go to its right neighbour; the first column goes on beyond the border.
         expected = [10000, 9950, 9850, 9750, 9650, 9550]
         assert read_tiff(tmp_path / "raw.tiff")[0].tolist() == [expected] * 4
-
-
-def test_the_preview_shows_black_and_white_as_they_are(tmp_path):
-    light = np.array([[0.0, 0.5, 1.0, 3.0]])
-    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": light})])
-    quiet = SensorResponse(
-        quantum_efficiency=(1.0,), full_well_e=1000.0, gain_dn_per_e=1.0, bit_depth=10, shot_noise=False
-    )
-    level = Irradiation(exposure_time_s=0.0, white_level=1.0)
-    params = Expose(camera="C", frame=1, seed=0, response=quiet, irradiation=level)
-    expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
-    assert read_png(tmp_path / "raw.png")[0, :, 0].tolist() == [0, 188, 255, 255]  # sRGB of a half is 187.5
-    assert read_tiff(tmp_path / "raw.tiff")[1]["photons_at_relative_irradiance_1"] == 1000.0

@@ -9,8 +9,6 @@ import pytest
 from rerun.small_tiles import in_small_tiles
 
 import pipeline
-from pipeline.camera.parts.camera import Sampling, Sensor
-from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.graph import tiles
 
 DATA = Path(__file__).parents[1] / "data"
@@ -73,23 +71,3 @@ def test_tiles_hold_everything_once() -> None:
         met = {name: [i for some in shares if name in some for i in range(*some[name])] for name in points}
         assert met == {name: list(range(size)) for name, size in points.items()}
         assert all(any(name in some for some in shares) for name in points)
-
-
-def test_a_tile_of_a_large_sensor_is_neither_long_nor_large() -> None:
-    """29 megapixels at K = 2: no more tiles than cores will ever wait for, no more positions than fit."""
-    sensor = Sensor(width_px=6576, height_px=4384, pitch_mm=0.0055)
-    rows = tiles.bundle_bands(sensor, Sampling(supersampling=2, samples=256))
-    assert 400 < len(rows) <= 512
-    few = tiles.bundle_bands(sensor, Sampling(supersampling=4, samples=4))
-    assert max(end - first for first, end in few) * 16 * sensor.width_px <= 2 * tiles._POSITIONS
-    assert 100 < len(tiles.image_bands(sensor, 64)) <= 128
-
-
-@pytest.mark.parametrize(("side", "expected"), [(10, 1), (30, 4), (60, 8), (140, 20), (300, 88)])
-def test_small_arrays_are_shared_out_and_large_ones_have_few_tiles(side: int, expected: int) -> None:
-    """One for each 256 microlenses up to eight, one for each 1024 beyond: a second each."""
-    array = MicrolensArray(
-        layout="square", columns=side, rows=side, pitch_mm=0.1, distance_mm=1.0, focal_lengths_mm=(2.0,)
-    )
-    sensor = Sensor(width_px=10 * side, height_px=10 * side, pitch_mm=0.01)
-    assert tiles.microlens_tiles(sensor, array) == expected

@@ -1,7 +1,6 @@
 """`pipeline.open_output` gives back what the files of a build say, by readers that are not ours."""
 
 import csv
-import dataclasses
 import json
 import subprocess
 import sys
@@ -10,21 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from builds import tiny
 
 import pipeline
 from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import apply
-
-
-@pytest.fixture(scope="module")
-def conventional(tmp_path_factory, common_store):
-    return tiny("conventional", tmp_path_factory.mktemp("built"), common_store)
-
-
-@pytest.fixture(scope="module")
-def plenoptic(tmp_path_factory, common_store):
-    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
 
 
 def cells(path: Path) -> list[dict[str, str]]:
@@ -32,10 +20,12 @@ def cells(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
-def test_rows_are_those_of_the_tables_in_every_column(plenoptic):
-    out = pipeline.open_output(plenoptic)
+def test_rows_are_those_of_the_tables_in_every_column(plenoptic_build):
+    out = pipeline.open_output(plenoptic_build)
     stated = [
-        row for frame in out.frames for row in cells(plenoptic / f"frames/{frame:04d}/Rig.Camera/correspondences.csv")
+        row
+        for frame in out.frames
+        for row in cells(plenoptic_build / f"frames/{frame:04d}/Rig.Camera/correspondences.csv")
     ]
     rows = out.correspondences
     assert len(rows) == len(stated) > 100 and list(rows.dtype.names) == list(stated[0])
@@ -46,9 +36,9 @@ def test_rows_are_those_of_the_tables_in_every_column(plenoptic):
     assert np.isnan(rows.rho_px).sum() == sum(not row["rho_px"] for row in stated)
 
 
-def test_pandas_reads_the_same_from_the_files(conventional):
-    out = pipeline.open_output(conventional)
-    files = sorted(conventional.glob("frames/*/*/correspondences.csv"))
+def test_pandas_reads_the_same_from_the_files(conventional_build):
+    out = pipeline.open_output(conventional_build)
+    files = sorted(conventional_build.glob("frames/*/*/correspondences.csv"))
     stated = pd.concat([pd.read_csv(file, comment="#") for file in files])
     empty = ["microlens_k", "microlens_l", "microlens_type"]
     assert stated[empty].isna().all().all()
@@ -57,18 +47,18 @@ def test_pandas_reads_the_same_from_the_files(conventional):
     pd.testing.assert_frame_equal(out.pandas(), out.camera.pandas())
 
 
-def test_a_conventional_camera_has_no_columns_of_microlenses(conventional, plenoptic):
-    plain, behind = (pipeline.open_output(out).camera for out in (conventional, plenoptic))
+def test_a_conventional_camera_has_no_columns_of_microlenses(conventional_build, plenoptic_build):
+    plain, behind = (pipeline.open_output(out).camera for out in (conventional_build, plenoptic_build))
     assert not plain.is_plenoptic and plain.micro_images is None
     assert "microlens_k" not in plain.correspondences.dtype.names
-    stated = cells(plenoptic / "cameras/Rig.Camera/micro_images.csv")
+    stated = cells(plenoptic_build / "cameras/Rig.Camera/micro_images.csv")
     assert behind.is_plenoptic and behind.micro_images.centre_x_px.tolist() == [float(r["centre_x_px"]) for r in stated]
     assert behind.micro_image_outlines.shape[0] <= len(stated)
 
 
-def test_poses_take_points_of_the_target_to_the_places_of_the_table(conventional):
+def test_poses_take_points_of_the_target_to_the_places_of_the_table(conventional_build):
     """Two files of a build, written by two tasks, say the same."""
-    out = pipeline.open_output(conventional)
+    out = pipeline.open_output(conventional_build)
     for view in out.camera.views:
         rows = view.correspondences
         points = out.targets["Board"].points_mm[rows.point_id]
@@ -79,8 +69,8 @@ def test_poses_take_points_of_the_target_to_the_places_of_the_table(conventional
         np.testing.assert_allclose(through, seen - shift, atol=1e-9)
 
 
-def test_the_pinhole_projects_points_to_their_positions(conventional):
-    out = pipeline.open_output(conventional)
+def test_the_pinhole_projects_points_to_their_positions(conventional_build):
+    out = pipeline.open_output(conventional_build)
     model = out.camera.pinhole_with_distortion
     assert model.max_px < out.camera.pinhole.max_px
     (view, *_) = out.camera.views
@@ -90,22 +80,15 @@ def test_the_pinhole_projects_points_to_their_positions(conventional):
     np.testing.assert_allclose(pixels, np.stack([rows.x_px, rows.y_px], 1), atol=0.2)
 
 
-def test_files_that_no_manifest_lists_are_not_seen(conventional):
-    out = pipeline.open_output(conventional)
+def test_files_that_no_manifest_lists_are_not_seen(conventional_build):
+    out = pipeline.open_output(conventional_build)
     view = out.view(out.frames[0])
     assert view.image_path.is_file() and view.preview_path.is_file()
     assert out.camera.white_path.is_file() and out.camera.rays_path.is_file() and out.baselines is None
     foreign = view.image_path.with_name("positions.exr")
     foreign.touch()
-    assert pipeline.open_output(conventional).view(out.frames[0]).positions_path is None
+    assert pipeline.open_output(conventional_build).view(out.frames[0]).positions_path is None
     foreign.unlink()
-
-
-def test_records_are_frozen(conventional):
-    out = pipeline.open_output(conventional)
-    for record in (out, out.camera, out.camera.pinhole, out.camera.views[0], out.targets["Board"]):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(record, dataclasses.fields(record)[0].name, None)
 
 
 def told(path) -> str:
@@ -114,16 +97,16 @@ def told(path) -> str:
     return str(error.value)
 
 
-def test_whatever_is_no_finished_build_is_named(conventional, tmp_path):
+def test_whatever_is_no_finished_build_is_named(conventional_build, tmp_path):
     assert "is a stage, and no output folder" in told("tests/data/tiny_conventional/dataset.usda")
     assert "is no folder" in told(tmp_path / "nowhere")
-    assert f"did you mean {conventional}?" in told(conventional.parent)
+    assert f"did you mean {conventional_build}?" in told(conventional_build.parent)
     assert "it has no manifest.json" in told(tmp_path)
     (tmp_path / "frames").mkdir()
     assert "interrupted" in told(tmp_path)
     (tmp_path / "manifest.json").write_text("{")
     assert "damaged" in told(tmp_path)
-    manifest = json.loads((conventional / "manifest.json").read_text())
+    manifest = json.loads((conventional_build / "manifest.json").read_text())
     (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "format": 7}))
     assert "format 7" in told(tmp_path)
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
@@ -132,26 +115,28 @@ def test_whatever_is_no_finished_build_is_named(conventional, tmp_path):
     (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "files": pictures}))
     assert "holds a preview, without truth" in told(tmp_path)
     with pytest.raises(KeyError, match=r"0 is none of Rig\.Camera"):
-        pipeline.open_output(conventional).cameras[0]
+        pipeline.open_output(conventional_build).cameras[0]
 
 
-def test_frames_and_cameras_that_are_not_there_are_named(conventional):
-    out = pipeline.open_output(conventional)
+def test_frames_and_cameras_that_are_not_there_are_named(conventional_build):
+    out = pipeline.open_output(conventional_build)
     with pytest.raises(PipelineError, match="no frame 99"):
         out.view(99)
     with pytest.raises(PipelineError, match=r"did you mean \"Rig.Camera\"\?"):
         out.view(1, "Rig.Camara")
 
 
-def test_tables_of_both_kinds_of_cameras_are_not_mixed(conventional, plenoptic):
+def test_tables_of_both_kinds_of_cameras_are_not_mixed(conventional_build, plenoptic_build):
     from pipeline.results.rows import joined
 
-    tables = [pipeline.open_output(out).correspondences for out in (conventional, plenoptic)]
+    tables = [pipeline.open_output(out).correspondences for out in (conventional_build, plenoptic_build)]
     with pytest.raises(UsageError, match="different columns"):
         joined(tables)
 
 
-def test_opening_needs_no_optics_and_no_usd(conventional):
-    code = f"import sys, pipeline; pipeline.open_output({str(conventional)!r}).correspondences; print(*sys.modules)"
+def test_opening_needs_no_optics_and_no_usd(conventional_build):
+    code = (
+        f"import sys, pipeline; pipeline.open_output({str(conventional_build)!r}).correspondences; print(*sys.modules)"
+    )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pxr", "numba", "scipy", "cv2", "pandas", "OpenEXR", "pipeline.camera"} & set(loaded)

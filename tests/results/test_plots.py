@@ -8,7 +8,6 @@ import sys
 import matplotlib
 import numpy as np
 import pytest
-from builds import tiny
 
 import pipeline
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -19,11 +18,6 @@ from pipeline.results.notebook import html_table
 from pipeline.results.rows import Backdrop, with_backdrop
 
 matplotlib.use("Agg")
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory, common_store):
-    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
 
 
 @pytest.fixture(autouse=True)
@@ -50,11 +44,11 @@ def crosses(axes) -> np.ndarray:
     return np.array(sorted(map(tuple, np.concatenate(places))))
 
 
-def test_crosses_lie_at_the_positions_of_the_table_over_the_pixels_of_the_image(out):
+def test_crosses_lie_at_the_positions_of_the_table_over_the_pixels_of_the_image(plenoptic_build):
     """(0, 0) is the centre of the first pixel: the image reaches half a pixel beyond it."""
-    lines = (out / "frames/0002/Rig.Camera/correspondences.csv").read_text().splitlines()
+    lines = (plenoptic_build / "frames/0002/Rig.Camera/correspondences.csv").read_text().splitlines()
     stated = [(float(row["x_px"]), float(row["y_px"])) for row in csv.DictReader(x for x in lines if x[0] != "#")]
-    axes = pipeline.open_output(out).correspondences.plot(2)
+    axes = pipeline.open_output(plenoptic_build).correspondences.plot(2)
     assert crosses(axes).tolist() == sorted(map(list, stated))
     (image,) = axes.images
     assert image.get_extent() == [-0.5, 47.5, 39.5, -0.5] and axes.get_ylim() == (39.5, -0.5)
@@ -62,8 +56,8 @@ def test_crosses_lie_at_the_positions_of_the_table_over_the_pixels_of_the_image(
     assert {text.get_text().split(":")[0] for text in axes.get_legend().get_texts()} == types
 
 
-def test_a_selection_of_rows_still_knows_its_image_and_several_frames_have_none(out):
-    rows = pipeline.open_output(out).camera.correspondences
+def test_a_selection_of_rows_still_knows_its_image_and_several_frames_have_none(plenoptic_build):
+    rows = pipeline.open_output(plenoptic_build).camera.correspondences
     chosen = rows[(rows.frame == 1) & (rows.microlens_type == 0)]
     assert len(crosses(chosen.plot())) == len(chosen) > 0 and len(chosen.plot().images) == 1
     assert not rows.plot().images
@@ -86,8 +80,8 @@ def test_a_channel_of_a_sensor_is_drawn_over_its_own_image(tmp_path):
     assert told.value.hint == "choose: Cam@blue, Cam@red"
 
 
-def test_what_cannot_be_plotted_is_named(out, monkeypatch):
-    rows = pipeline.open_output(out).correspondences
+def test_what_cannot_be_plotted_is_named(plenoptic_build, monkeypatch):
+    rows = pipeline.open_output(plenoptic_build).correspondences
     with pytest.raises(UsageError, match=r"no row is of frame 9") as told:
         rows.plot(9)
     assert told.value.hint == "frames with rows: 1, 2"
@@ -134,8 +128,8 @@ def test_spots_are_drawn_to_scale(ideal):
     assert float(re.search(r"mm: ([\d.]+) px rms", picture)[1]) == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
 
 
-def test_notebooks_show_figures_rows_and_images(out, ideal):
-    output = pipeline.open_output(out)
+def test_notebooks_show_figures_rows_and_images(plenoptic_build, ideal):
+    output = pipeline.open_output(plenoptic_build)
     shown = output._repr_html_()
     assert f"<td>{len(output.correspondences)}</td>" in shown and "<td>48 x 40</td>" in shown
     rows = output.correspondences._repr_html_()

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builds import DATA, tiny
+from builds import DATA
 
 import pipeline
 from pipeline.camera.parts.errors import CameraError
@@ -21,13 +21,8 @@ DISTANCES_MM = (390.0, 434.4, 700.0)
 
 
 @pytest.fixture(scope="module")
-def plenoptic_out(tmp_path_factory, common_store):
-    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
-
-
-@pytest.fixture(scope="module")
-def ready_plenoptic(plenoptic_out):
-    return pipeline.ready(plenoptic_out)
+def ready_plenoptic(plenoptic_build):
+    return pipeline.ready(plenoptic_build)
 
 
 def positions(camera, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -61,9 +56,9 @@ def test_behind_microlenses_the_own_one_of_several_images_is_there(ready_plenopt
         assert abs(found.x_px[own] - x[row]) <= error[0] and abs(found.y_px[own] - y[row]) <= error[1]
 
 
-def test_it_equals_the_rows_of_the_table(plenoptic_out, ready_plenoptic):
+def test_it_equals_the_rows_of_the_table(plenoptic_build, ready_plenoptic):
     """All rows of all frames, and no others: points, microlenses and types, positions, errors and light."""
-    out = pipeline.open_output(plenoptic_out)
+    out = pipeline.open_output(plenoptic_build)
     for view in out.camera.views:
         rows, pose = view.correspondences, view.poses.camera_from_target["Board"]
         points = apply(pose, out.targets["Board"].points_mm)
@@ -115,7 +110,7 @@ def test_a_position_without_light_has_no_ray(ready_plenoptic):
     assert np.isnan(rays.direction[1]).all() and np.isnan(rays.origin_mm[1]).all()
 
 
-def test_stage_and_output_give_the_same_camera(plenoptic_out, ready_plenoptic):
+def test_stage_and_output_give_the_same_camera(plenoptic_build, ready_plenoptic):
     from_stage = pipeline.ready(DATA / "tiny_plenoptic/dataset.usda", "Rig.Camera")
     assert from_stage.camera == ready_plenoptic.camera and from_stage.name == ready_plenoptic.name == "Rig.Camera"
     assert from_stage.rig.tracer.seed == ready_plenoptic.rig.tracer.seed == 4
@@ -143,10 +138,10 @@ def test_a_camera_says_what_it_is_and_which_positions_do_not_go_together(convent
         camera.rays([1, 2], [1, 2, 3])
 
 
-def test_wrong_cameras_are_named(plenoptic_out, tmp_path):
+def test_wrong_cameras_are_named(plenoptic_build, tmp_path):
     with pytest.raises(UsageError, match=r'did you mean "Rig.Camera"\?'):
-        pipeline.ready(plenoptic_out, "Rig.Camra")
+        pipeline.ready(plenoptic_build, "Rig.Camra")
     with pytest.raises(UsageError, match=r"it has no manifest.json"):
         pipeline.ready(tmp_path)
     with pytest.raises(CameraError, match="accuracy_px"):
-        pipeline.ready(plenoptic_out).project([[0, 0, 400]], accuracy_px=-1)
+        pipeline.ready(plenoptic_build).project([[0, 0, 400]], accuracy_px=-1)

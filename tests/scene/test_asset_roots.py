@@ -147,28 +147,9 @@ def test_a_search_path_leads_to_the_library_and_to_what_is_allowed(places):
         register()
 
 
-def test_a_file_with_the_name_of_a_member_is_not_read_for_it(places):
-    """Lines are looked up in the text of a layer, and statements that are written there twice."""
-    project, outside = places
-    (outside / "twice.usda").write_text(PART.replace("{\n}", "{\n    double a = 1\n    double a = 1\n}"))
-    (project / "p.usdz[in.usda]").symlink_to(outside / "twice.usda")
-    package(project / "p.usdz", PART)
-
-    assert load(stage(project, "./p.usdz[in.usda]")).problems == []
-
-
 def test_a_file_that_is_no_layer_is_told_where_it_is_named_and_why(places):
     (places[0] / "part.usda").write_text("a lens of 1890")
     path = stage(places[0], "./part.usda")
     (problem,) = load(path).problems
     assert (problem.file, "@" in path.read_text().splitlines()[problem.line - 1]) == (str(path), True)
     assert "not a valid usda layer" in problem.message
-
-
-def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places):
-    project, outside = places
-    name = f"@@./nowhere introduced by @{outside}/other.usda@</A>@@"
-
-    (problem,) = load(stage(project, name)).problems
-
-    assert problem.file == str(project / "s.usda")

@@ -18,25 +18,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests/data/bad").glob("*.usda"))
 WARNINGS = {
     *("up-axis", "normalised", "depth-gap", "mixed-microlenses", "focal-length", "rim-thickness", "off-mesh"),
-    *(
-        "blank",
-        "no-contrast",
-        "pixel-pitch",
-        "wide-stop",
-        "microlens-pitch",
-        "weak-microlens",
-        "small-array",
-        "overlap",
-        "gaps",
-    ),
-    "image-circle",
-    "coating-range",
-    "glass-resonance",
-    "dark-lamp",
-    "lamp-around-camera",
-    "unlit",
-    "not-in-image",
-    "invisible-target",
+    *("blank", "no-contrast", "pixel-pitch", "wide-stop", "microlens-pitch", "weak-microlens", "small-array"),
+    *("overlap", "gaps", "image-circle", "coating-range", "glass-resonance", "dark-lamp", "lamp-around-camera"),
+    *("unlit", "not-in-image", "invisible-target"),
 }
 
 

@@ -4,7 +4,6 @@ import pytest
 from pxr import Usd
 
 from pipeline.scene.check.properties import check_properties
-from pipeline.scene.usd.conditions import Condition, conditions_in
 
 
 def codes(kind: str, **values: object) -> list[tuple[str, str]]:
@@ -43,27 +42,3 @@ def test_an_empty_array_is_as_good_as_none():
 
 def test_a_wrong_value_decides_nothing():
     assert [code for code, _ in codes("PlenSurface", **STOP, apertureShape="hexagonal", blades=6)] == ["bad-token"]
-
-
-def test_a_name_that_is_misspelt_is_not_missing_too():
-    stage = Usd.Stage.CreateInMemory()
-    prim = stage.DefinePrim("/A", "PlenSurface")
-    prim.GetAttribute("plen:semiDiameter").Set(4.0)
-    prim.GetAttribute("plen:apertureShape").Set("polygonal")
-    prim.CreateAttribute("plen:blade", prim.GetAttribute("plen:blades").GetTypeName(), custom=False).Set(6)
-
-    assert [one.code for one in check_properties(prim)] == ["unknown-property"]
-
-
-def test_documentation_is_read_line_by_line():
-    text = """Something.
-
-        Needed with: plen:a = one, two
-        Only with: plen:b
-        Only with: plen:c = three
-        Range: [0, 1]"""
-
-    found = conditions_in(text)
-
-    assert found.needed == (Condition(name="plen:a", tokens=("one", "two")),)
-    assert found.only == (Condition(name="plen:b"), Condition(name="plen:c", tokens=("three",)))

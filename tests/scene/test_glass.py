@@ -102,14 +102,6 @@ def test_a_medium_without_a_name_has_its_printed_index_at_its_printed_wavelength
     assert indices(write(surfaces=surfaces))[-1] == pytest.approx(1.717, rel=1e-15)
 
 
-def test_a_lens_can_be_used_far_from_the_wavelength_of_its_print(write):
-    """The printed index is compared at 587.56 nm, the light is at 690 nm."""
-    path = write(camera="uniform double plen:camera:wavelength = 690")
-
-    assert load(path, [ROOT]).problems == []
-    assert indices(path) == [find(name).index(690) for name in GLASSES]
-
-
 def test_with_printed_indices_a_name_alone_is_for_people(write):
     surfaces = 'over "S8"\n{\nuniform string plen:glass = "LAK11"\n}'
 

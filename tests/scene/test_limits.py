@@ -143,15 +143,3 @@ def test_names_that_one_file_system_takes_for_one_and_names_too_long_are_refused
     edits = [('def PlenCheckerboard "Board" (', twin), ("</TinyConventional/Board>", names)]
     assert "name-collision" in [one.code for one in load(stage(tmp_path, *edits)).problems]
     assert only(stage(tmp_path, ("Board", "B" * 250))).code == "long-name"
-
-
-@pytest.mark.parametrize("where", ["orient", "acceptance"])
-def test_values_that_excluded_each_other_only_in_python_are_problems(where, tmp_path):
-    edit = {
-        "orient": ("(0.9990482215818578, 0, 0, 0.043619387365336)", "(0, 0, 0, 0)"),
-        "acceptance": (
-            "uniform double plen:pixelPitch",
-            'uniform token plen:acceptance = "x"\n uniform double plen:pixelPitch',
-        ),
-    }[where]
-    assert only(stage(tmp_path, edit)).code == {"orient": "non-rigid", "acceptance": "bad-token"}[where]

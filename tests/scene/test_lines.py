@@ -82,17 +82,6 @@ def test_assets_are_found(file):
     assert TEXT.splitlines()[text_map(file).assets["./b.usda"] - 1].strip().startswith("prepend references")
 
 
-def test_nothing_is_written_twice_here(file):
-    assert text_map(file).repeated == []
-
-
-def test_default_and_samples_of_one_property_are_two_statements(tmp_path):
-    path = tmp_path / "a.usda"
-    path.write_text('#usda 1.0\ndef "A"\n{\n    double x = 1\n    double x.timeSamples = {\n        1: 2,\n    }\n}\n')
-
-    assert text_map(path).repeated == []
-
-
 def test_a_file_that_is_not_text_has_no_lines(tmp_path):
     path = tmp_path / "a.usdc"
     path.write_bytes(b"PXR-USDC\x00\x00")
@@ -124,17 +113,6 @@ def test_a_number_is_cut_where_usd_reads_another_one(tmp_path, kind, spelling):
         changed.append(read != float(literal))
         assert [line for *_, line in text_map(path).cut] == ([4] if read != float(literal) else [])
     assert True in changed and False in changed
-
-
-def test_the_first_layer_of_a_package_is_looked_through(tmp_path):
-    inner, package = tmp_path / "inner.usda", tmp_path / "p.usdz"
-    inner.write_text('#usda 1.0\ndef "A"\n{\n    int x = 7.5\n}\n')
-    writer = Sdf.ZipFileWriter.CreateNew(package.as_posix())
-    writer.AddFile(inner.as_posix(), "inner.usda")
-    writer.Save()
-
-    assert [line for *_, line in text_map(package).cut] == [4]
-    assert [line for *_, line in text_map(f"{package}[inner.usda]").cut] == [4]
 
 
 def test_cut_numbers_are_found_on_their_own_lines_of_an_array(tmp_path):

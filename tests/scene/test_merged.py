@@ -6,7 +6,6 @@ import pytest
 
 from pipeline.scene.load import load
 
-STAGES = Path(__file__).resolve().parents[2] / "stages"
 PART = """#usda 1.0
 (
     defaultPrim = "Part"
@@ -40,14 +39,6 @@ def said(folder: Path, type_name: str, references: str, text: str = "") -> list[
 @pytest.mark.parametrize("references", [f"{TRIPLET}, {GAUSS}", f"{GAUSS}, {TRIPLET}"])
 def test_two_lenses_in_one_are_one_mistake(tmp_path, references):
     assert said(tmp_path, "PlenLens", references) == ["merged"]
-
-
-def test_the_message_says_which_file_lies_over_which_and_what_is_kept(tmp_path):
-    said(tmp_path, "PlenLens", f"{TRIPLET}, {GAUSS}")
-    [problem] = load(tmp_path / "part.usda").errors
-    assert problem.line == 8 and "cooke_triplet_50mm.usda laid over " in problem.message
-    assert problem.message.endswith("double_gauss_100mm_tronnier.usda, of which it keeps S10, S11, S4, S7 and 3 more")
-    assert "plen:camera:lens" in problem.hint
 
 
 @pytest.mark.parametrize("references", [f"{SMALL}, {LARGE}", f"{LARGE}, {SMALL}"])

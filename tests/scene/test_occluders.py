@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
+from stage_text import head
 
 from pipeline.frames import apply
 from pipeline.scene.load import open_dataset
@@ -12,16 +13,9 @@ from pipeline.scene.occluders import meets_lens, read_occluder
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 2
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+STAGE = (
+    head("Dataset", end=2)
+    + """
 def PlenDataset "Dataset" (
     prepend references = @{tiny}@
 )
@@ -61,6 +55,7 @@ def PlenDataset "Dataset" (
     }}
 }}
 """
+)
 
 
 def written(folder, text: str = STAGE):

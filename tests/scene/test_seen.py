@@ -9,7 +9,6 @@ import pytest
 
 from pipeline.app.build import build
 from pipeline.scene.load import load
-from pipeline.spelling import frames_in_words, ranges
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 BACK = "(0, 0, 1, 0)"
@@ -110,18 +109,3 @@ def test_a_board_is_hidden_by_another_one_but_not_by_one_behind_it_or_beside_it(
         )
         warned = check({}, *edits, ('\n    def PlenCheckerboard "Board" (', other.format(x=x, z=z)))
         assert [one for one in warned if "hidden" in one] == found
-
-
-def test_other_patterns_are_looked_for_too(check):
-    """A slanted edge and its three points."""
-    edge = ('def PlenCheckerboard "Board"', 'def PlenSlantedEdge "Board"')
-    sizes = ("plen:squareSize = 1.4", "plen:width = 8\n        uniform double plen:height = 6")
-    counts = [(f"        uniform int plen:{name}\n", "") for name in ("columns = 3", "rows = 2")]
-    assert check({2: (BACK, "(0, 0, -434.4)")}, edge, sizes, *counts) == ["frame 2 (it shows its back)"]
-
-
-def test_many_frames_are_few_words():
-    assert frames_in_words([7]) == "frame 7"
-    assert frames_in_words([3, 2, 7]) == "frames 2-3, 7"
-    assert ranges(range(1, 1001)) == "1-1000"
-    assert ranges(range(0, 100, 2)) == "0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22 and 38 more"

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builds import tiny
 from shorter import few
 
 import pipeline
@@ -123,14 +122,6 @@ def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_
     assert viewed["clipping"][0] < 350 and viewed["clipping"][1] > 1000
 
 
-def test_a_preview_follows_the_size_of_the_squares_and_not_that_of_the_library(stage, tmp_path):
-    """10 x 7 squares of 30 mm, where the mesh of the library is 30 mm wide."""
-    board = "uniform double plen:squareSize = 30\n        quatd xformOp:orient"
-    viewed, _ = seen(stage(("quatd xformOp:orient", board)), tmp_path)
-
-    assert np.allclose(viewed["boxes"][0], [[-150, -105, -430], [150, 105, -430]], rtol=0, atol=1e-4)
-
-
 def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
     """Of the library: 8 x 5 squares of 6 mm and a margin of one."""
     delivered = project(stage(("targets/checkerboard_4x7", "targets/charuco_8x5"))).files["dataset.usda"].decode()
@@ -195,16 +186,6 @@ def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
     assert np.allclose(faces.points_mm.max(axis=0), half, rtol=1e-12)
 
 
-def test_a_mesh_named_preview_that_stands_in_the_way_is_left_alone(stage):
-    """As an occluder it is part of the dataset."""
-    path = stage(("rel plen:targets", "rel plen:occluders = </Mine/Board/Preview>\n    rel plen:targets"))
-    loaded = load(path)
-    delivered = loaded.flattened.replace(" ", "")
-
-    assert "double3xformOp:scale=(3,3,3)" in delivered
-    assert [one.prim_path for one in loaded.dataset.occluders] == ["/Mine/Board/Preview"]
-
-
 def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_clipping_range(stage):
     wrong = 'over "Camera"\n        {\n            float focalLength = 50\n            float2 clippingRange = (7, 8000)'
     text = load(stage(('over "Camera"\n        {', wrong))).flattened
@@ -266,11 +247,10 @@ print(json.dumps({
 """
 
 
-def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_material(tmp_path, common_store):
+def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_material(plenoptic_build):
     """Behind the camera, along +z, lies the sensor; rays start at the microlenses and go along -z."""
-    out = tiny("plenoptic", tmp_path, common_store)
-    found = foreign(PARTS_VIEWER, out / "dataset.usda")
-    camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text())
+    found = foreign(PARTS_VIEWER, plenoptic_build / "dataset.usda")
+    camera = json.loads((plenoptic_build / "cameras/Rig.Camera/camera.json").read_text())
     assert found["errors"] == [] and found["purposes"] == ["guide"]
     assert found["surface"] == ["UsdPreviewSurface", "UsdUVTexture", "UsdPrimvarReader_float2"]
     picture = read_png(Path(found["picture"]))
