@@ -29,12 +29,11 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Begun(Event):
-    """A build begins: kinds of its tasks by name, number of workers, and the files that the stage was read from."""
+    """A build begins: kinds of its tasks by name, and number of workers."""
 
     name: ClassVar[str] = "begin"
     tasks: dict[str, str]
     jobs: int
-    reads: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

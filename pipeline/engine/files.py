@@ -142,9 +142,7 @@ def is_unreadable(path: Path | str) -> bool:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy a file, sharing blocks if the file system can. It is never a hard link, so an edit cannot reach the
-    source.
-    """
+    """Copy a file, sharing blocks if possible. It is never a hard link, so no edit reaches the source."""
     with source.open("rb") as reader, target.open("xb") as writer:
         with contextlib.suppress(OSError):
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())

@@ -45,9 +45,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
-        """A context that Ctrl-C ends at once, unless tasks are running. Outside it Ctrl-C is only noted, so that
-        tidying up is not interrupted.
-        """
+        """A context that Ctrl-C ends at once, unless tasks are running. Outside it Ctrl-C is only noted."""
         try:
             self._may_stop = True
             yield

@@ -63,9 +63,7 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
 def locked(
     path: Path, timeout_s: float = 3600.0, *, shared: bool = False, errand: Errand | None = None
 ) -> Iterator[bool]:
-    """Hold a lock; yields False after the timeout or if the file system has no locks. A shared lock excludes only
-    exclusive ones.
-    """
+    """Hold a lock, or a shared one; yields False after the timeout or if the file system has no locks."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = _opened(path)
@@ -89,9 +87,7 @@ def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | N
 
 
 def _opened(path: Path) -> int:
-    """Open a lock file, creating it if necessary; links are refused. A read-only file of another user can be locked,
-    too.
-    """
+    """Open or create a lock file, but no link. A read-only one of another user can be locked, too."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
     except PermissionError:

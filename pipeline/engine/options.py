@@ -76,9 +76,7 @@ class BuildOptions:
 
     @property
     def workers(self) -> int:
-        """Number of workers: as asked for, or one per core that this process may use; a container often may not use
-        all.
-        """
+        """Number of workers: as asked for, or one per core that this process may use, often not all."""
         if self.jobs is not None:
             return self.jobs
         # Not every system tells which cores a process may use.

@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output.deliver import Source
+from pipeline.engine.output.manifest import Head
 from pipeline.engine.planning import near
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.near import unpadded
@@ -42,7 +43,7 @@ class Project:
 
     graph: TaskGraph
     files: dict[str, Source]
-    head: dict[str, Any]
+    head: Head
     out: Path
     stage_id: str
     findings: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)

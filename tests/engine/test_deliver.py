@@ -7,7 +7,6 @@ import os
 import shutil
 import socket
 import threading
-import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,9 +14,8 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import ALONE, Caller
-from pipeline.engine.output import manifest, output_index
+from pipeline.engine.output import manifest
 from pipeline.engine.output.output_folder import Folder
-from pipeline.engine.output.output_index import Seen
 from pipeline.engine.records import Blob
 from pipeline.engine.running.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import store as store_module
@@ -236,59 +234,6 @@ def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_p
     assert {name for name in right if not (out / name).is_file()} == set()
     assert (out / "frames.kept1").is_symlink() and not (out / "frames").is_symlink()
     assert (tmp_path / "bigdisk" / "0001" / "cam" / "image.txt").read_bytes() == right["frames/0001/cam/image.txt"]
-
-
-@pytest.mark.parametrize(
-    ("name", "step", "before"),
-    [
-        ("dataset.usda", (Seen, "digest"), False),  # it was right
-        ("dataset.usda", (Seen, "keep"), True),
-        ("frames/0001/cam/image.txt", (Folder, "place"), False),  # it was just put there
-        ("frames/0001/cam/image.txt", (Seen, "keep"), True),
-    ],
-)
-def test_what_somebody_writes_during_a_delivery_is_found_by_the_next_build(out, monkeypatch, name, step, before):
-    time.sleep(0.05)  # the first build's files can be told from what is written now
-    edited = toy.project(out, poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]])
-    real = getattr(*step)
-
-    def write():
-        time.sleep(0.05)
-        (out / name).write_bytes(b"X" + (out / name).read_bytes()[1:])
-        time.sleep(0.05)
-
-    def with_somebody(self, *arguments, **options):
-        if before:
-            write()
-        given = real(self, *arguments, **options)
-        if not before and name in arguments:
-            write()
-        return given
-
-    with monkeypatch.context() as patch:
-        patch.setattr(*step, with_somebody)
-        build(edited, ALONE)
-    assert build(edited, ALONE).delivery.written == (name,)
-
-
-def test_files_that_nobody_touched_are_not_read_again(out, monkeypatch):
-    time.sleep(0.05)
-    build(toy.project(out), ALONE)
-    monkeypatch.setattr(output_index, "digest_of", lambda path: pytest.fail(f"{path} was read"))
-    assert build(toy.project(out), ALONE).delivery.written == ()
-
-
-def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, monkeypatch):
-    place = Folder.place
-
-    def slow(*arguments, **options):
-        time.sleep(0.03)
-        place(*arguments, **options)
-
-    monkeypatch.setattr(Folder, "place", slow)
-    build(toy.project(tmp_path / "out"), ALONE)
-    monkeypatch.setattr(output_index, "digest_of", lambda path: pytest.fail(f"{path} was read"))
-    assert build(toy.project(tmp_path / "out"), ALONE).delivery.written == ()
 
 
 def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, monkeypatch):

@@ -18,8 +18,8 @@ from pipeline.engine.digest import canonical, key_of
 from pipeline.engine.planning import task_code
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.libraries import is_foreign
+from pipeline.engine.planning.plan import Specs
 from pipeline.engine.planning.task_code import UnknownKind, code_of, fingerprint
-from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
 from pipeline.records.plain import Shared, to_plain
@@ -263,9 +263,9 @@ def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path,
     def in_a_new_process():
         # New ones, because the tests after this one need what those of this process hold.
         monkeypatch.setattr(task_code, "_read", functools.lru_cache(read))
-        monkeypatch.setattr(task_code, "_remembered", {})
+        monkeypatch.setattr(task_code, "_parsed_before", {})
         parsed.clear()
-        with task_code.remembering(store):
+        with task_code.cached_parsing(store):
             return code_of("toykit.tasks.lens"), list(parsed)
 
     fresh, all_modules = in_a_new_process()

@@ -135,7 +135,7 @@ def test_a_full_disk_says_how_much_is_needed_and_free(tmp_path, store):
 
 
 def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
-    from pipeline.engine.planning.task_spec import Specs
+    from pipeline.engine.planning.plan import Specs
     from pipeline.engine.running.execute import perform
 
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))

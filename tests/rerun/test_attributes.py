@@ -18,7 +18,7 @@ from shorter import few
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store

@@ -166,10 +166,10 @@ def _say_profile(result: Any) -> None:
     from pipeline.optics.limit import crossings_per_second
     from pipeline.report.profile import lines
 
-    found = _profile(result)
-    if not found["now"]:
+    profile = _profile(result)
+    if not profile["now"]:
         note("nothing had to run; this is what the tasks took when they ran:")
-    for line in lines(found, crossings_per_second()):
+    for line in lines(profile, crossings_per_second()):
         note(line)
 
 

@@ -127,9 +127,7 @@ class TaskGraph:
         return sorted(self._graph.successors(name))
 
     def priorities(self) -> dict[str, int]:
-        """Priority of each task: the number of tasks on the longest path from it to an end of the graph, so that the
-        critical path goes first.
-        """
+        """Number of tasks on the longest path from each task to an end, so that the critical path goes first."""
         lengths: dict[str, int] = {}
         for name in reversed(list(self)):
             lengths[name] = 1 + max((lengths[reader] for reader in self._graph.successors(name)), default=0)
@@ -154,9 +152,9 @@ class TaskGraph:
         UsageError
             Nothing matches.
         """
-        found = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
-        if not found:
-            found = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
-        if not found:
+        names = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
+        if not names:
+            names = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
+        if not names:
             raise UsageError(f"no task is named {pattern!r}", hint=near.hint(pattern, self, ()))
-        return found
+        return names

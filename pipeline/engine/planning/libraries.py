@@ -21,14 +21,14 @@ def versions_of(modules: Iterable[str]) -> dict[str, str]:
     EnvironmentFault
         A module is not installed.
     """
-    found: dict[str, str] = {}
+    versions: dict[str, str] = {}
     todo = [_distribution(module) for module in sorted(set(modules))]
     while todo:
         name = todo.pop()
-        if name not in found:
-            found[name] = installed_version(name)
+        if name not in versions:
+            versions[name] = installed_version(name)
             todo += _required(name)
-    return dict(sorted(found.items()))
+    return dict(sorted(versions.items()))
 
 
 def is_foreign(module: str) -> bool:
@@ -38,17 +38,15 @@ def is_foreign(module: str) -> bool:
 
 @functools.cache
 def installed_version(name: str) -> str:
-    """Version of a distribution, kept from the first call in this process: an update may install another one than was
-    imported.
-    """
+    """Version of a distribution when this process first asked: an update may have installed another since."""
     return _facts(name)["Version"]
 
 
 @functools.cache
 def _facts(name: str) -> Message:
     """Version, name and requirements of a distribution: the head of its metadata without the long description."""
-    found = importlib.metadata.distribution(name)
-    text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
+    distribution = importlib.metadata.distribution(name)
+    text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
     return email.message_from_string(text.partition("\n\n")[0])
 
 
@@ -76,7 +74,7 @@ def _normal(name: str) -> str:
 @functools.cache
 def _required(name: str) -> tuple[str, ...]:
     """Installed distributions that a distribution requires, without its extras."""
-    found = []
+    required = []
     for line in _facts(name).get_all("Requires-Dist", ()):
         requirement, _, marker = line.partition(";")
         match = re.match(r"[A-Za-z0-9._-]+", requirement)
@@ -85,5 +83,5 @@ def _required(name: str) -> tuple[str, ...]:
                 installed_version(_normal(match[0]))
             except importlib.metadata.PackageNotFoundError:
                 continue  # required only on another system or Python
-            found.append(_normal(match[0]))
-    return tuple(found)
+            required.append(_normal(match[0]))
+    return tuple(required)

@@ -127,7 +127,7 @@ class Processes:
                 if arrived[0].state != "waiting":
                     worker.job = ()
             if not data:
-                replies += self._bury(worker)
+                replies += self._worker_died(worker)
         return replies + self._overdue()
 
     def _overdue(self) -> list[Reply]:
@@ -184,7 +184,7 @@ class Processes:
             worker.process.stdin.write(as_json(message) + b"\n")
             worker.process.stdin.flush()
 
-    def _bury(self, worker: _Worker) -> list[Reply]:
+    def _worker_died(self, worker: _Worker) -> list[Reply]:
         status = worker.process.wait()
         self._forget(worker)
         how = signal.Signals(-status).name if status < 0 else f"exit code {status}"

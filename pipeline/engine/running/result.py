@@ -83,9 +83,7 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130
-        interrupted.
-        """
+        """Exit code of the command, see `errors.Exit`."""
         if self.interrupted:
             return Exit.INTERRUPTED
         if any(task.machine for task in self.failures):

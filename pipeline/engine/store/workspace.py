@@ -21,9 +21,7 @@ _NAME = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")  # names of machines may co
 
 
 def is_workspace(name: str) -> bool:
-    """Whether a folder in `tmp/` has the name of a workspace, `<machine>-<pid>-<32 hex digits>`. No other one is
-    touched.
-    """
+    """Whether a name is that of a workspace, `<machine>-<pid>-<32 hex digits>`. Others are not touched."""
     return _NAME.fullmatch(name) is not None
 
 
