@@ -79,7 +79,7 @@ def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
     path.write_bytes(b"some bytez")
     assert store.record(KEY) is None
     assert not path.exists()
-    assert store.counts["damaged"] == 1  # the record only waits until the task has run again
+    assert len(store.quarantined()) == 1  # the record only waits until the task has run again
     with pytest.raises(DamagedBlob):
         store.blob(digest)
 
@@ -93,7 +93,7 @@ def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeyp
         assert store.record(KEY) is None and not store.is_whole(blob)
         with pytest.raises(DamagedBlob):
             store.blob(blob.sha256)
-    assert store.record(KEY) == record and not store.counts["damaged"]
+    assert store.record(KEY) == record and not store.quarantined()
 
 
 def failing(error):

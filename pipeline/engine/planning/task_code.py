@@ -109,7 +109,7 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
     return Components(
         kind=kind,
         version=module.version,
-        code=_digest(reached),
+        code=key_of("code/v1", {name: other.digest for name, other in reached.items()}),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
         libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
         machine=machine(libraries),
@@ -121,15 +121,6 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
 def edited(kind: str) -> list[str]:
     """Modules that a kind imports and that were edited since this process first read, and maybe ran, them."""
     return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
-
-
-def fingerprint(kind: str) -> str:
-    """Hex digest of the code that the module of a kind imports from its own top package."""
-    return _digest(_reached(kind, {}))
-
-
-def _digest(reached: dict[str, _Module]) -> str:
-    return key_of("code/v1", {name: module.digest for name, module in reached.items()})
 
 
 def _reached(kind: str, seen: Modules) -> dict[str, _Module]:

@@ -135,8 +135,4 @@ class Ended(Event):
 
     def to_dict(self) -> dict[str, Any]:
         """The event as a line of an event file."""
-        result = self.result
-        facts = {"event": self.name, "time": self.time, "summary": result.to_dict(), "exit_code": result.exit_code}
-        facts |= {"store": str(result.store), "store_bytes": result.store_bytes, "checked": list(result.checked)}
-        partial = None if result.asked is None else {"files": list(result.asked), "finished": result.is_finished}
-        return {**facts, "delivered": result.delivery is not None, "untouched": result.untouched, "partial": partial}
+        return {"event": self.name, "time": self.time, "summary": self.result.to_dict()}

@@ -52,15 +52,14 @@ def _read(path: Path) -> Spec:
     hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
     try:
         spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))
-        is_whole = isinstance(spec.name, str) and isinstance(spec.components.kind, str)
-        is_whole = is_whole and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
-        is_unaltered = is_whole and spec.components.key == spec.key
+        key, names = spec.components.key, [spec.name, spec.components.kind]
+        is_spec = {*map(type, names)} == {str} and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise UsageError(f"{path} is not the spec of a task", hint=hint) from None
-    if not is_whole:
+        is_spec = False
+    if not is_spec:
         raise UsageError(f"{path} is not the spec of a task", hint=hint)
-    if not is_unaltered:
+    if key != spec.key:
         raise UsageError(f"{path} was altered: its key does not match its content", hint=hint)
     return spec

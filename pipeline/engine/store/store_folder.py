@@ -9,7 +9,6 @@ import os
 import re
 import stat
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -44,8 +43,6 @@ class StoreFolder:
     ----------
     displaced : tuple of str
         Names of things that stood in the place of a folder or file and went to quarantine when the store was opened.
-    counts : Counter
-        Number of entries moved to quarantine (`damaged`), and of keys with two results (`nondeterministic`).
 
     Raises
     ------
@@ -55,7 +52,6 @@ class StoreFolder:
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
         self.root, self.warn = root, warn
-        self.counts: Counter[str] = Counter()
         if flaw := flaw_of(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         if self.root.exists() and not self.root.is_dir():
@@ -160,7 +156,6 @@ class StoreFolder:
         """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
-        self.counts["damaged"] += 1
         folder, done = self.root / "quarantine", "moved to quarantine"
         try:
             if os.path.lexists(folder) and not folder.is_dir():
