@@ -36,14 +36,9 @@ def silent(text: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """Why a lock is held or wanted.
+    """Why a lock is held or wanted: `doing` follows "which", as in `makes rays/Left`.
 
-    Attributes
-    ----------
-    doing : str
-        Activity of the holder, to follow "which": `makes rays/Left`.
-    say : callable
-        Called with a sentence about the holder after a second of waiting, and again every minute.
+    `say` is called with a sentence about the holder after a second of waiting, and again every minute.
     """
 
     doing: str = "works there"

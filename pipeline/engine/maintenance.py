@@ -15,7 +15,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.records import Blob
 from pipeline.engine.store.store import Store
-from pipeline.engine.store.workspace import ABANDONED_S
+from pipeline.engine.store.store_folder import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
@@ -29,12 +29,8 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 class Inventory:
     """Numbers and sizes of the entries of a store; sizes in bytes.
 
-    Attributes
-    ----------
-    pinned_bytes : int
-        Blobs of the last builds whose output folders still exist; they are never removed.
-    quarantined : int
-        Damaged entries that were moved away for inspection.
+    Pinned are blobs of the last builds whose output folders still exist: they are never removed. Quarantined are
+    damaged entries that were moved away for inspection.
     """
 
     records: int

@@ -98,10 +98,8 @@ class Caller:
         Called once in this process before the first task runs; not called if no task runs. Signals stop it at once.
     interrupts : Interrupts or None
         Open interrupts of a caller that does further work which signals may end.
-    peaks : dict
-        Peak memory of earlier tasks of each kind [bytes]; only as many tasks run together as fit.
-    places : dict
-        `Project.places`.
+    peaks, places : dict
+        Peak memory of earlier tasks of each kind [bytes]: only as many run together as fit. `Project.places`.
     """
 
     on_event: Emit = silent

@@ -12,7 +12,7 @@ from pipeline.engine.maintenance import bytes_of, check, collect, info, pinned_k
 from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
-from pipeline.engine.store.workspace import sweep
+from pipeline.engine.store.store_folder import sweep
 from pipeline.errors import EnvironmentFault, UsageError
 
 

@@ -19,8 +19,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.records import fields_of, seal
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import DamagedBlob, Store
-from pipeline.engine.store.store_folder import VERSION
-from pipeline.engine.store.workspace import sweep
+from pipeline.engine.store.store_folder import VERSION, sweep
 from pipeline.errors import EnvironmentFault
 
 KEY = "ab" * 32

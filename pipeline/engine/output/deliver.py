@@ -45,18 +45,10 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """The intended content of an output folder.
+    """The intended content of an output folder: sources by path, facts of its manifest, and records of the tasks.
 
-    Attributes
-    ----------
-    files : mapping of str to Source
-        Sources by path in the folder.
-    records : mapping of str to Record
-        Records of the tasks whose outputs are among the files.
-    stage_id : str
-        Identity of the stage: a folder holds builds of one stage only.
-    whole : bool
-        Whether these are all files of the build; if not, other files of the build may stay.
+    `stage_id` is the identity of the stage, because a folder holds builds of one stage only. Unless they are the
+    `whole` build, other files of it may stay.
     """
 
     files: Mapping[str, Source]

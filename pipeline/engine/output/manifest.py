@@ -24,18 +24,9 @@ _BYTES_PER_FRAME = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Content of a manifest; empty if no manifest can be read.
+    """Content of a manifest; empty if none can be read. What it says of `points` is not interpreted here.
 
-    Attributes
-    ----------
-    data : bytes or None
-        Bytes of the file.
-    files : dict
-        Posix path -> what it holds.
-    tasks : dict
-        Task name -> key.
-    points : any
-        Its statement of how many points are seen; not interpreted here.
+    `data` are the bytes of the file, `files` what it states by posix path, `tasks` keys by name.
     """
 
     data: bytes | None = None

@@ -25,18 +25,11 @@ class _Note:
 
 
 class OurFiles:
-    """Our files in one output folder.
+    """Our files in one output folder: `path in ours`.
 
-    Parameters
-    ----------
-    stage_id : str
-        Identity of the stage that is built now. It is not in the output folder, which holds no path of a machine.
-
-    Attributes
-    ----------
-    digests : dict
-        Path -> digests of the bytes that we wrote: one, or two (after and before) if a delivery was interrupted. For a
-        folder that was moved or copied they are taken from its old place.
+    `digests` are those of the bytes that we wrote, by path: one, or two (after and before) if a delivery was
+    interrupted. For a folder that was moved or copied they are taken from its old place. `stage_id` is the identity of
+    the stage that is built now, which the folder does not hold.
     """
 
     def __init__(self, out: Path, store: Store, stage_id: str = "") -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pipeline.engine.files import digest_of
 from pipeline.engine.output import manifest
-from pipeline.engine.store.workspace import ABANDONED_S
+from pipeline.engine.store.store_folder import ABANDONED_S
 
 ASIDE = ".pipeline-"
 _MANY = 3

@@ -15,17 +15,7 @@ _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
 
 @dataclass(slots=True)
 class Node:
-    """A node: one or more tasks.
-
-    Attributes
-    ----------
-    name : str
-        `image/Rig.Camera/*` for all frames.
-    states : Counter
-        Tasks by state: cached, run or maybe.
-    reads : list of str
-        Names of the groups that they read.
-    """
+    """A node: one or more tasks, `image/Rig.Camera/*` for all frames, counted by state; it reads other nodes."""
 
     name: str
     states: Counter[str] = field(default_factory=Counter)

@@ -70,10 +70,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTask:
-    """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
-
-    `key` and `spec` are None while the inputs are unknown.
-    """
+    """A task of a plan: cached, run, or maybe, if early cutoff may save it; then its key and spec are not known."""
 
     name: str
     kind: str

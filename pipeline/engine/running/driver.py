@@ -30,10 +30,7 @@ _TICK_S = 0.25
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results and records by task name, and whether Ctrl-C ended the run.
-
-    `peaks` holds the peak memory of each kind of task in this run [bytes]; `checked` lists tasks that ran twice.
-    """
+    """Results, records, peaks of memory by kind of task [bytes], and what ran twice; whether Ctrl-C ended the run."""
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)

@@ -25,8 +25,8 @@ Job = tuple[Spec, ...]
 class Engine(Protocol):
     """An engine runs jobs. `free` is the number of jobs that it can take now.
 
-    `wait` returns replies of tasks; those of one job come together. A task that still waits for another builder replies
-    with state waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
+    `wait` returns replies of tasks, those of one job together; a task that waits for another builder replies with state
+    waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
     """
 
     @property

@@ -7,15 +7,18 @@ Files are written under a temporary name and then renamed, so that nobody ever f
 import contextlib
 import os
 import re
+import shutil
+import socket
 import stat
 import time
+import uuid
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
-from pipeline.engine.locks import Errand, locked
-from pipeline.engine.store.workspace import Workspace, is_workspace, sweep
+from pipeline.engine.locks import Errand, locked, try_lock
 from pipeline.errors import EnvironmentFault
 from pipeline.folders import flaw_of
 
@@ -32,17 +35,17 @@ _NAMES = {*_PARENTS, *_TABLES.values(), *_OTHERS, *_FILES}
 _BEGUN = {"VERSION", "gc.lock", "tmp"}
 _SHARD = re.compile(r"[0-9a-f]{2}")
 
+ABANDONED_S = 86400.0
+"""Age after which a workspace of another machine counts as abandoned [s]: locks may not work between machines."""
+
+_WORKSPACE = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")
+"""Names in `tmp/`, `<machine>-<pid>-<32 hex digits>`; machines may have dashes, and nothing else in it is touched."""
 _QUARANTINED = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
 class StoreFolder:
-    """The folder of a store, its tables and its locks.
-
-    Attributes
-    ----------
-    displaced : tuple of str
-        Names of things that stood in the place of a folder or file and went to quarantine when the store was opened.
+    """The folder of a store, its tables and its locks. What stood in the place of a folder or file is in `displaced`.
 
     Raises
     ------
@@ -60,7 +63,7 @@ class StoreFolder:
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             _require_store(self.root)
-        self._workspace = Workspace(self.root / "tmp")
+        self._workspace = _Workspace(self.root / "tmp")
         self.displaced = self._mend()
         if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
             with chosen_place("make the store", self.root):
@@ -114,7 +117,7 @@ class StoreFolder:
             return self._workspace.new_path()
 
     def sweep(self, older_than_s: float | None = None) -> int:
-        """Remove leftovers of dead processes in `tmp`; see `workspace.sweep`."""
+        """Remove leftovers of dead processes in `tmp`, and count them."""
         return sweep(self.root / "tmp", older_than_s)
 
     def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
@@ -209,12 +212,8 @@ def _is_store(root: Path) -> bool:
     if any((root / _TABLES[table]).is_dir() for table in ("blob", "record")):
         return True
     begun = version is None or VERSION.startswith(version.rstrip(b"\0")) or version == b"1\n"
-    return (
-        bool(names)
-        and begun
-        and names <= _BEGUN
-        and all(is_workspace(name) for name in (_listed(root / "tmp") if _is_folder(root / "tmp") else ()))
-    )
+    temporary = _listed(root / "tmp") if _is_folder(root / "tmp") else ()
+    return bool(names) and begun and names <= _BEGUN and all(map(_WORKSPACE.fullmatch, temporary))
 
 
 def store_around(path: Path) -> Path | None:
@@ -250,3 +249,67 @@ def _is_folder(path: Path) -> bool:
 
 def _listed(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk contains that folder
+
+
+class _Workspace:
+    """A folder in `tmp/` of this process alone, made when first needed, removed with this object, or swept later."""
+
+    def __init__(self, tmp: Path) -> None:
+        self._tmp = tmp
+        self._folder: Path | None = None
+
+    def new_path(self) -> Path:
+        """A path in the folder that nobody else uses."""
+        if self._folder is None or not self._folder.is_dir():
+            self._folder, lock = _locked_folder(self._tmp)
+            weakref.finalize(self, _remove, self._folder, lock)
+        return self._folder / uuid.uuid4().hex
+
+
+def sweep(tmp: Path, older_than_s: float | None = None) -> int:
+    """Remove workspaces of dead processes and count them. Folders with other names stay.
+
+    File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so workspaces
+    of other machines stay unless they are older than `older_than_s`.
+    """
+    swept = 0
+    for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
+        match = _WORKSPACE.fullmatch(folder.name)
+        handle = _open_folder(folder) if match else None
+        if match is None or handle is None:
+            continue
+        age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
+        is_ours = match["host"] == socket.gethostname()
+        if not is_ours and (older_than_s is None or age_s < older_than_s):
+            os.close(handle)
+            continue
+        if try_lock(handle):
+            shutil.rmtree(folder, ignore_errors=True)
+            swept += not folder.exists()
+        os.close(handle)
+    return swept
+
+
+def _locked_folder(tmp: Path) -> tuple[Path, int]:
+    while True:
+        folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
+        tmp.mkdir(exist_ok=True)
+        folder.mkdir()
+        handle = _open_folder(folder)
+        # Another process may have swept the folder before it was locked.
+        if handle is not None and try_lock(handle) is not False and folder.is_dir():
+            return folder, handle
+        if handle is not None:
+            os.close(handle)
+
+
+def _open_folder(folder: Path) -> int | None:
+    try:
+        return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def _remove(folder: Path, lock: int) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    os.close(lock)
