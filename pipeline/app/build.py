@@ -40,13 +40,7 @@ _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillo
 
 
 def default_out(stage: Path) -> Path:
-    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory.
-
-    Raises
-    ------
-    UsageError
-        No name can be taken from the file.
-    """
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`; UsageError if that is no name."""
     stage = stage.resolve()
     name = stage.parent.name if stage.stem == "dataset" else stage.stem
     if name in ("", ".", ".."):  # `...usda` would name the working directory itself
@@ -220,9 +214,7 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
-    """Files of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
-    which this process meets and reports then.
-    """
+    """Files of kernels that two other processes compiled; None if that failed, which this process meets and reports."""
     with contextlib.ExitStack() as last:
         try:
             process = subprocess.Popen(

@@ -57,8 +57,7 @@ class Collected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Result of a check: the number of entries read completely, and the names of those that are wrong or replace a
-    folder.
+    """Number of entries read, and names of those that are wrong, or in the place of a folder.
 
     Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
     records that refer to them.

@@ -58,13 +58,7 @@ def files_of(project: Project, target: str) -> list[str]:
 
 
 def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks that match a target.
-
-    Raises
-    ------
-    UsageError
-        No task matches: the target is unknown, or means files that are written from the stage itself.
-    """
+    """Tasks that match a target; UsageError if none does, or if it means files written from the stage itself."""
     files, tasks = _meant(project, target)
     if not tasks:
         raise UsageError(f"{files[0]} is written from the stage itself, no task makes it")

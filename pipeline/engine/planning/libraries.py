@@ -1,26 +1,18 @@
 """Installed distributions that provide imported modules. None of them is imported."""
 
-import email
 import functools
 import importlib.metadata
 import importlib.util
 import re
 import sys
 from collections.abc import Iterable
-from email.message import Message
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
 
 def versions_of(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that provide top-level modules, and of all that these require.
-
-    Raises
-    ------
-    EnvironmentFault
-        A module is not installed.
-    """
+    """Versions of the distributions that provide top-level modules, and of all that these require, by name."""
     versions: dict[str, str] = {}
     todo = [_distribution(module) for module in sorted(set(modules))]
     while todo:
@@ -39,21 +31,13 @@ def is_foreign(module: str) -> bool:
 @functools.cache
 def installed_version(name: str) -> str:
     """Version of a distribution when this process first asked: an update may have installed another since."""
-    return _facts(name)["Version"]
-
-
-@functools.cache
-def _facts(name: str) -> Message:
-    """Version, name and requirements of a distribution: the head of its metadata without the long description."""
-    distribution = importlib.metadata.distribution(name)
-    text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
-    return email.message_from_string(text.partition("\n\n")[0])
+    return importlib.metadata.version(name)
 
 
 @functools.cache
 def _distribution(module: str) -> str:
     try:
-        return _normal(_facts(module)["Name"])
+        return _normal(importlib.metadata.distribution(module).metadata["Name"])
     except importlib.metadata.PackageNotFoundError:
         pass
     spec = importlib.util.find_spec(module)
@@ -75,7 +59,7 @@ def _normal(name: str) -> str:
 def _required(name: str) -> tuple[str, ...]:
     """Installed distributions that a distribution requires, without its extras."""
     required = []
-    for line in _facts(name).get_all("Requires-Dist", ()):
+    for line in importlib.metadata.requires(name) or ():
         requirement, _, marker = line.partition(";")
         match = re.match(r"[A-Za-z0-9._-]+", requirement)
         if match and "extra" not in marker:

@@ -35,13 +35,7 @@ def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
 
 
 def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> Reply:
-    """Bring the result of one task into the store.
-
-    Raises
-    ------
-    UsageError
-        The file is not a spec, or its key does not match its content, which would store a wrong result under the key.
-    """
+    """Bring the result of one task into the store; UsageError if the file is not a spec, or was altered."""
     spec = _read(path)
     with store.in_use():
         (reply,) = perform([replace(spec, force=force)], store, packages)

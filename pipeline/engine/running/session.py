@@ -190,21 +190,17 @@ def _require_place(project: Project) -> None:
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
-    if root := store_around(project.out):
-        raise UsageError(
-            f"the output folder {project.out} lies in a store of results, {root}", hint="choose another folder with -o"
-        )
     out, kernels = Path(os.path.realpath(project.out)), Path(os.path.realpath(cache_folder()))
-    if out == kernels.parent or out.is_relative_to(kernels):
-        raise UsageError(
-            f"the output folder {project.out} is that of compiled kernels", hint="choose another folder with -o"
-        )
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
-    if inside:
-        raise UsageError(
-            f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
-            hint="choose another folder with -o, for example -o build",
-        )
+    if root := store_around(out):
+        flaw = f"lies in a store of results, {root}"
+    elif out == kernels.parent or out.is_relative_to(kernels):
+        flaw = "is that of compiled kernels"
+    elif inside:
+        flaw = f"holds files that the stage is made of: {inside[0]}"
+    if flaw:
+        hint = "choose another folder with -o, for example -o build"
+        raise UsageError(f"the output folder {project.out} {flaw}", hint=hint)
 
 
 def _findings(project: Project, outcome: Outcome, store: Store) -> manifest.Head:
