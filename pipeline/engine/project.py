@@ -75,15 +75,10 @@ def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[s
 
 
 def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
-    """Files and tasks that match a target.
+    """Files and tasks that match a target; UsageError if nothing does.
 
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
-
-    Raises
-    ------
-    UsageError
-        Nothing matches.
     """
     path = _below_out(project, target)
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]

@@ -77,13 +77,7 @@ def _json(value: Any, indent: int | None = None) -> str:
 
 
 def read_of(out: Path, stage: Any) -> Manifest:
-    """The manifest in a folder, for builds of this stage.
-
-    Raises
-    ------
-    UsageError
-        The folder holds a finished build of another stage, or is no folder.
-    """
+    """The manifest in a folder, for builds of this stage; UsageError if it holds another one, or is no folder."""
     if not (nearest := nearest_existing(out)).is_dir():
         how = "is a file" if nearest == out.absolute() else f"would lie below the file {nearest}"
         raise UsageError(f"the output folder {out} {how}", hint="choose another folder with -o")

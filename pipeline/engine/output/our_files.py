@@ -39,12 +39,7 @@ class OurFiles:
         self._read: dict[str, tuple[Signature, str | None]] = {}
 
     def require_same_stage(self) -> None:
-        """Refuse a folder that holds files of another stage.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Refuse a folder that holds files of another stage, by UsageError."""
         other = self._note.stage or self._stage
         if other == self._stage or not Path(other).exists():  # a stage that was moved is the same stage
             return

@@ -45,13 +45,7 @@ class Task:
 
     @functools.cached_property
     def canonical(self) -> bytes:
-        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared.
-
-        Raises
-        ------
-        TypeError
-            A parameter is not a plain value.
-        """
+        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared."""
         return canonical(self.params)
 
     @property

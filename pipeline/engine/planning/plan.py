@@ -117,13 +117,7 @@ class Specs:
 def plan(
     graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
 ) -> list[PlannedTask]:
-    """State of every task, sources before their readers.
-
-    Parameters
-    ----------
-    last_keys : mapping
-        Task name -> key of its last build for the same output folder.
-    """
+    """State of every task, sources before their readers. The last keys are those of the same output folder."""
     specs, forced = Specs(store), set(force)
     records: dict[str, Record] = {}
     planned = []

@@ -40,14 +40,7 @@ _SETTINGS = {
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
     """The engine of `--engine dask:…`, which takes an address such as tcp://host:8786 or the file that a scheduler
-    wrote.
-
-    Raises
-    ------
-    UsageError
-        The text is neither.
-    EnvironmentFault
-        The extra [cluster] is not installed.
+    wrote; UsageError if the text is neither, EnvironmentFault if the extra [cluster] is not installed.
     """
     kind, _, where = text.partition(":")
     if kind != "dask" or not where:
@@ -67,15 +60,10 @@ def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tup
 
 
 class Dask:
-    """Engine that runs tasks on a Dask cluster.
+    """Engine that runs tasks on the Dask cluster of a scheduler, given by its address or the path of its file.
 
-    Parameters
-    ----------
-    where : str
-        Address of a scheduler, or path of its file.
-    timeout_s : float, optional
-        A task that takes longer fails. Its worker is restarted if it has a nanny, because Dask cannot end a running
-        task.
+    A task that takes longer than `timeout_s` fails. Its worker is restarted if it has a nanny, because Dask cannot end
+    a running task.
     """
 
     def __init__(self, where: str, store: Store, packages: tuple[str, ...], *, timeout_s: float | None = None) -> None:

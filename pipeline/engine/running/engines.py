@@ -80,14 +80,10 @@ class _Worker:
 
 
 class Processes:
-    """Engine with worker processes, which import only what their tasks need. A dying worker costs only the task it was
-    running.
+    """Engine with worker processes, which import only what their tasks need. A dying worker costs only its task.
 
-    Parameters
-    ----------
-    timeout_s : float, optional
-        A task that takes longer fails and is ended with its worker. Time spent waiting for another builder does not
-        count.
+    A task that takes longer than `timeout_s` fails and is ended with its worker. Time spent waiting for another builder
+    does not count.
     """
 
     def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:

@@ -38,10 +38,7 @@ _REPORT = "this is a bug of ours: please report it with the log and your stage"
 def perform(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
     """Look up the results of tasks, or compute them; running them twice is harmless.
 
-    Parameters
-    ----------
-    specs : sequence of Spec
-        One task; or several of one kind with the same inputs, which share work.
+    Several tasks at once are of one kind and have the same inputs: they share work.
     """
     start = time.perf_counter()
     try:

@@ -16,10 +16,7 @@ from pipeline.records.plain import from_plain
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
     """Write 0.json, 1.json, … for all tasks of a plan that can run now; older such files are removed.
 
-    Raises
-    ------
-    UsageError
-        A file with such a name in the folder is not a spec, so it must not be overwritten.
+    A file with such a name that is not a spec must not be overwritten: UsageError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]

@@ -182,10 +182,7 @@ class _Build:
 def _require_place(project: Project) -> None:
     """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`.
 
-    Raises
-    ------
-    UsageError
-        It is not a folder, has an impossible name, holds another build, lies in a store, or contains the stage itself.
+    Such a place is a file, has an impossible name, holds another build, lies in a store, or contains the stage itself.
     """
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
@@ -213,13 +210,7 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> manifest.Head
 
 
 def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
-    """Plan what `build` would do with the same options.
-
-    Raises
-    ------
-    UsageError
-        As for `build`, also about the output folder.
-    """
+    """Plan what `build` would do with the same options; it raises what `build` would, also about the folder."""
     _require_place(project)
     store = store or Store()
     OurFiles(project.out, store, project.stage_id).require_same_stage()

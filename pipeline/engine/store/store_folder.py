@@ -179,13 +179,7 @@ class StoreFolder:
 
 
 def _require_store(root: Path) -> None:
-    """Refuse a folder that is neither empty nor a store.
-
-    Raises
-    ------
-    EnvironmentFault
-        The folder is refused; the hint tells what to do. Nothing was touched.
-    """
+    """Refuse a folder that is neither empty nor a store; then nothing was touched."""
     names = sorted(_listed(root))
     if not names or _is_store(root):
         return
