@@ -21,8 +21,7 @@ from beside import sides
 from kept import keeping
 
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.plan import plan
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs, plan
 from pipeline.engine.records import Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store

@@ -23,7 +23,7 @@ from kept import keep
 import pipeline
 from pipeline.app.build import compile_once
 from pipeline.engine.planning.graph import TASKS, TaskGraph
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
 from pipeline.graph.dataset_graph import graph_of

@@ -41,13 +41,7 @@ _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillo
 
 
 def default_out(stage: Path) -> Path:
-    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory.
-
-    Raises
-    ------
-    UsageError
-        No name can be taken from the file.
-    """
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`; UsageError if that is no name."""
     stage = stage.resolve()
     name = stage.parent.name if stage.stem == "dataset" else stage.stem
     if name in ("", ".", ".."):  # `...usda` would name the working directory itself

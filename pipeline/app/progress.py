@@ -48,9 +48,7 @@ class Tally:
         return f"[{done}/{self.total} hit {hit} run {run} fail {fail}]"
 
     def seconds_left(self) -> float | None:
-        """Estimated time left [s], or None while nothing is known. Kinds without a recorded time count with the mean of
-        the others.
-        """
+        """Estimated time left [s], None while nothing is known; unknown kinds count with the mean of the others."""
         means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
         if not means:
             return None
@@ -99,9 +97,7 @@ class Lines:
 
 
 class Bar(Lines):
-    """A bar with the counts, the last finished task, the estimate, and the last news of a task. Warnings and failures
-    remain above it.
-    """
+    """A bar with counts, the last finished task, the estimate and the last news; warnings and failures remain above."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -175,9 +171,7 @@ class Ending:
         yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"
 
     def _failure(self, task: TaskResult, *others: TaskResult) -> Iterator[str]:
-        """One error, reported once for all tasks that met it: what is wrong, where in the stage, how to mend it, how to
-        look closer.
-        """
+        """One error, once for all tasks that met it: what, where in the stage, how to mend it, how to look closer."""
         file, _, prim = (task.place or "").partition(": ")
         what, *more = (task.error or "").splitlines() or ["?"]
         yield f"{file}{': ' if file else ''}error: {what}"

@@ -59,9 +59,7 @@ def _name(name: str) -> bytes:
 
 
 class _ByType(dict[type, Callable[[Any], Any]]):
-    """Encoders by the exact type of a value, because isinstance() takes True for an int and a NumPy float64 for a
-    float.
-    """
+    """Encoders by exact type: isinstance() takes True for an int and a NumPy float64 for a float."""
 
     def __missing__(self, kind: type) -> Any:
         raise TypeError(f"a key cannot be made from {kind.__name__}")
@@ -82,7 +80,7 @@ def _list(values: list[Any]) -> bytes:
     return _item(b"l", b"".join([_BYTES[type(value)](value) for value in values]))
 
 
-def _dict(values: dict[str, Any]) -> bytes:
+def _dict(values: Mapping[str, Any]) -> bytes:
     for name in values:
         if type(name) is not str:
             raise TypeError("a key can only be made from dicts whose keys are strings")

@@ -29,12 +29,11 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Begun(Event):
-    """A build begins: kinds of its tasks by name, number of workers, and the files that the stage was read from."""
+    """A build begins: kinds of its tasks by name, and number of workers."""
 
     name: ClassVar[str] = "begin"
     tasks: dict[str, str]
     jobs: int
-    reads: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,8 +80,7 @@ class Done(Event):
     def to_dict(self) -> dict[str, Any]:
         """The event as a line of an event file."""
         facts = {"event": self.name, "time": self.time, "task": self.result.name, **self.result.to_dict()}
-        facts |= {"usual_seconds": self.usual_seconds, "peak_bytes": self.peak_bytes}
-        return {**facts, "news": self.news} if self.news else facts
+        return {**facts, "peak_bytes": self.peak_bytes}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,8 @@ _MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, 
 
 Signature = list[int]
 """Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: equal values suggest that its bytes are unchanged."""
+CTIME = 3
+"""Index of ctime in a signature."""
 
 
 def signature(facts: os.stat_result) -> Signature:
@@ -142,9 +144,7 @@ def is_unreadable(path: Path | str) -> bool:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy a file, sharing blocks if the file system can. It is never a hard link, so an edit cannot reach the
-    source.
-    """
+    """Copy a file, sharing blocks if possible. It is never a hard link, so no edit reaches the source."""
     with source.open("rb") as reader, target.open("xb") as writer:
         with contextlib.suppress(OSError):
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())

@@ -16,14 +16,8 @@ class Interrupts:
     """While this context is open, it answers the first Ctrl-C; the next ones go to whoever had the signal before.
 
     That is the operating system in a command, which ends the process, and Python in a notebook. A Ctrl-C that this
-    process was told to ignore, as behind a shell's `&`, is ignored.
-
-    Attributes
-    ----------
-    arrived : bool
-        Whether Ctrl-C was pressed.
-    is_patient : bool
-        Whether tasks are running, which may end: then Ctrl-C is only noted.
+    process was told to ignore, as behind a shell's `&`, is ignored. `arrived` tells whether Ctrl-C was pressed; it is
+    only noted while `is_patient`, because running tasks may end.
     """
 
     def __init__(self, notice: Callable[[str], None] = lambda text: None) -> None:
@@ -45,9 +39,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
-        """A context that Ctrl-C ends at once, unless tasks are running. Outside it Ctrl-C is only noted, so that
-        tidying up is not interrupted.
-        """
+        """A context that Ctrl-C ends at once, unless tasks are running. Outside it Ctrl-C is only noted."""
         try:
             self._may_stop = True
             yield

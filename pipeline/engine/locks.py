@@ -36,14 +36,9 @@ def silent(text: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errand:
-    """Why a lock is held or wanted.
+    """Why a lock is held or wanted: `doing` follows "which", as in `makes rays/Left`.
 
-    Attributes
-    ----------
-    doing : str
-        Activity of the holder, to follow "which": `makes rays/Left`.
-    say : callable
-        Called with a sentence about the holder after a second of waiting, and again every minute.
+    `say` is called with a sentence about the holder after a second of waiting, and again every minute.
     """
 
     doing: str = "works there"
@@ -63,9 +58,7 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
 def locked(
     path: Path, timeout_s: float = 3600.0, *, shared: bool = False, errand: Errand | None = None
 ) -> Iterator[bool]:
-    """Hold a lock; yields False after the timeout or if the file system has no locks. A shared lock excludes only
-    exclusive ones.
-    """
+    """Hold a lock, or a shared one; yields False after the timeout or if the file system has no locks."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = _opened(path)
@@ -89,9 +82,7 @@ def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | N
 
 
 def _opened(path: Path) -> int:
-    """Open a lock file, creating it if necessary; links are refused. A read-only file of another user can be locked,
-    too.
-    """
+    """Open or create a lock file, but no link. A read-only one of another user can be locked, too."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
     except PermissionError:

@@ -12,10 +12,10 @@ from pathlib import Path
 from pipeline.engine.files import is_unreadable
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.output import manifest
-from pipeline.engine.output.output_index import Seen
+from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.records import Blob
 from pipeline.engine.store.store import Store
-from pipeline.engine.store.workspace import ABANDONED_S
+from pipeline.engine.store.store_folder import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
@@ -26,15 +26,11 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contents:
+class Inventory:
     """Numbers and sizes of the entries of a store; sizes in bytes.
 
-    Attributes
-    ----------
-    pinned_bytes : int
-        Blobs of the last builds whose output folders still exist; they are never removed.
-    quarantined : int
-        Damaged entries that were moved away for inspection.
+    Pinned are blobs of the last builds whose output folders still exist: they are never removed. Quarantined are
+    damaged entries that were moved away for inspection.
     """
 
     records: int
@@ -61,8 +57,7 @@ class Collected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Result of a check: the number of entries read completely, and the names of those that are wrong or replace a
-    folder.
+    """Number of entries read, and names of those that are wrong, or in the place of a folder.
 
     Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
     records that refer to them.
@@ -89,12 +84,12 @@ def bytes_of(text: str) -> int:
     return int(float(match[1]) * _UNITS[match[2]])
 
 
-def info(store: Store, limit_bytes: int | None = None) -> Contents:
+def info(store: Store, limit_bytes: int | None = None) -> Inventory:
     """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     kept = _blobs_of(store, pinned_keys(store))
     damaged = store.quarantined()
-    return Contents(
+    return Inventory(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
         bytes=sum(sizes.values()),
@@ -176,7 +171,7 @@ def _holds_something(store: Store, out: Path) -> bool:
     """Whether an output folder is finished, or holds a file of a partial delivery."""
     if (out / manifest.NAME).is_file():
         return True
-    ours = Seen(out, store).ours
+    ours = OurFiles(out, store).digests
     return manifest.NAME not in ours and any((out / path).is_file() for path in ours)
 
 

@@ -76,9 +76,7 @@ class BuildOptions:
 
     @property
     def workers(self) -> int:
-        """Number of workers: as asked for, or one per core that this process may use; a container often may not use
-        all.
-        """
+        """Number of workers: as asked for, or one per core that this process may use, often not all."""
         if self.jobs is not None:
             return self.jobs
         # Not every system tells which cores a process may use.
@@ -100,10 +98,8 @@ class Caller:
         Called once in this process before the first task runs; not called if no task runs. Signals stop it at once.
     interrupts : Interrupts or None
         Open interrupts of a caller that does further work which signals may end.
-    peaks : dict
-        Peak memory of earlier tasks of each kind [bytes]; only as many tasks run together as fit.
-    places : dict
-        `Project.places`.
+    peaks, places : dict
+        Peak memory of earlier tasks of each kind [bytes]: only as many run together as fit. `Project.places`.
     """
 
     on_event: Emit = silent

@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output.deliver import Source
+from pipeline.engine.output.manifest import Head
 from pipeline.engine.planning import near
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.near import unpadded
@@ -42,7 +43,7 @@ class Project:
 
     graph: TaskGraph
     files: dict[str, Source]
-    head: dict[str, Any]
+    head: Head
     out: Path
     stage_id: str
     findings: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
@@ -57,13 +58,7 @@ def files_of(project: Project, target: str) -> list[str]:
 
 
 def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks that match a target.
-
-    Raises
-    ------
-    UsageError
-        No task matches: the target is unknown, or means files that are written from the stage itself.
-    """
+    """Tasks that match a target; UsageError if none does, or if it means files written from the stage itself."""
     files, tasks = _meant(project, target)
     if not tasks:
         raise UsageError(f"{files[0]} is written from the stage itself, no task makes it")
@@ -80,15 +75,10 @@ def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[s
 
 
 def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
-    """Files and tasks that match a target.
+    """Files and tasks that match a target; UsageError if nothing does.
 
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
-
-    Raises
-    ------
-    UsageError
-        Nothing matches.
     """
     path = _below_out(project, target)
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]

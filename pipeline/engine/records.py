@@ -32,16 +32,8 @@ class Blob:
 class Components:
     """All parts of the key of a task; kept in its record, so that a rerun can be explained.
 
-    Attributes
-    ----------
-    version : plain value
-        `VERSION` of the module.
-    code : str
-        Fingerprint of the module and all that it imports of its own package.
-    libraries, machine : dict of str
-        Versions of libraries, and facts about the machine, by name.
-    inputs : dict
-        Role -> name of an output -> digest.
+    `version` is `VERSION` of its module, `code` the fingerprint of the module and all that it imports of its own
+    package; `libraries` are versions and `machine` facts by name; `inputs` are digests by role and name of an output.
     """
 
     kind: str
@@ -64,18 +56,10 @@ class Components:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """The run that made a record.
+    """The run that made a record: times [s] by the clock, of the processor, and of it for loading or compiling code.
 
-    Attributes
-    ----------
-    seconds, cpu_seconds, loading_seconds : float
-        Time by the clock, of the processor, and of the processor for loading or compiling code [s]; None if unknown.
-    peak_bytes : int
-        Largest memory of the process meanwhile.
-    kernels : dict
-        Fields of `jit.work.KernelWork` that are not 0, by name of the kernel.
-    news : str
-        A few words of the task to whoever watches the build.
+    `kernels` holds the fields of `jit.work.KernelWork` that are not 0, by name of the kernel; `news` are a few words of
+    the task to whoever watches the build.
     """
 
     seconds: float = 0.0
@@ -131,12 +115,10 @@ class Reply:
         executed, cached, failed, or lost, if its worker died. begun and waiting announce that it has or lacks its lock.
     differs : tuple of str
         Outputs that are not what the store already had for the key.
-    machine : bool
-        Whether the machine and not the task is to blame.
+    machine, memory : bool
+        Whether the machine, or too little memory, and not the task is to blame.
     damaged : bool
         Whether an input was found damaged, or was written to while the task used it.
-    memory : bool
-        Whether there was too little memory.
     """
 
     name: str
@@ -166,14 +148,10 @@ class TaskResult:
         None if the task was skipped before its inputs were known.
     machine : bool
         Whether it failed because of the machine (disk full, …).
-    place : str or None
-        Place in the stage of the subject of a failed task, such as its camera.
-    spec : str or None
-        For a failed task, the file from which `pipeline run-task` repeats it.
+    place, spec : str or None
+        For a failed task: place of its subject in the stage, and the file from which `pipeline run-task` repeats it.
     differs : tuple of str
         Outputs that differ from earlier ones with the same key.
-    made_by : Run or None
-        The run that made its record, this one or an earlier one.
     """
 
     name: str

@@ -7,16 +7,9 @@ _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} i
 
 
 def command(function: str, *arguments: str) -> list[str]:
-    """Command of a process that calls a function.
+    """Command of a process that calls `module:name`, a function of ours without parameters, with these `sys.argv`.
 
     `-P`, because Python with `-c` looks for modules in the working directory first,
     where a json.py of somebody else would take the place of Python's.
-
-    Parameters
-    ----------
-    function : str
-        `module:name` of a function of ours without parameters.
-    arguments : str
-        The rest of its `sys.argv`.
     """
     return [sys.executable, "-P", "-c", _BOOT.format(*function.split(":")), json.dumps(sys.path), *arguments]

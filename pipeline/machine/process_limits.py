@@ -32,13 +32,13 @@ def require_room() -> None:
     _require(resource.RLIMIT_AS, ADDRESSES, "bytes of address space", "ulimit -v unlimited")
 
 
-def _require(which: int, least: int, what: str, command: str) -> None:
+def _require(which: int, least: int, unit: str, command: str) -> None:
     soft, hard = resource.getrlimit(which)
     if _is_enough(soft, least):
         return
     if not _is_enough(hard, least):
         raise EnvironmentFault(
-            f"this process may have {hard:,} {what}, and needs {least:,}", hint=f"`{command}` in the shell, before"
+            f"this process may have {hard:,} {unit}, and needs {least:,}", hint=f"`{command}` in the shell, before"
         )
     resource.setrlimit(which, (least, hard))
 

@@ -39,14 +39,14 @@ def level() -> str:
     """Architecture and, if the system tells it, the level of vector instructions: `x86_64-v3`."""
     name = os.uname().machine
     has = _flags()
-    found = next((level for level, needs in _NEEDS.items() if needs <= has), None)
-    return f"{name}-{found}" if found else name
+    version = next((version for version, needs in _NEEDS.items() if needs <= has), None)
+    return f"{name}-{version}" if version else name
 
 
 def compiler_target() -> str | None:
     """LLVM's name for any processor of this level, `x86-64-v3`; None for architectures without levels."""
-    name, _, found = level().rpartition("-")
-    return f"{name.replace('_', '-')}-{found}" if found in _NEEDS else None
+    name, _, version = level().rpartition("-")
+    return f"{name.replace('_', '-')}-{version}" if version in _NEEDS else None
 
 
 def settings_of_numba() -> dict[str, str]:

@@ -12,7 +12,7 @@ _GREY, _ARROW = "#666666", "arrow"
 
 
 class Node(Protocol):
-    """A node that is drawn: see `engine.planning.collapsed_graph.Group`."""
+    """A node that is drawn: see `engine.planning.collapsed_graph.Node`."""
 
     name: str
     reads: list[str]

@@ -16,8 +16,8 @@ import pipeline
 from pipeline.engine.digest import canonical, key_of
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.libraries import is_foreign
-from pipeline.engine.planning.task_code import UnknownKind, code_of, fingerprint
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs
+from pipeline.engine.planning.task_code import UnknownKind, code_of
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
 from pipeline.records.plain import Shared, to_plain
@@ -86,31 +86,31 @@ def test_purposes_have_separate_keys():
 
 
 def test_comments_layout_and_docstrings_do_not_count(kit):
-    before = fingerprint("toykit.tasks.lens")
+    before = code_of("toykit.tasks.lens").code
     lens = kit / "tasks" / "lens.py"
     lens.write_text(
         "# A comment.\n" + lens.read_text().replace("Write the power.", "Other words.").replace("(out /", "( out /")
     )
-    assert fingerprint("toykit.tasks.lens") == before
+    assert code_of("toykit.tasks.lens").code == before
 
 
 def test_code_that_is_only_called_counts(kit):
-    before = fingerprint("toykit.tasks.lens")
+    before = code_of("toykit.tasks.lens").code
     (kit / "physics.py").write_text("def doubled(x):\n    return x + x\n")
-    assert fingerprint("toykit.tasks.lens") != before
+    assert code_of("toykit.tasks.lens").code != before
 
 
 def test_imports_inside_functions_and_relative_ones_count(kit):
     (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    from ..physics import doubled\n")
-    before = fingerprint("toykit.tasks.lens")
+    before = code_of("toykit.tasks.lens").code
     (kit / "physics.py").write_text("def doubled(x):\n    return 3 * x\n")
-    assert fingerprint("toykit.tasks.lens") != before
+    assert code_of("toykit.tasks.lens").code != before
 
 
 def test_modules_that_are_not_reached_do_not_count(kit):
-    before = fingerprint("toykit.tasks.rays")
+    before = code_of("toykit.tasks.rays").code
     (kit / "physics.py").write_text("broken = 1\n")
-    assert fingerprint("toykit.tasks.rays") == before
+    assert code_of("toykit.tasks.rays").code == before
 
 
 def test_version_and_libraries_are_read_without_importing(kit):

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from engine import toy
 
-from pipeline.engine.planning.plan import plan
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs, plan
 from pipeline.engine.running.driver import run
 from pipeline.engine.running.execute import perform
 from pipeline.machine import facts, processor

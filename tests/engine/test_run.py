@@ -127,6 +127,18 @@ def test_a_full_disk_says_how_much_is_needed_and_free(tmp_path, store):
     assert "at least 1 bytes needed" in result.error and "bytes free on that disk" in result.error
 
 
+def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
+    from pipeline.engine.planning.plan import Specs
+    from pipeline.engine.running.execute import perform
+
+    graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
+    spec = Specs(store).of(graph["lens"], {})
+    (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    pass\n")
+    (reply,) = perform([spec], store, graph.packages)
+    assert reply.state == "failed" and reply.machine and "code is" in reply.error
+    assert store.record(spec.key) is None
+
+
 OTHER = """
 from toykit import physics
 

@@ -17,8 +17,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.records import fields_of, seal
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import DamagedBlob, Store
-from pipeline.engine.store.structure import VERSION
-from pipeline.engine.store.workspace import sweep
+from pipeline.engine.store.store_folder import VERSION, sweep
 from pipeline.errors import EnvironmentFault
 
 KEY = "ab" * 32
@@ -67,7 +66,7 @@ def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeyp
         assert store.record(KEY) is None and not store.is_whole(blob)
         with pytest.raises(DamagedBlob):
             store.blob(blob.sha256)
-    assert store.record(KEY) == record and not store.counts["damaged"]
+    assert store.record(KEY) == record and not store.quarantined()
 
 
 def failing(error):

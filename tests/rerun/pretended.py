@@ -5,8 +5,7 @@ from pathlib import Path
 from pipeline.app.build import project_from
 from pipeline.app.why import with_edits
 from pipeline.engine.digest import key_of
-from pipeline.engine.planning.plan import PlannedTask, plan
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import PlannedTask, Specs, plan
 from pipeline.engine.project import Project
 from pipeline.engine.records import Record
 from pipeline.engine.store.store import Store

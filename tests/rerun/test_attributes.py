@@ -17,7 +17,7 @@ from rerun.attribute_table import CASES, TRUTH
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store

@@ -3,7 +3,7 @@
 import os
 import shlex
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import typer
 
@@ -87,9 +87,10 @@ def build(
         return
     diary = Diary()
     try:
-        result = _run(stage, out, options, Listeners(events, diary), verbose - quiet)
+        result = _run(stage, out, options, verbose - quiet, events, diary)
     except PipelineError as error:
-        _say_failure(stage, error, as_json=as_json)
+        if as_json:  # also after a failure one JSON object ends the output
+            say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
         raise
     _say_result(result, as_json=as_json, profile=profile)
     if quiet <= verbose:
@@ -100,27 +101,16 @@ def build(
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
-def _say_failure(stage: Path, error: PipelineError, *, as_json: bool) -> None:
-    """Print the one JSON object that ends the output, also after a failure."""
-    if as_json:
-        say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
-
-
 def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
-    """Print the output folder, or one JSON object, and the profile if it was asked for."""
+    """Print the output folder or the files that were asked for, or one JSON object, and the profile if it is wanted."""
     if as_json:
         say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
         return
-    _say_files(result)
+    if result.delivery is not None:
+        for file in ("",) if result.asked is None else result.asked:
+            say(str(result.out / file))
     if profile:
         _say_profile(result)
-
-
-def _say_files(result: Any) -> None:
-    """Print the output folder, or the files that were asked for."""
-    if result.delivery is not None:
-        for file in ("",) if result.delivery.asked is None else result.delivery.asked:
-            say(str(result.out / file))
 
 
 _NOTHING: dict[str, Any] = {
@@ -166,18 +156,11 @@ def _say_profile(result: Any) -> None:
     from pipeline.optics.limit import crossings_per_second
     from pipeline.report.profile import lines
 
-    found = _profile(result)
-    if not found["now"]:
+    profile = _profile(result)
+    if not profile["now"]:
         note("nothing had to run; this is what the tasks took when they ran:")
-    for line in lines(found, crossings_per_second()):
+    for line in lines(profile, crossings_per_second()):
         note(line)
-
-
-class Listeners(NamedTuple):
-    """Listeners of a build besides the display: a file of events, if one was asked for, and a diary."""
-
-    events: Path | None
-    diary: Any
 
 
 def _write_report(result: Any, options: Any, diary: Any, *, is_told: bool) -> None:
@@ -192,18 +175,18 @@ def _write_report(result: Any, options: Any, diary: Any, *, is_told: bool) -> No
         note(f"report: {page}")
 
 
-def _run(stage: Path, out: Path | None, options: Any, listeners: Listeners, verbosity: int) -> Any:
+def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Path | None, diary: Any) -> Any:
     from pipeline.app.build import build_with
     from pipeline.app.progress import Ending, display
     from pipeline.engine.events import EventFile, fan_out
 
     roots = (f"--allow-root={root}" for root in options.allow_roots)
     again = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
-    file = EventFile(listeners.events) if listeners.events else None
+    file = EventFile(events) if events else None
     ending = Ending(verbosity, again)
     try:
         with display(verbosity) as shown:
-            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file, listeners.diary])))
+            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file, diary])))
     finally:
         if file:
             file.close()

@@ -4,10 +4,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from pipeline.app.verbs.options import project_of
-from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, require_suffix, say, say_json
+from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, option, require_suffix, say, say_json
 
 
 class GraphFormat(StrEnum):
@@ -20,18 +18,12 @@ class GraphFormat(StrEnum):
 
 def graph(
     stage: Stage,
-    form: Annotated[
-        GraphFormat, typer.Option("--format", rich_help_panel=OUTPUT, help="Format of the output.")
-    ] = GraphFormat.MERMAID,
+    form: Annotated[GraphFormat, option(OUTPUT, "--format", help="Format of the output.")] = GraphFormat.MERMAID,
     picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw the graph into this file instead."
-        ),
+        Path | None, option(OUTPUT, "--picture", metavar="FILE.svg", help="Draw the graph into this file instead.")
     ] = None,
     every: Annotated[
-        bool,
-        typer.Option("--all", rich_help_panel=OUTPUT, help="Show every task, instead of one node for all frames."),
+        bool, option(OUTPUT, "--all", help="Show every task, instead of one node for all frames.")
     ] = False,
     out: Out = None,
     allow_root: Roots = None,

@@ -6,31 +6,23 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs.terminal import CHECKING, OUTPUT, RUNNING
+from pipeline.app.verbs.terminal import CHECKING, OUTPUT, RUNNING, option
 from pipeline.errors import PipelineError
 
 Force = Annotated[
     list[str] | None,
-    typer.Option(
-        "--force",
-        "-f",
-        metavar="TASK",
-        rich_help_panel=RUNNING,
-        help="Run this task again, even if its result exists.",
-    ),
+    option(RUNNING, "--force", "-f", metavar="TASK", help="Run this task again, even if its result exists."),
 ]
 Until = Annotated[
     list[str] | None,
-    typer.Option(
-        "--until", metavar="TASK", rich_help_panel=RUNNING, help="Run up to this task and fill only the store."
-    ),
+    option(RUNNING, "--until", metavar="TASK", help="Run up to this task and fill only the store."),
 ]
 Specs = Annotated[
     Path | None,
-    typer.Option(
+    option(
+        OUTPUT,
         "--specs",
         metavar="DIR",
-        rich_help_panel=OUTPUT,
         help="Write files for `run-task`, one per task that can run now: 0.json, 1.json …",
     ),
 ]
@@ -58,97 +50,67 @@ Targets = Annotated[
     ),
 ]
 Events = Annotated[
-    Path | None,
-    typer.Option(
-        "--events", metavar="FILE", rich_help_panel=OUTPUT, help="Write all events to this file, as JSON lines."
-    ),
+    Path | None, option(OUTPUT, "--events", metavar="FILE", help="Write all events to this file, as JSON lines.")
 ]
 Verbose = Annotated[
-    int,
-    typer.Option(
-        "--verbose",
-        "-v",
-        count=True,
-        show_default=False,
-        rich_help_panel=OUTPUT,
-        help="Print a line also when a task starts.",
-    ),
+    int, option(OUTPUT, "--verbose", "-v", count=True, show_default=False, help="Print a line also when a task starts.")
 ]
 Quiet = Annotated[
-    int,
-    typer.Option(
-        "--quiet", "-q", count=True, show_default=False, rich_help_panel=OUTPUT, help="Only failures and warnings."
-    ),
+    int, option(OUTPUT, "--quiet", "-q", count=True, show_default=False, help="Only failures and warnings.")
 ]
-Profile = Annotated[
-    bool,
-    typer.Option("--profile", rich_help_panel=OUTPUT, help="Print where the time went, by kind of task and kernel."),
-]
-DryRun = Annotated[bool, typer.Option("--dry-run", "-n", rich_help_panel=RUNNING, help="Only print what would run.")]
+Profile = Annotated[bool, option(OUTPUT, "--profile", help="Print where the time went, by kind of task and kernel.")]
+DryRun = Annotated[bool, option(RUNNING, "--dry-run", "-n", help="Only print what would run.")]
 KeepGoing = Annotated[
-    bool,
-    typer.Option(
-        "--keep-going", "-k", rich_help_panel=RUNNING, help="After a failure, go on with the tasks that can still run."
-    ),
+    bool, option(RUNNING, "--keep-going", "-k", help="After a failure, go on with the tasks that can still run.")
 ]
 Retries = Annotated[
-    int,
-    typer.Option(
-        "--retries",
-        metavar="N",
-        min=0,
-        rich_help_panel=RUNNING,
-        help="Number of times that a failed task is tried again.",
-    ),
+    int, option(RUNNING, "--retries", metavar="N", min=0, help="Number of times that a failed task is tried again.")
 ]
 Timeout = Annotated[
     float | None,
-    typer.Option(
+    option(
+        RUNNING,
         "--timeout",
         metavar="SECONDS",
         min=0.001,
-        rich_help_panel=RUNNING,
         help="A task that takes longer is ended and counts as failed.",
     ),
 ]
 Engine = Annotated[
     str | None,
-    typer.Option(
+    option(
+        RUNNING,
         "--engine",
         metavar="dask:WHERE",
-        rich_help_panel=RUNNING,
         help="Run tasks on a Dask cluster: the address of its scheduler, or its file.",
     ),
 ]
 Device = Annotated[
     str | None,
-    typer.Option(
+    option(
+        RUNNING,
         "--device",
         metavar="cuda",
-        rich_help_panel=RUNNING,
         help="Trace images, in float32, and position images on a CUDA device. By default everything runs on the CPU.",
     ),
 ]
 Preview = Annotated[
     bool,
-    typer.Option(
+    option(
+        OUTPUT,
         "--preview",
-        rich_help_panel=OUTPUT,
         help="Make pictures only, a quarter of the size and with few samples, in another output folder.",
     ),
 ]
-NoReport = Annotated[
-    bool,
-    typer.Option("--no-report", rich_help_panel=OUTPUT, help="Write no report, the page in OUT.report."),
-]
+NoReport = Annotated[bool, option(OUTPUT, "--no-report", help="Write no report, the page in OUT.report.")]
 CheckDeterminism = Annotated[
     float,
-    typer.Option(
+    option(
+        CHECKING,
         "--check-determinism",
         metavar="PERCENT",
         min=0,
         max=100,
-        rich_help_panel=CHECKING,
         help="Compute this share of the tasks twice and compare the bytes of their results.",
     ),
 ]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
-from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, note, say, say_json
+from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, note, option, say, say_json
 from pipeline.errors import Exit, UsageError
 from pipeline.spelling import frames_in_words
 
@@ -20,10 +20,7 @@ def plan(
     out: Out = None,
     force: Force = None,
     until: Until = None,
-    exit_code: Annotated[
-        bool,
-        typer.Option("--exit-code", rich_help_panel=OUTPUT, help="Exit with 3 if there is work to do."),
-    ] = False,
+    exit_code: Annotated[bool, option(OUTPUT, "--exit-code", help="Exit with 3 if there is work to do.")] = False,
     specs: Specs = None,
     as_json: Json = False,
     allow_root: Roots = None,
@@ -75,30 +72,31 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
     from pipeline.engine.running.session import status_of
 
     project = project_of(stage, out, allow_root)
-    found = status_of(project)
+    state = status_of(project)
     if as_json:
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
-        say_json({**head, "manifest": found.has_manifest, "files": found.files})
+        say_json({**head, "manifest": state.has_manifest, "files": state.files})
         return
-    for line in _status_lines(found):
+    for line in _status_lines(state):
         say(line)
 
 
-def _status_lines(found: Any) -> Iterator[str]:
+def _status_lines(status: Any) -> Iterator[str]:
     """Counts in one line, then frames, which are as bad as their worst file, and other files by state."""
     frames, others = dict[int, str](), dict[str, str]()
-    for path, state in found.files.items():
+    for path, state in status.files.items():
         if path.startswith("frames/"):
             number = int(path.split("/")[1])
             frames[number] = max(state, frames.get(number, state), key=_STATES.index)
         else:
             others[path] = state
     counts = [(word, list(states.values())) for word, states in (("frames", frames), ("other files", others))]
-    told = (
-        f"{word}: {', '.join(f'{all_.count(one)} {one}' for one in _STATES if one in all_)}" for word, all_ in counts
-    )
-    end = "" if found.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
-    yield "; ".join(told) + end
+    totals = [
+        f"{word}: {', '.join(f'{states.count(state)} {state}' for state in _STATES if state in states)}"
+        for word, states in counts
+    ]
+    end = "" if status.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
+    yield "; ".join(totals) + end
     for wanted in _STATES:
         if numbers := [number for number, state in frames.items() if state == wanted]:
             yield f"{wanted:<8} {frames_in_words(numbers)}"

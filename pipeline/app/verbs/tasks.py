@@ -8,7 +8,7 @@ import typer
 
 from pipeline.app.progress import human
 from pipeline.app.verbs.options import Target, project_of
-from pipeline.app.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
+from pipeline.app.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, option, say, say_json
 from pipeline.errors import Exit
 
 if TYPE_CHECKING:
@@ -19,10 +19,7 @@ def run_task(
     specs: Annotated[
         list[Path], typer.Argument(metavar="SPEC.json", help="Written by `plan --specs`, or after a failure.")
     ],
-    force: Annotated[
-        bool,
-        typer.Option("--force", "-f", rich_help_panel=RUNNING, help="Compute even if the result exists."),
-    ] = False,
+    force: Annotated[bool, option(RUNNING, "--force", "-f", help="Compute even if the result exists.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run single tasks from their files in this process, to repeat a failure or as jobs of a batch system."""

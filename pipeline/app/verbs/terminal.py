@@ -16,29 +16,24 @@ from pipeline.folders import flaw_of
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of `--help`."""
 
+
+def option(panel: str, *names: str, **settings: Any) -> Any:
+    """An option of a verb, listed in a panel of `--help`."""
+    return typer.Option(*names, rich_help_panel=panel, **settings)
+
+
 Stage = Annotated[Path, typer.Argument(metavar="STAGE", help="The dataset: a USD stage.")]
 Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", metavar="OUT", rich_help_panel=OUTPUT, help="Output folder; by default build/NAME-OF-THE-STAGE."
-    ),
+    Path | None, option(OUTPUT, "--out", "-o", metavar="OUT", help="Output folder; by default build/NAME-OF-THE-STAGE.")
 ]
 Jobs = Annotated[
-    int | None,
-    typer.Option(
-        "--jobs", "-j", metavar="N", min=1, rich_help_panel=RUNNING, help="Worker processes; by default one per core."
-    ),
+    int | None, option(RUNNING, "--jobs", "-j", metavar="N", min=1, help="Worker processes; by default one per core.")
 ]
 Roots = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--allow-root",
-        metavar="DIR",
-        rich_help_panel=READING,
-        help="A further folder from which the stage may read files.",
-    ),
+    option(READING, "--allow-root", metavar="DIR", help="A further folder from which the stage may read files."),
 ]
-Json = Annotated[bool, typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object.")]
+Json = Annotated[bool, option(OUTPUT, "--json", help="Print one JSON object.")]
 
 
 def library_file(path: Any) -> Any:

@@ -14,13 +14,12 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.files import chosen_place, machine_errors, read_regular
 from pipeline.engine.locks import Errand, locked_folder
 from pipeline.engine.output import manifest
+from pipeline.engine.output.our_files import OurFiles, name_of
 from pipeline.engine.output.output_folder import ASIDE, Folder
-from pipeline.engine.output.output_index import Seen, name_of
 from pipeline.engine.records import Blob, Record
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
@@ -46,24 +45,14 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """The intended content of an output folder.
+    """The intended content of an output folder: sources by path, facts of its manifest, and records of the tasks.
 
-    Attributes
-    ----------
-    files : mapping of str to Source
-        Sources of the files by path in the folder.
-    head : dict
-        Facts of the manifest about the build.
-    records : mapping of str to Record
-        Records of the tasks whose outputs are among the files.
-    stage_id : str
-        Identity of the stage: a folder holds builds of one stage only.
-    whole : bool
-        Whether these are all files of the build; if not, other files of the build may stay.
+    `stage_id` is the identity of the stage, because a folder holds builds of one stage only. Unless they are the
+    `whole` build, other files of it may stay.
     """
 
     files: Mapping[str, Source]
-    head: dict[str, Any]
+    head: manifest.Head
     records: Mapping[str, Record]
     stage_id: str = ""
     whole: bool = True
@@ -94,22 +83,20 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
         out.mkdir(parents=True, exist_ok=True)
     # The lock in the store may work between machines; the one of the folder covers builders with other stores.
     flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
-    with flight, locked_folder(out, errand=errand) as alone, _errors_told(out, goal):
+    with flight, locked_folder(out, errand=errand) as alone, _disk_errors(out, goal):
         there = manifest.read_of(out, contents.head.get("stage"))
         if not contents.whole:
             goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
-        seen = Seen(out, store, contents.stage_id)
-        seen.require_same_stage()
+        ours = OurFiles(out, store, contents.stage_id)
+        ours.require_same_stage()
         folder = Folder(out, warn)
         folder.remove_old_asides(alone=alone)  # even if nothing changes: a builder may have died after its last file
-        return _fill(folder, goal, seen)
+        return _fill(folder, goal, ours)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """The files that a folder is to hold, and the store with their bytes. If not `whole`, other files of ours may
-    stay.
-    """
+    """The files that a folder is to hold. If not `whole`, other files of ours may stay."""
 
     files: Mapping[str, Source]
     entries: dict[str, Blob]
@@ -125,8 +112,9 @@ class _Goal:
     @property
     def note(self) -> dict[str, str]:
         """Digests of all files, including the manifest if one is to be written."""
-        own = {} if self.manifest is None else {manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
-        return {**self.digests, **own}
+        if self.manifest is None:
+            return self.digests
+        return {**self.digests, manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
 
     def write(self, path: str, target: Path) -> None:
         """Write the bytes of a file to a new one."""
@@ -137,40 +125,38 @@ class _Goal:
             self.store.copy_blob(self.entries[path].sha256, target)
 
 
-def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
+def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
     present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
     # A file that is not present is missing, or lies behind a link to a folder and so outside this one.
-    changed = [path for path, digest in digests.items() if path not in present or seen.digest(path) != digest]
+    changed = [path for path, digest in digests.items() if path not in present or ours.digest(path) != digest]
     others = sorted(present - digests.keys()) if goal.whole else []
-    stale = [path for path in others if seen.is_ours(path)]
+    stale = [path for path in others if path in ours]
     foreign = [path for path in others if path not in stale]
     if foreign:
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
     if changed or stale or data != goal.manifest:
-        _change(folder, seen, goal, changed=changed, stale=stale)
-    seen.keep(goal.note, whole=goal.whole)
+        _change(folder, ours, goal, changed=changed, stale=stale)
+    ours.keep(goal.note, whole=goal.whole)
     changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
     return changes if goal.whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
 
 
-def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
+def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
     with folder.aside() as aside, folder.saying_what_was_kept():
         for number, path in enumerate(changed):
             goal.write(path, aside / str(number))
-            seen.wrote(path, aside / str(number))
         if goal.manifest is not None:
             (aside / manifest.NAME).write_bytes(goal.manifest)
-        seen.begin(goal.note)
-        is_ours = seen.is_ours(manifest.NAME) or _is_begun(folder.out / manifest.NAME, goal)
+        ours.begin(goal.note)
+        is_ours = manifest.NAME in ours or _is_begun(folder.out / manifest.NAME, goal)
         folder.clear(manifest.NAME, is_ours=is_ours, is_same=lambda kept: _is_begun(kept, goal))
-        for path in filter(seen.is_ours, stale):  # somebody may have written to it meanwhile
-            folder.remove(path)
+        for path in stale:
+            if path in ours:  # nobody has written to it meanwhile
+                folder.remove(path)
         for number, path in enumerate(changed):
-            folder.place(
-                aside / str(number), path, is_ours=seen.is_ours(path) or seen.digest(path) == goal.digests[path]
-            )
-            seen.placed(path)
+            is_ours = path in ours or ours.digest(path) == goal.digests[path]
+            folder.place(aside / str(number), path, is_ours=is_ours)
         if goal.manifest is not None:
             (aside / manifest.NAME).replace(folder.out / manifest.NAME)
 
@@ -187,7 +173,7 @@ def _is_begun(path: Path, goal: _Goal) -> bool:
 
 
 @contextlib.contextmanager
-def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
+def _disk_errors(out: Path, goal: _Goal) -> Iterator[None]:
     """Turn errors of the disk, or errors due to other processes in the folder, into an `EnvironmentFault`."""
     try:
         with machine_errors("write to", out, needed=sum(entry.size for entry in goal.entries.values())):

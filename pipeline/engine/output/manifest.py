@@ -13,6 +13,9 @@ from pipeline.errors import UsageError
 from pipeline.limits import limits
 
 NAME = "manifest.json"
+Head = Mapping[str, Any]
+"""Facts of a manifest about a build, by name, beside its format, tasks and files."""
+
 FORMAT = 1
 """Version of the manifest: it rises when readers of the old one would misread the new one."""
 _BYTES_PER_FRAME = 1 << 14
@@ -21,18 +24,9 @@ _BYTES_PER_FRAME = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Content of a manifest; empty if no manifest can be read.
+    """Content of a manifest; empty if none can be read. What it says of `points` is not interpreted here.
 
-    Attributes
-    ----------
-    data : bytes or None
-        Bytes of the file.
-    files : dict
-        Posix path -> what it holds.
-    tasks : dict
-        Task name -> key.
-    points : any
-        Its statement of how many points are seen; not interpreted here.
+    `data` are the bytes of the file, `files` what it states by posix path, `tasks` keys by name.
     """
 
     data: bytes | None = None
@@ -62,7 +56,7 @@ def _is_sound(entry: Blob) -> bool:
     return DIGEST.fullmatch(entry.sha256) is not None and type(entry.size) is int and entry.size >= 0
 
 
-def render(head: dict[str, Any], tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
+def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
     """Bytes of a manifest, with one line per task and per file; they depend on these facts only."""
     facts = {name: _json(value, indent=1).replace("\n", "\n ") for name, value in {"format": FORMAT, **head}.items()}
     facts["tasks"] = _lines({name: f'"{key}"' for name, key in tasks.items()})
@@ -83,23 +77,17 @@ def _json(value: Any, indent: int | None = None) -> str:
 
 
 def read_of(out: Path, stage: Any) -> Manifest:
-    """The manifest in a folder, for builds of this stage.
-
-    Raises
-    ------
-    UsageError
-        The folder holds a finished build of another stage, or is no folder.
-    """
-    if not (there := nearest_existing(out)).is_dir():
-        how = "is a file" if there == out.absolute() else f"would lie below the file {there}"
+    """The manifest in a folder, for builds of this stage; UsageError if it holds another one, or is no folder."""
+    if not (nearest := nearest_existing(out)).is_dir():
+        how = "is a file" if nearest == out.absolute() else f"would lie below the file {nearest}"
         raise UsageError(f"the output folder {out} {how}", hint="choose another folder with -o")
-    found = read(out)
-    if found.stage is not None and found.stage != stage:
+    there = read(out)
+    if there.stage is not None and there.stage != stage:
         raise UsageError(
-            f"{out} holds a build of another stage: {found.stage!r}, not {stage!r}",
+            f"{out} holds a build of another stage: {there.stage!r}, not {stage!r}",
             hint="choose another folder with -o, or delete that one",
         )
-    return found
+    return there
 
 
 def is_plain_path(path: str) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pipeline.engine.files import digest_of
 from pipeline.engine.output import manifest
-from pipeline.engine.store.workspace import ABANDONED_S
+from pipeline.engine.store.store_folder import ABANDONED_S
 
 ASIDE = ".pipeline-"
 _MANY = 3
@@ -30,8 +30,8 @@ class Folder:
 
     def present(self) -> set[str]:
         """Paths of all files but the manifest; links to folders are not followed."""
-        found = set(_files_below(self.out)) - {manifest.NAME}
-        return {path for path in found if not _ASIDE_NAME.fullmatch(path.partition("/")[0])}
+        paths = set(_files_below(self.out)) - {manifest.NAME}
+        return {path for path in paths if not _ASIDE_NAME.fullmatch(path.partition("/")[0])}
 
     @contextlib.contextmanager
     def aside(self) -> Iterator[Path]:
@@ -55,9 +55,7 @@ class Folder:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def place(self, aside: Path, path: str, *, is_ours: bool) -> None:
-        """Move a file into place, creating folders as necessary; a file of somebody else there is kept under another
-        name.
-        """
+        """Move a file into place, creating folders; what somebody else put there is kept under another name."""
         target, digest = self.out / path, digest_of(aside)
         for parent in reversed(target.relative_to(self.out).parents[:-1]):
             if _is_no_folder(self.out / parent):
@@ -123,8 +121,8 @@ def _files_below(out: Path) -> Iterator[str]:
     todo = [""]
     while todo:
         below = todo.pop()
-        with contextlib.suppress(PermissionError), os.scandir(f"{out}/{below}") as found:  # unreadable, so not ours
-            for entry in found:
+        with contextlib.suppress(PermissionError), os.scandir(f"{out}/{below}") as entries:  # unreadable, so not ours
+            for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
                     todo.append(f"{below}{entry.name}/")
                 else:

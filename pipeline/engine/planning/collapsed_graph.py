@@ -14,18 +14,8 @@ _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
 
 
 @dataclass(slots=True)
-class Group:
-    """A node: one or more tasks.
-
-    Attributes
-    ----------
-    name : str
-        `image/Rig.Camera/*` for all frames.
-    states : Counter
-        Tasks by state: cached, run or maybe.
-    reads : list of str
-        Names of the groups that they read.
-    """
+class Node:
+    """A node: one or more tasks, `image/Rig.Camera/*` for all frames, counted by state; it reads other nodes."""
 
     name: str
     states: Counter[str] = field(default_factory=Counter)
@@ -52,12 +42,12 @@ class Group:
         return {"name": self.name, "tasks": self.count, "states": dict(self.states), "reads": self.reads}
 
 
-def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Group]:
+def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Node]:
     """The groups, sources before their readers."""
-    groups: dict[str, Group] = {}
+    groups: dict[str, Node] = {}
     for task in planned:  # sources first
         name = _collapsed(task.name) if collapse else task.name
-        group = groups.setdefault(name, Group(name))
+        group = groups.setdefault(name, Node(name))
         group.states[task.state] += 1
         for source in graph.sources(task.name):
             read = _collapsed(source) if collapse else source
@@ -66,7 +56,7 @@ def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool
     return list(groups.values())
 
 
-def as_mermaid(groups: list[Group]) -> Iterator[str]:
+def as_mermaid(groups: list[Node]) -> Iterator[str]:
     """Lines of a flow chart, as Markdown viewers draw it."""
     number = {group.name: f"n{index}" for index, group in enumerate(groups)}
     yield "flowchart LR"
@@ -78,7 +68,7 @@ def as_mermaid(groups: list[Group]) -> Iterator[str]:
         yield from (f"    {number[read]} --> {number[group.name]}" for read in group.reads)
 
 
-def as_dot(groups: list[Group]) -> Iterator[str]:
+def as_dot(groups: list[Node]) -> Iterator[str]:
     """Lines for Graphviz."""
     yield "digraph tasks {"
     yield "    rankdir=LR; node [shape=box, style=filled];"

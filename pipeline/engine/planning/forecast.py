@@ -32,9 +32,7 @@ Assumed = Callable[[TaskGraph, str], Cost]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Expected work: sums of the costs of tasks that run or may have to run, and the largest memory of one. Costs of
-    the unknown ones, whose kind has never run, are assumed.
-    """
+    """Costs of all tasks that run or may have to, summed; memory is the largest. Unknown kinds are assumed."""
 
     tasks: int
     unknown: int
@@ -62,14 +60,9 @@ def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: "Past", ass
 
 
 class Past:
-    """Costs of earlier runs: of the same task if it ran before, else the mean of its kind.
+    """Costs of earlier runs: of the same task if it ran before, by its last key, else the mean of its kind.
 
-    Parameters
-    ----------
-    last_keys : mapping
-        Task name -> key of its last build into the same output folder.
-    kinds : list of mapping
-        Kind -> cost, from the histories of builds; the first that knows a kind counts.
+    Of several dicts of costs by kind, the first that knows a kind counts.
     """
 
     def __init__(self, store: Store, last_keys: Mapping[str, str], kinds: list[Mapping[str, Cost]], size: Size) -> None:

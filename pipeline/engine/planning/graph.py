@@ -45,13 +45,7 @@ class Task:
 
     @functools.cached_property
     def canonical(self) -> bytes:
-        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared.
-
-        Raises
-        ------
-        TypeError
-            A parameter is not a plain value.
-        """
+        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared."""
         return canonical(self.params)
 
     @property
@@ -127,9 +121,7 @@ class TaskGraph:
         return sorted(self._graph.successors(name))
 
     def priorities(self) -> dict[str, int]:
-        """Priority of each task: the number of tasks on the longest path from it to an end of the graph, so that the
-        critical path goes first.
-        """
+        """Number of tasks on the longest path from each task to an end, so that the critical path goes first."""
         lengths: dict[str, int] = {}
         for name in reversed(list(self)):
             lengths[name] = 1 + max((lengths[reader] for reader in self._graph.successors(name)), default=0)
@@ -154,9 +146,9 @@ class TaskGraph:
         UsageError
             Nothing matches.
         """
-        found = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
-        if not found:
-            found = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
-        if not found:
+        names = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
+        if not names:
+            names = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
+        if not names:
             raise UsageError(f"no task is named {pattern!r}", hint=near.hint(pattern, self, ()))
-        return found
+        return names

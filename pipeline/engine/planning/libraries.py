@@ -1,34 +1,26 @@
 """Installed distributions that provide imported modules. None of them is imported."""
 
-import email
 import functools
 import importlib.metadata
 import importlib.util
 import re
 import sys
 from collections.abc import Iterable
-from email.message import Message
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
 
 def versions_of(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that provide top-level modules, and of all that these require.
-
-    Raises
-    ------
-    EnvironmentFault
-        A module is not installed.
-    """
-    found: dict[str, str] = {}
+    """Versions of the distributions that provide top-level modules, and of all that these require, by name."""
+    versions: dict[str, str] = {}
     todo = [_distribution(module) for module in sorted(set(modules))]
     while todo:
         name = todo.pop()
-        if name not in found:
-            found[name] = installed_version(name)
+        if name not in versions:
+            versions[name] = installed_version(name)
             todo += _required(name)
-    return dict(sorted(found.items()))
+    return dict(sorted(versions.items()))
 
 
 def is_foreign(module: str) -> bool:
@@ -38,24 +30,14 @@ def is_foreign(module: str) -> bool:
 
 @functools.cache
 def installed_version(name: str) -> str:
-    """Version of a distribution, kept from the first call in this process: an update may install another one than was
-    imported.
-    """
-    return _facts(name)["Version"]
-
-
-@functools.cache
-def _facts(name: str) -> Message:
-    """Version, name and requirements of a distribution: the head of its metadata without the long description."""
-    found = importlib.metadata.distribution(name)
-    text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
-    return email.message_from_string(text.partition("\n\n")[0])
+    """Version of a distribution when this process first asked: an update may have installed another since."""
+    return importlib.metadata.version(name)
 
 
 @functools.cache
 def _distribution(module: str) -> str:
     try:
-        return _normal(_facts(module)["Name"])
+        return _normal(importlib.metadata.distribution(module).metadata["Name"])
     except importlib.metadata.PackageNotFoundError:
         pass
     spec = importlib.util.find_spec(module)
@@ -76,8 +58,8 @@ def _normal(name: str) -> str:
 @functools.cache
 def _required(name: str) -> tuple[str, ...]:
     """Installed distributions that a distribution requires, without its extras."""
-    found = []
-    for line in _facts(name).get_all("Requires-Dist", ()):
+    required = []
+    for line in importlib.metadata.requires(name) or ():
         requirement, _, marker = line.partition(";")
         match = re.match(r"[A-Za-z0-9._-]+", requirement)
         if match and "extra" not in marker:
@@ -85,5 +67,5 @@ def _required(name: str) -> tuple[str, ...]:
                 installed_version(_normal(match[0]))
             except importlib.metadata.PackageNotFoundError:
                 continue  # required only on another system or Python
-            found.append(_normal(match[0]))
-    return tuple(found)
+            required.append(_normal(match[0]))
+    return tuple(required)

@@ -2,14 +2,16 @@
 
 import enum
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline.edits import Edit
+from pipeline.engine.digest import canonical, canonical_dict, key_of_bytes
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.engine.planning.task_spec import Specs
-from pipeline.engine.records import Record, Spec, fields_of
+from pipeline.engine.planning.task_code import Modules, cached_parsing, code_of
+from pipeline.engine.records import KEY_DOMAIN, Components, Record, Spec, fields_of
 from pipeline.engine.store.store import Store
+from pipeline.machine.facts import facts_of_workers
 
 _LONGEST = 72
 """Longest value in a text [characters]: with the words before it, one line of a terminal."""
@@ -68,10 +70,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTask:
-    """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
-
-    `key` and `spec` are None while the inputs are unknown.
-    """
+    """A task of a plan: cached, run, or maybe, if early cutoff may save it; then its key and spec are not known."""
 
     name: str
     kind: str
@@ -91,16 +90,34 @@ class PlannedTask:
         return {**facts, "reasons": [reason.to_dict() for reason in self.reasons]}
 
 
+class Specs:
+    """Maker of specs, which reads and encodes the code of every kind once."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._modules: Modules = {}
+        self._code: dict[str, tuple[Components, dict[str, bytes]]] = {}
+
+    def of(self, task: Task, records: Mapping[str, Record]) -> Spec:
+        """Spec of a task whose sources all have records."""
+        if task.kind not in self._code:
+            with cached_parsing(self._store):
+                code = code_of(task.kind, self._modules, facts_of_workers)
+            self._code[task.kind] = code, {name: canonical(value) for name, value in fields_of(code).items()}
+        code, encoded = self._code[task.kind]
+        inputs = {
+            role: {output: blob.sha256 for output, blob in records[source].outputs.items()}
+            for role, source in task.reads.items()
+        }
+        whole = canonical_dict({**encoded, "params": task.canonical, "inputs": canonical(inputs)})
+        components = replace(code, params=task.params, inputs=inputs)
+        return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, whole), components=components)
+
+
 def plan(
     graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
 ) -> list[PlannedTask]:
-    """State of every task, sources before their readers.
-
-    Parameters
-    ----------
-    last_keys : mapping
-        Task name -> key of its last build for the same output folder.
-    """
+    """State of every task, sources before their readers. The last keys are those of the same output folder."""
     specs, forced = Specs(store), set(force)
     records: dict[str, Record] = {}
     planned = []
@@ -157,8 +174,8 @@ def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
         for name in sorted(old.keys() | new.keys()):
             yield from differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for index, (one, other) in enumerate(zip(old, new, strict=True)):
-            yield from differences(one, other, f"{where}[{index}]")
+        for index, (before, now) in enumerate(zip(old, new, strict=True)):
+            yield from differences(before, now, f"{where}[{index}]")
     else:
         yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
 

@@ -17,7 +17,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -55,19 +55,20 @@ _MANY = 4000
 """Most modules in the note of the store, about ten times the modules of this package. A note with more holds mainly
 outdated sources and is started anew.
 """
-_remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
+_parsed_before: dict[str, _Module] = {}
+"""What was parsed, by this process or earlier ones, by a digest of a module's name and source."""
 
 
 @contextlib.contextmanager
-def remembering(store: Store) -> Iterator[None]:
+def cached_parsing(store: Store) -> Iterator[None]:
     """Context in which source files are parsed only if no process with this store has parsed them before."""
     note = f"code-{_reader()}"
-    known = store.read_facts("index", note)
-    _remembered.update(known if len(known) < _MANY else {})
-    before = len(_remembered)
+    known = store.read_record(dict[str, _Module], "index", note) or {}
+    _parsed_before.update(known if len(known) < _MANY else {})
+    before = len(_parsed_before)
     yield
-    if len(_remembered) > before:
-        store.write_note("index", note, _remembered)
+    if len(_parsed_before) > before:
+        store.write_note("index", note, _parsed_before)
 
 
 @functools.cache
@@ -101,15 +102,14 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
         Facts about the machine on which the results of libraries depend; by default those of this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
-    own = reached.get(module_of(kind))
-    if own is None:
+    module = reached.get(module_of(kind))
+    if module is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
-    foreign = {name for module in reached.values() for name in module.foreign}
-    libraries = versions_of(foreign)
+    libraries = versions_of({name for other in reached.values() for name in other.foreign})
     return Components(
         kind=kind,
-        version=own.version,
-        code=_digest(reached),
+        version=module.version,
+        code=key_of("code/v1", {name: other.digest for name, other in reached.items()}),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
         libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
         machine=machine(libraries),
@@ -119,19 +119,8 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
 
 
 def edited(kind: str) -> list[str]:
-    """Modules that a kind imports and whose source has changed since this process first read it: it may run the old
-    code.
-    """
+    """Modules that a kind imports and that were edited since this process first read, and maybe ran, them."""
     return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
-
-
-def fingerprint(kind: str) -> str:
-    """Hex digest of the code that the module of a kind imports from its own top package."""
-    return _digest(_reached(kind, {}))
-
-
-def _digest(reached: dict[str, _Module]) -> str:
-    return key_of("code/v1", {name: module.digest for name, module in reached.items()})
 
 
 def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
@@ -177,23 +166,23 @@ def _module(name: str) -> _Module | None:
 def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
     source, is_package = Path(path).read_bytes(), path.endswith("/__init__.py")
     key = key_of("source/v1", [name, is_package, hashlib.sha256(source).hexdigest()])
-    if key not in _remembered:
-        _remembered[key] = asdict(_parsed(ast.parse(source, path), name, is_package))
-    return _Module(**_remembered[key])
+    if key not in _parsed_before:
+        _parsed_before[key] = _parsed(ast.parse(source, path), name, is_package)
+    return _parsed_before[key]
 
 
 def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
     parent = name if is_package else name.rpartition(".")[0]
     top = name.split(".")[0]
-    found = set(_imports(tree, parent))
-    own = {top, __name__.split(".")[0]}  # an export format of another package imports this one
-    foreign = {name.split(".")[0] for name in found} - own
+    imports = set(_imports(tree, parent))
+    packages = {top, __name__.split(".")[0]}  # an export format of another package imports this one
+    foreign = {name.split(".")[0] for name in imports} - packages
     version = _version(tree)
     _drop_docstrings(tree)
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
-        imports=sorted(name for name in found if name.split(".")[0] in own),
+        imports=sorted(name for name in imports if name.split(".")[0] in packages),
         foreign=sorted(filter(is_foreign, foreign)),
         version=version,
     )

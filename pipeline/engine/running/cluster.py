@@ -40,14 +40,7 @@ _SETTINGS = {
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
     """The engine of `--engine dask:…`, which takes an address such as tcp://host:8786 or the file that a scheduler
-    wrote.
-
-    Raises
-    ------
-    UsageError
-        The text is neither.
-    EnvironmentFault
-        The extra [cluster] is not installed.
+    wrote; UsageError if the text is neither, EnvironmentFault if the extra [cluster] is not installed.
     """
     kind, _, where = text.partition(":")
     if kind != "dask" or not where:
@@ -67,15 +60,10 @@ def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tup
 
 
 class Dask:
-    """Engine that runs tasks on a Dask cluster.
+    """Engine that runs tasks on the Dask cluster of a scheduler, given by its address or the path of its file.
 
-    Parameters
-    ----------
-    where : str
-        Address of a scheduler, or path of its file.
-    timeout_s : float, optional
-        A task that takes longer fails. Its worker is restarted if it has a nanny, because Dask cannot end a running
-        task.
+    A task that takes longer than `timeout_s` fails. Its worker is restarted if it has a nanny, because Dask cannot end
+    a running task.
     """
 
     def __init__(self, where: str, store: Store, packages: tuple[str, ...], *, timeout_s: float | None = None) -> None:
@@ -89,10 +77,9 @@ class Dask:
         self._running: dict[Any, tuple[Job, float]] = {}
         self._submitted = 0
         self._no_workers_since: float | None = None
-        options: dict[str, Any] = {"timeout": _CONNECT_S, "set_as_default": False}
+        address, file = (where, None) if "://" in where else (None, where)
         try:
-            address = {"address": where} if "://" in where else {"scheduler_file": where}
-            self._client = distributed.Client(**address, **options)
+            self._client = distributed.Client(address, scheduler_file=file, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise EnvironmentFault(
                 f"cannot reach the Dask scheduler {where}: {error}", hint="is it running, and is this its address?"
@@ -103,8 +90,8 @@ class Dask:
     @property
     def free(self) -> int:
         """Number of tasks that the cluster can take: idle threads, plus one waiting task per worker."""
-        workers = self._workers()
-        return sum(int(worker["nthreads"]) for worker in workers.values()) + len(workers) - len(self._running)
+        threads = self._threads()
+        return sum(threads) + len(threads) - len(self._running)
 
     def submit(self, job: Job) -> None:
         """Give a job to the cluster."""
@@ -184,15 +171,16 @@ class Dask:
         self._require_workers()
         return replies
 
-    def _workers(self) -> dict[str, Any]:
+    def _threads(self) -> list[int]:
+        """Number of threads of each worker."""
         try:
-            workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+            workers = self._client.scheduler_info(n_workers=-1)["workers"]
         except (OSError, KeyError):
-            return {}
-        return workers
+            return []
+        return [int(worker["nthreads"]) for worker in workers.values()]
 
     def _require_workers(self) -> None:
-        if self._workers():
+        if self._threads():
             self._no_workers_since = None
             return
         self._no_workers_since = self._no_workers_since or time.monotonic()
@@ -202,14 +190,11 @@ class Dask:
             )
 
     def _require_scheduler(self) -> None:
-        if self._client.status not in ("running", "connecting"):
+        give_up = time.monotonic() + _CONNECT_S
+        while self._client.status == "connecting" and time.monotonic() < give_up:
+            time.sleep(0.1)
+        if self._client.status != "running":
             self._gone()
-        if self._client.status == "connecting":
-            give_up = time.monotonic() + _CONNECT_S
-            while self._client.status == "connecting" and time.monotonic() < give_up:
-                time.sleep(0.1)
-            if self._client.status != "running":
-                self._gone()
 
     def _gone(self) -> None:
         raise EnvironmentFault(

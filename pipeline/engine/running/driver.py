@@ -10,7 +10,7 @@ from pipeline.engine.events import Done, Retried, Started, Warned, warner
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.options import ALONE, NOBODY, BuildOptions, Caller
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Record, Reply, Spec, TaskResult
 from pipeline.engine.running.engines import Engine, Inline, Processes
 from pipeline.engine.running.execute import failed
@@ -30,10 +30,7 @@ _TICK_S = 0.25
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results and records by task name, and whether Ctrl-C ended the run.
-
-    `peaks` holds the peak memory of each kind of task in this run [bytes]; `checked` lists tasks that ran twice.
-    """
+    """Results, records, peaks of memory by kind of task [bytes], and what ran twice; whether Ctrl-C ended the run."""
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
@@ -82,12 +79,12 @@ class _Driver:
         self._forced = set(options.force)
         self._specs = Specs(store)
         self._running: dict[str, Spec] = {}
-        self._healed: set[str] = set()
+        self._rebuilt: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that lacked memory: nothing runs beside them
         self._in_company: set[str] = set()  # tasks that run together with others now
-        self._apart: set[str] = set()  # tasks whose worker died while they ran together with others
+        self._separately: set[str] = set()  # tasks whose worker died while they ran together with others
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
@@ -143,28 +140,26 @@ class _Driver:
             self.prepare = None
         others = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
         job = (spec, *(other for other in others if other.components.inputs == spec.components.inputs))
-        for one in job:
-            self._running[one.name] = one
-            self.on_event(Started(task=one.name, kind=self.graph[one.name].short_kind, key=one.key))
+        for each in job:
+            self._running[each.name] = each
+            self.on_event(Started(task=each.name, kind=self.graph[each.name].short_kind, key=each.key))
         if len(job) > 1:
-            self._in_company.update(one.name for one in job)
+            self._in_company.update(each.name for each in job)
         self.engine.submit(job)
 
     def _companions(self, name: str) -> list[str]:
-        """Tasks to run together with one because they share work; not so many that a free worker is left without a
-        task.
-        """
+        """Tasks that share work with one, but not so many that a free worker is left without a task."""
         together, timed = self.graph[name].together, self.options.timeout_s is not None
-        if together is None or timed or name in self._apart:  # the time of each could not be measured
+        if together is None or timed or name in self._separately:  # the time of each could not be measured
             return []
         ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
-        alike = sorted(other for other in ready - self._apart if self.graph[other].together == together)
+        alike = sorted(other for other in ready - self._separately if self.graph[other].together == together)
         idle = max(1, self.engine.free - (len(ready) - len(alike)))
         return alike[: min(MAX_COMPANY, math.ceil((1 + len(alike)) / idle)) - 1]
 
     def _spec_to_run(self, name: str) -> Spec | None:
         """The spec of a task that has to run. None if its result exists; then the task is settled."""
-        if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_heal` queues it again
+        if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_rebuild_inputs` queues it again
             return None
         task = self.graph[name]
         spec = self._specs.of(task, self.outcome.records)
@@ -182,13 +177,13 @@ class _Driver:
         name = reply.name
         spec, was_in_company = self._running.pop(name), name in self._in_company
         self._in_company.discard(name)
-        if reply.damaged and name not in self._healed:
-            self._heal(name)
+        if reply.damaged and name not in self._rebuilt:
+            self._rebuild_inputs(name)
         elif reply.state == "lost" and was_in_company:  # any of the company may be the cause
-            self._apart.add(name)
+            self._separately.add(name)
             self._retry(name, f"{reply.error}; it runs alone now")
         elif reply.state == "lost":
-            self._bury(spec, reply)
+            self._worker_died(spec, reply)
         elif reply.state == "failed" and self._has_tries_left(reply):
             self._retry(name, reply.error)
         else:
@@ -216,7 +211,7 @@ class _Driver:
             self.budget.learn(result.kind, reply.record.made_by.peak_bytes)
         self._settle(result, reply.record)
 
-    def _bury(self, spec: Spec, reply: Reply) -> None:
+    def _worker_died(self, spec: Spec, reply: Reply) -> None:
         """Handle the death of a worker: either the task kills workers, or it lacked memory beside other tasks."""
         self._deaths[spec.name] += 1
         if self._deaths[spec.name] < MAX_DEATHS:
@@ -246,9 +241,9 @@ class _Driver:
                 self._missing[reader] -= 1
                 self._queue_if_ready(reader)
 
-    def _heal(self, name: str) -> None:
+    def _rebuild_inputs(self, name: str) -> None:
         """Handle an input that was damaged between lookup and use: make it again, then try the task once more."""
-        self._healed.add(name)
+        self._rebuilt.add(name)
         for source in self.graph.sources(name):
             result = self.outcome.results[source]
             if result.key is not None and self.store.record(result.key) is None:

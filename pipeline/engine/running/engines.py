@@ -25,8 +25,8 @@ Job = tuple[Spec, ...]
 class Engine(Protocol):
     """An engine runs jobs. `free` is the number of jobs that it can take now.
 
-    `wait` returns replies of tasks; those of one job come together. A task that still waits for another builder replies
-    with state waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
+    `wait` returns replies of tasks, those of one job together; a task that waits for another builder replies with state
+    waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
     """
 
     @property
@@ -80,14 +80,10 @@ class _Worker:
 
 
 class Processes:
-    """Engine with worker processes, which import only what their tasks need. A dying worker costs only the task it was
-    running.
+    """Engine with worker processes, which import only what their tasks need. A dying worker costs only its task.
 
-    Parameters
-    ----------
-    timeout_s : float, optional
-        A task that takes longer fails and is ended with its worker. Time spent waiting for another builder does not
-        count.
+    A task that takes longer than `timeout_s` fails and is ended with its worker. Time spent waiting for another builder
+    does not count.
     """
 
     def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
@@ -127,7 +123,7 @@ class Processes:
                 if arrived[0].state != "waiting":
                     worker.job = ()
             if not data:
-                replies += self._bury(worker)
+                replies += self._worker_died(worker)
         return replies + self._overdue()
 
     def _overdue(self) -> list[Reply]:
@@ -184,7 +180,7 @@ class Processes:
             worker.process.stdin.write(as_json(message) + b"\n")
             worker.process.stdin.flush()
 
-    def _bury(self, worker: _Worker) -> list[Reply]:
+    def _worker_died(self, worker: _Worker) -> list[Reply]:
         status = worker.process.wait()
         self._forget(worker)
         how = signal.Signals(-status).name if status < 0 else f"exit code {status}"

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.files import is_machines_fault, machine_errors
-from pipeline.engine.planning.task_code import check_kind, code_of, edited, module_of, remembering
+from pipeline.engine.planning.task_code import cached_parsing, check_kind, code_of, edited, module_of
 from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
 from pipeline.engine.running.memory import PeakMeter
 from pipeline.engine.store.store import DamagedBlob, Store
@@ -38,10 +38,7 @@ _REPORT = "this is a bug of ours: please report it with the log and your stage"
 def perform(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
     """Look up the results of tasks, or compute them; running them twice is harmless.
 
-    Parameters
-    ----------
-    specs : sequence of Spec
-        One task; or several of one kind with the same inputs, which share work.
+    Several tasks at once are of one kind and have the same inputs: they share work.
     """
     start = time.perf_counter()
     try:
@@ -112,9 +109,7 @@ def _lacks_inputs(spec: Spec, store: Store) -> bool:
 
 
 def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[tuple[Record, tuple[str, ...]]]:
-    """Run tasks of one kind with the same inputs and store their results. Of each: the record, and the outputs that
-    differ from earlier ones.
-    """
+    """Run tasks of one kind with the same inputs. For each: its record, and the outputs that differ from before."""
     components = specs[0].components
     kind, count = components.kind, len(specs)
     check_kind(kind, packages)
@@ -133,7 +128,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         module, name = importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run"
         record = typing.get_type_hints(getattr(module, name)).get("params")
         params = [
-            from_plain(record, one) if isinstance(record, type) and is_dataclass(record) else one for one in plain
+            from_plain(record, each) if isinstance(record, type) and is_dataclass(record) else each for each in plain
         ]
         work().news = ""
         if count > 1:
@@ -170,7 +165,7 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     of anything.
     """
     kind = components.kind
-    with remembering(store):
+    with cached_parsing(store):
         here = code_of(kind)
     for part in ("version", "code", "libraries", "machine"):
         value, stated = getattr(here, part), getattr(components, part)
@@ -222,9 +217,7 @@ def _folder_for_outputs(store: Store) -> Iterator[Path]:
 
 
 def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
-    """Relative names and paths of the files below a folder, sorted; anything but plain files and folders raises an
-    error.
-    """
+    """Relative names and paths of the files below a folder, sorted. They must be plain files and folders."""
     for path in sorted(out.rglob("*")):
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
             raise ValueError(f"a task may only write plain files, and {path.relative_to(out)} is not one")

@@ -10,9 +10,7 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 class PeakMeter:
-    """Peak memory of this process since the meter was created, or, if the system cannot tell, since the process
-    started.
-    """
+    """Peak memory of this process since now; since its start, if the system cannot tell."""
 
     def __init__(self) -> None:
         with contextlib.suppress(OSError):
@@ -20,17 +18,17 @@ class PeakMeter:
 
     def read_bytes(self) -> int:
         """Largest resident size so far [bytes]."""
-        found = _kilobytes(Path("/proc/self/status"), "VmHWM")
-        if found is not None:
-            return found
+        peak_bytes = _bytes_in(Path("/proc/self/status"), "VmHWM")
+        if peak_bytes is not None:
+            return peak_bytes
         unit = 1 if sys.platform == "darwin" else 1024
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def available_bytes() -> int | None:
     """Available memory [bytes]: the estimate of the system, or less inside a container; None if unknown."""
-    found = [_kilobytes(Path("/proc/meminfo"), "MemAvailable"), _cgroup_bytes()]
-    known = [value for value in found if value is not None]
+    limits = _bytes_in(Path("/proc/meminfo"), "MemAvailable"), _cgroup_bytes()
+    known = [value for value in limits if value is not None]
     return min(known) if known else None
 
 
@@ -55,7 +53,7 @@ class Budget:
         return self.peaks.get(kind, self._before.get(kind, 0))
 
 
-def _kilobytes(path: Path, name: str) -> int | None:
+def _bytes_in(path: Path, name: str) -> int | None:
     try:
         for line in path.read_text(encoding="ascii").splitlines():
             if line.startswith(f"{name}:"):

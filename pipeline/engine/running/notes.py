@@ -13,7 +13,6 @@ from pipeline.engine.project import Project
 from pipeline.engine.records import Run, TaskResult
 from pipeline.engine.running.driver import Outcome
 from pipeline.engine.store.store import Store
-from pipeline.records.plain import from_plain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,21 +41,13 @@ class TaskLog:
 
 def history_of(project: Project, store: Store) -> History:
     """History of the builds of this stage into this folder; empty if there is none."""
-    kept = history_named(_name(project), store)
+    kept = store.read_record(History, "history", _name(project))
     return kept or History(out=os.path.realpath(project.out), stage=project.stage_id)
-
-
-def history_named(name: str, store: Store) -> History | None:
-    """The history in a note, unless it is missing or not one of ours."""
-    try:
-        return from_plain(History, store.read_note("history", name))
-    except (TypeError, ValueError, AttributeError):
-        return None
 
 
 def costs_of_others(project: Project, store: Store) -> Mapping[str, Cost]:
     """Mean costs by kind of task, from the builds of all other projects."""
-    others = (history_named(name, store) for name in store.notes("history") if name != _name(project))
+    others = (store.read_record(History, "history", name) for name in store.notes("history") if name != _name(project))
     return ChainMap(*(history.costs for history in others if history is not None))
 
 
@@ -78,10 +69,10 @@ def keep_history(project: Project, store: Store, outcome: Outcome, before: Histo
         _keep_source(project, store, outcome.records)
 
 
-def sources_of(project: Project, *, store: Store | None = None) -> dict[str, Any]:
+def sources_of(project: Project, *, store: Store | None = None) -> Mapping[str, Any]:
     """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
-    note = (store or Store()).read_facts("sources", _name(project))
-    return {name: note["sources"][index] for name, index in note.get("of", {}).items()}
+    note = (store or Store()).read_note("sources", _name(project)) or {"sources": [], "of": {}}
+    return {name: note["sources"][index] for name, index in note["of"].items()}
 
 
 def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
@@ -115,13 +106,18 @@ class Endings:
     def keep(self, project: Project, store: Store) -> None:
         """Keep the ends in the store, beside older ones of other tasks."""
         if self._ended:
-            store.write_note("events", _name(project), {**store.read_facts("events", _name(project)), **self._ended})
+            store.write_note("events", _name(project), {**_ended(project, store), **self._ended})
 
 
 def logs_of(project: Project, tasks: list[str], store: Store) -> list[TaskLog]:
     """Facts about the last run of tasks."""
-    keys, last = history_of(project, store).keys, store.read_facts("events", _name(project))
-    return [_log_of(from_plain(TaskResult, last[name]) if name in last else None, name, keys, store) for name in tasks]
+    keys, ended = history_of(project, store).keys, _ended(project, store)
+    return [_log_of(ended.get(name), name, keys, store) for name in tasks]
+
+
+def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
+    """How the last runs of tasks ended, by name."""
+    return store.read_record(dict[str, TaskResult], "events", _name(project)) or {}
 
 
 def _log_of(ending: TaskResult | None, name: str, keys: dict[str, str], store: Store) -> TaskLog:

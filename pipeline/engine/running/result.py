@@ -83,9 +83,7 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130
-        interrupted.
-        """
+        """Exit code of the command, see `errors.Exit`."""
         if self.interrupted:
             return Exit.INTERRUPTED
         if any(task.machine for task in self.failures):
@@ -137,8 +135,4 @@ class Ended(Event):
 
     def to_dict(self) -> dict[str, Any]:
         """The event as a line of an event file."""
-        result = self.result
-        facts = {"event": self.name, "time": self.time, "summary": result.to_dict(), "exit_code": result.exit_code}
-        facts |= {"store": str(result.store), "store_bytes": result.store_bytes, "checked": list(result.checked)}
-        partial = None if result.asked is None else {"files": list(result.asked), "finished": result.is_finished}
-        return {**facts, "delivered": result.delivery is not None, "untouched": result.untouched, "partial": partial}
+        return {"event": self.name, "time": self.time, "summary": self.result.to_dict()}

@@ -16,10 +16,7 @@ from pipeline.records.plain import from_plain
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
     """Write 0.json, 1.json, … for all tasks of a plan that can run now; older such files are removed.
 
-    Raises
-    ------
-    UsageError
-        A file with such a name in the folder is not a spec, so it must not be overwritten.
+    A file with such a name that is not a spec must not be overwritten: UsageError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]
@@ -35,13 +32,7 @@ def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
 
 
 def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> Reply:
-    """Bring the result of one task into the store.
-
-    Raises
-    ------
-    UsageError
-        The file is not a spec, or its key does not match its content, which would store a wrong result under the key.
-    """
+    """Bring the result of one task into the store; UsageError if the file is not a spec, or was altered."""
     spec = _read(path)
     with store.in_use():
         (reply,) = perform([replace(spec, force=force)], store, packages)
@@ -52,15 +43,14 @@ def _read(path: Path) -> Spec:
     hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
     try:
         spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))
-        is_whole = isinstance(spec.name, str) and isinstance(spec.components.kind, str)
-        is_whole = is_whole and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
-        is_unaltered = is_whole and spec.components.key == spec.key
+        key, names = spec.components.key, [spec.name, spec.components.kind]
+        is_spec = {*map(type, names)} == {str} and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise UsageError(f"{path} is not the spec of a task", hint=hint) from None
-    if not is_whole:
+        is_spec = False
+    if not is_spec:
         raise UsageError(f"{path} is not the spec of a task", hint=hint)
-    if not is_unaltered:
+    if key != spec.key:
         raise UsageError(f"{path} was altered: its key does not match its content", hint=hint)
     return spec

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -16,9 +17,8 @@ from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.maintenance import collect, limit_from_environment
 from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller
 from pipeline.engine.output import manifest
-from pipeline.engine.output.deliver import Contents, Delivery, deliver
-from pipeline.engine.output.output_index import Seen
-from pipeline.engine.output.status import Status, status
+from pipeline.engine.output.deliver import Contents, Delivery, Source, deliver
+from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
@@ -29,7 +29,7 @@ from pipeline.engine.running.engines import Engine
 from pipeline.engine.running.notes import Endings, TaskLog, costs_of_others, history_of, keep_history
 from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
-from pipeline.engine.store.structure import store_around
+from pipeline.engine.store.store_folder import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
 from pipeline.jit.decorators import cache_folder
@@ -61,14 +61,14 @@ def build(
     limit_bytes = limit_from_environment()
     warn = warner(emit)
     store = store or Store(warn=warn)
-    Seen(project.out, store, project.stage_id).require_same_stage()
+    OurFiles(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, options)
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
-        own = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
-        work = _Build(project, options, store, graph, own, engine)
+        listener = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
+        work = _Build(project, options, store, graph, listener, engine)
         kinds = {name: graph[name].short_kind for name in graph}
-        emit(Begun(tasks=kinds, jobs=options.workers, reads=tuple(map(str, project.reads))))
+        emit(Begun(tasks=kinds, jobs=options.workers))
         with interrupts.stopping():
             stack.enter_context(store.in_use())
         outcome = work.compute(forced)
@@ -182,32 +182,25 @@ class _Build:
 def _require_place(project: Project) -> None:
     """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`.
 
-    Raises
-    ------
-    UsageError
-        It is not a folder, has an impossible name, holds another build, lies in a store, or contains the stage itself.
+    Such a place is a file, has an impossible name, holds another build, lies in a store, or contains the stage itself.
     """
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
-    if root := store_around(project.out):
-        raise UsageError(
-            f"the output folder {project.out} lies in a store of results, {root}", hint="choose another folder with -o"
-        )
     out, kernels = Path(os.path.realpath(project.out)), Path(os.path.realpath(cache_folder()))
-    if out == kernels.parent or out.is_relative_to(kernels):
-        raise UsageError(
-            f"the output folder {project.out} is that of compiled kernels", hint="choose another folder with -o"
-        )
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
-    if inside:
-        raise UsageError(
-            f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
-            hint="choose another folder with -o, for example -o build",
-        )
+    if root := store_around(out):
+        flaw = f"lies in a store of results, {root}"
+    elif out == kernels.parent or out.is_relative_to(kernels):
+        flaw = "is that of compiled kernels"
+    elif inside:
+        flaw = f"holds files that the stage is made of: {inside[0]}"
+    if flaw:
+        hint = "choose another folder with -o, for example -o build"
+        raise UsageError(f"the output folder {project.out} {flaw}", hint=hint)
 
 
-def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
+def _findings(project: Project, outcome: Outcome, store: Store) -> manifest.Head:
     """Findings of tasks for the head of the manifest."""
 
     def content(task: str, output: str) -> Any:
@@ -217,16 +210,10 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any
 
 
 def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
-    """Plan what `build` would do with the same options.
-
-    Raises
-    ------
-    UsageError
-        As for `build`, also about the output folder.
-    """
+    """Plan what `build` would do with the same options; it raises what `build` would, also about the folder."""
     _require_place(project)
     store = store or Store()
-    Seen(project.out, store, project.stage_id).require_same_stage()
+    OurFiles(project.out, store, project.stage_id).require_same_stage()
     graph, forced = selection(project, options)
     return plan(graph, store, history_of(project, store).keys, force=forced)
 
@@ -236,17 +223,44 @@ def forecast_of(
 ) -> Forecast:
     """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
     store = store or Store()
-    own = history_of(project, store)
-    past = Past(store, own.keys, [own.costs, costs_of_others(project, store)], size)
+    history = history_of(project, store)
+    past = Past(store, history.keys, [history.costs, costs_of_others(project, store)], size)
     return forecast(planned, project.graph, past, assumed)
 
 
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """State of each file by path (built, missing, or stale: other bytes are there), and whether there is a manifest."""
+
+    files: dict[str, str]
+    has_manifest: bool
+
+
 def status_of(project: Project, *, store: Store | None = None) -> Status:
-    """State of the project's files in its output folder."""
+    """Which files of the output folder hold what a build of the stage, as it is now, would put there.
+
+    It is read from the folder and the store only, so no task is ever shown as running.
+    """
     store = store or Store()
-    planned = plan_of(project, store=store)
-    seen = Seen(project.out, store, project.stage_id)
-    return status(planned, project.files, manifest.read(project.out), seen, store)
+    tasks = {task.name: task for task in plan_of(project, store=store)}
+    records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
+    there, ours = manifest.read(project.out), OurFiles(project.out, store, project.stage_id)
+
+    def wanted(path: str, source: Source) -> str | None:
+        if isinstance(source, bytes):
+            return hashlib.sha256(source).hexdigest()
+        if record := records.get(source[0]):
+            return record.outputs[source[1]].sha256
+        # The store may have lost what the folder still has.
+        is_same = there.tasks.get(source[0], "") == tasks[source[0]].key
+        return there.files[path].sha256 if is_same and path in there.files else None
+
+    def state(path: str, source: Source) -> str:
+        digest = ours.digest(path)
+        return "missing" if digest is None else "built" if digest == wanted(path, source) else "stale"
+
+    states = {path: state(path, source) for path, source in sorted(project.files.items())}
+    return Status(files=states, has_manifest=there.data is not None)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:

@@ -24,20 +24,15 @@ import stat
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pipeline.engine.files import (
-    Signature,
-    copy,
-    digest_of,
-    is_no_file,
-    read_regular,
-    signature,
-)
+from pipeline.engine.files import Signature, copy, digest_of, is_no_file, read_regular, signature
 from pipeline.engine.records import Blob, Record, Spec, as_json, fields_of, seal, unseal
 from pipeline.engine.store.store_folder import StoreFolder
 from pipeline.folders import user_cache
 from pipeline.records.plain import from_plain
+
+T = TypeVar("T")
 
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
@@ -93,9 +88,7 @@ class Store(StoreFolder):
         return blob
 
     def put_file(self, path: Path) -> Blob:
-        """Store a file that a task wrote on this file system. It is hashed in pieces, then moved, or copied if it is
-        shared.
-        """
+        """Store a file of a task: hashed in pieces, then moved, or copied if it has other names."""
         facts = path.lstat()
         if not stat.S_ISREG(facts.st_mode):
             raise ValueError(f"{path.name} is not a plain file")
@@ -119,12 +112,12 @@ class Store(StoreFolder):
                 return path
         raise DamagedBlob(digest)
 
-    def verified(self, digest: str) -> "Verified":
+    def verified(self, digest: str) -> Verified:
         """A blob as returned by `blob`, with its signature for `confirm`."""
         path = self.blob(digest)
         return Verified(digest=digest, path=path, looks=self._verified[digest])
 
-    def confirm(self, blobs: Iterable["Verified"]) -> None:
+    def confirm(self, blobs: Iterable[Verified]) -> None:
         """Hash blobs again and require that nobody has written to them since `verified`."""
         for blob in blobs:
             if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
@@ -163,12 +156,12 @@ class Store(StoreFolder):
         regular = stat.S_ISREG(facts.st_mode) and facts.st_size == blob.size
         if regular and self._verified.get(digest) == now:  # verified by this process, unchanged since
             return True
-        found = digest_of(path) if regular else ""
-        if found == digest:
+        actual = digest_of(path) if regular else ""
+        if actual == digest:
             self._verified[digest] = now
-        elif found is not None:  # None: unreadable at present, so nothing is known about its bytes
+        elif actual is not None:  # None: unreadable at present, so nothing is known about its bytes
             self._quarantine(Path(path))
-        return found == digest
+        return actual == digest
 
     def size(self) -> int:
         """Size of all blobs [bytes]."""
@@ -181,7 +174,6 @@ class Store(StoreFolder):
         kept = self.record(record.key)
         if kept is not None:
             if kept.outputs != record.outputs:
-                self.counts["nondeterministic"] += 1
                 self.warn(f"NON-DETERMINISM: {record.key[:12]} gave other bytes than before; the first ones stay")
             return kept
         self._write(self.path("record", record.key), seal({"format": _FORMAT, **fields_of(record)}))
@@ -216,9 +208,7 @@ class Store(StoreFolder):
     # Notes: helpful, but no result depends on them
 
     def keep_spec(self, spec: Spec) -> str | None:
-        """Save the spec of a task so that it can be repeated alone; returns the path, or None if it cannot be
-        written.
-        """
+        """Save the spec of a task, to repeat it alone; returns its path, or None if it cannot be written."""
         path = self.path("spec", spec.key)
         try:
             self._write(path, as_json(spec) + b"\n")
@@ -235,10 +225,12 @@ class Store(StoreFolder):
         """The note kept by `write_note`; None if it is missing or damaged."""
         return unseal(read_regular(self.root / folder / f"{name}.json"))
 
-    def read_facts(self, folder: str, name: str) -> dict[str, Any]:
-        """A note that is a dict; empty if there is none."""
-        note = self.read_note(folder, name)
-        return note if isinstance(note, dict) else {}
+    def read_record(self, kind: type[T], folder: str, name: str) -> T | None:
+        """The note as a record, or as a dict of records; None if it is missing, damaged or of another version."""
+        try:
+            return from_plain(kind, self.read_note(folder, name))
+        except (TypeError, ValueError, AttributeError):
+            return None
 
     def notes(self, folder: str) -> list[str]:
         """Names of all notes in a folder."""

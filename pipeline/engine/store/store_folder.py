@@ -1,4 +1,4 @@
-"""The folder of a store: creating or refusing it, repairing it if something stands in the place of a folder or file,
+"""The folder of a store: recognising or refusing it, repairing it if something stands in the place of a folder or file,
 writing.
 
 Files are written under a temporary name and then renamed, so that nobody ever finds half a file.
@@ -7,32 +7,45 @@ Files are written under a temporary name and then renamed, so that nobody ever f
 import contextlib
 import os
 import re
+import shutil
+import socket
+import stat
 import time
-from collections import Counter
+import uuid
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
-from pipeline.engine.locks import Errand, locked
-from pipeline.engine.store.structure import TABLES, VERSION, misplaced, require_store
-from pipeline.engine.store.workspace import Workspace, sweep
+from pipeline.engine.locks import Errand, locked, try_lock
 from pipeline.errors import EnvironmentFault
 from pipeline.folders import flaw_of
 
+VERSION = b"plenoptic-pipeline store 1\n"
+"""Content of the file VERSION. A folder without it that is not empty is not a store, and nothing in it is touched."""
+
+_TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
+
+_PARENTS = ("cas", "ac")
+_OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
+_FILES = ("VERSION", "gc.lock")
+_FOLDERS = (*_PARENTS, *_TABLES.values(), *_OTHERS)
+_NAMES = {*_PARENTS, *_TABLES.values(), *_OTHERS, *_FILES}
+_BEGUN = {"VERSION", "gc.lock", "tmp"}
+_SHARD = re.compile(r"[0-9a-f]{2}")
+
+ABANDONED_S = 86400.0
+"""Age after which a workspace of another machine counts as abandoned [s]: locks may not work between machines."""
+
+_WORKSPACE = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")
+"""Names in `tmp/`, `<machine>-<pid>-<32 hex digits>`; machines may have dashes, and nothing else in it is touched."""
 _QUARANTINED = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
 class StoreFolder:
-    """The folder of a store, its tables and its locks.
-
-    Attributes
-    ----------
-    displaced : tuple of str
-        Names of things that stood in the place of a folder or file and went to quarantine when the store was opened.
-    counts : Counter
-        Number of entries moved to quarantine (`damaged`), and of keys with two results (`nondeterministic`).
+    """The folder of a store, its tables and its locks. What stood in the place of a folder or file is in `displaced`.
 
     Raises
     ------
@@ -42,7 +55,6 @@ class StoreFolder:
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
         self.root, self.warn = root, warn
-        self.counts: Counter[str] = Counter()
         if flaw := flaw_of(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         if self.root.exists() and not self.root.is_dir():
@@ -50,8 +62,8 @@ class StoreFolder:
         with chosen_place("make the store", self.root):
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
-            require_store(self.root)
-        self._workspace = Workspace(self.root / "tmp")
+            _require_store(self.root)
+        self._workspace = _Workspace(self.root / "tmp")
         self.displaced = self._mend()
         if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
             with chosen_place("make the store", self.root):
@@ -65,13 +77,11 @@ class StoreFolder:
         """The path as text, for thousands of look-ups: making a `Path` takes longer than the look-up."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
-        return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
+        return f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     @contextlib.contextmanager
     def single_flight(self, key: str, doing: str) -> Iterator[bool]:
-        """Hold the lock of a key, so that two builders compute it only once; `doing` describes the work to those who
-        wait.
-        """
+        """Hold the lock of a key, so that it is computed once; `doing` tells those who wait."""
         with locked(self.file_for("lock", key), errand=Errand(doing=doing, say=self.say_waiting)) as held:
             yield held
 
@@ -107,15 +117,15 @@ class StoreFolder:
             return self._workspace.new_path()
 
     def sweep(self, older_than_s: float | None = None) -> int:
-        """Remove leftovers of dead processes in `tmp`; see `workspace.sweep`."""
+        """Remove leftovers of dead processes in `tmp`, and count them."""
         return sweep(self.root / "tmp", older_than_s)
 
     def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
         """Name and file status of every entry of a table, sorted by name; other names are ignored."""
         suffix = _SUFFIXES.get(table, "")
-        for folder in filter(Path.is_dir, sorted((self.root / TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
-            with os.scandir(folder) as found:
-                for entry in sorted(found, key=lambda entry: entry.name):
+        for folder in filter(Path.is_dir, sorted((self.root / _TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
+            with os.scandir(folder) as entries:
+                for entry in sorted(entries, key=lambda entry: entry.name):
                     name = entry.name.removesuffix(suffix)
                     with contextlib.suppress(FileNotFoundError):  # another process has moved it to quarantine
                         if DIGEST.fullmatch(name):
@@ -149,7 +159,6 @@ class StoreFolder:
         """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
-        self.counts["damaged"] += 1
         folder, done = self.root / "quarantine", "moved to quarantine"
         try:
             if os.path.lexists(folder) and not folder.is_dir():
@@ -163,7 +172,138 @@ class StoreFolder:
 
     def _mend(self) -> tuple[str, ...]:
         """Move everything that stands in the place of a folder of the store to quarantine; returns the names."""
-        found = tuple(misplaced(self.root))
-        for path in found:
+        paths = tuple(_misplaced(self.root))
+        for path in paths:
             self._quarantine(path)
-        return tuple(path.relative_to(self.root).as_posix() for path in found)
+        return tuple(path.relative_to(self.root).as_posix() for path in paths)
+
+
+def _require_store(root: Path) -> None:
+    """Refuse a folder that is neither empty nor a store; then nothing was touched."""
+    names = sorted(_listed(root))
+    if not names or _is_store(root):
+        return
+    says = (read_regular(root / "VERSION") or b"").split(b" store ")
+    if len(says) == 2 and VERSION.startswith(says[0]):
+        raise EnvironmentFault(
+            f"the store {root} is of another version of this program", hint="set PIPELINE_CACHE to another folder"
+        )
+    shown = ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
+    raise EnvironmentFault(
+        f"{root} is no store of results: it holds {shown}, and no VERSION of ours",
+        hint="set PIPELINE_CACHE to a folder that is new or empty; nothing in this one was touched",
+    )
+
+
+def _is_store(root: Path) -> bool:
+    """Whether a folder is a store of this version, including one that lost its VERSION or was never finished."""
+    version = read_regular(root / "VERSION")
+    if version == VERSION:
+        return True
+    names = _listed(root)
+    if not names <= _NAMES or (version is not None and b" store " in version):
+        return False
+    if any((root / _TABLES[table]).is_dir() for table in ("blob", "record")):
+        return True
+    begun = version is None or VERSION.startswith(version.rstrip(b"\0")) or version == b"1\n"
+    temporary = _listed(root / "tmp") if _is_folder(root / "tmp") else ()
+    return bool(names) and begun and names <= _BEGUN and all(map(_WORKSPACE.fullmatch, temporary))
+
+
+def store_around(path: Path) -> Path | None:
+    """The store that a folder is or lies in, with links followed; None if there is none."""
+    real = Path(os.path.realpath(path))
+    return next(
+        (folder for folder in (real, *real.parents) if read_regular(folder / "VERSION", len(VERSION)) == VERSION), None
+    )
+
+
+def _misplaced(root: Path) -> Iterator[Path]:
+    """Paths in a store that should be folders or files and are not: damage that no entry shows."""
+    for name in _FOLDERS:
+        if os.path.lexists(root / name) and not _is_folder(root / name):
+            yield root / name
+    for name in _FILES:
+        if is_no_file(root / name):
+            yield root / name
+    for table in _TABLES.values():
+        if _is_folder(root / table):
+            with contextlib.suppress(PermissionError), os.scandir(root / table) as entries:
+                wrong = [entry.name for entry in entries if _SHARD.fullmatch(entry.name) and not entry.is_dir()]
+                yield from [root / table / name for name in sorted(wrong)]
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a path leads to a folder at present; any text is allowed."""
+    try:
+        return stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _listed(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk contains that folder
+
+
+class _Workspace:
+    """A folder in `tmp/` of this process alone, made when first needed, removed with this object, or swept later."""
+
+    def __init__(self, tmp: Path) -> None:
+        self._tmp = tmp
+        self._folder: Path | None = None
+
+    def new_path(self) -> Path:
+        """A path in the folder that nobody else uses."""
+        if self._folder is None or not self._folder.is_dir():
+            self._folder, lock = _locked_folder(self._tmp)
+            weakref.finalize(self, _remove, self._folder, lock)
+        return self._folder / uuid.uuid4().hex
+
+
+def sweep(tmp: Path, older_than_s: float | None = None) -> int:
+    """Remove workspaces of dead processes and count them. Folders with other names stay.
+
+    File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so workspaces
+    of other machines stay unless they are older than `older_than_s`.
+    """
+    swept = 0
+    for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
+        match = _WORKSPACE.fullmatch(folder.name)
+        handle = _open_folder(folder) if match else None
+        if match is None or handle is None:
+            continue
+        age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
+        is_ours = match["host"] == socket.gethostname()
+        if not is_ours and (older_than_s is None or age_s < older_than_s):
+            os.close(handle)
+            continue
+        if try_lock(handle):
+            shutil.rmtree(folder, ignore_errors=True)
+            swept += not folder.exists()
+        os.close(handle)
+    return swept
+
+
+def _locked_folder(tmp: Path) -> tuple[Path, int]:
+    while True:
+        folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
+        tmp.mkdir(exist_ok=True)
+        folder.mkdir()
+        handle = _open_folder(folder)
+        # Another process may have swept the folder before it was locked.
+        if handle is not None and try_lock(handle) is not False and folder.is_dir():
+            return folder, handle
+        if handle is not None:
+            os.close(handle)
+
+
+def _open_folder(folder: Path) -> int | None:
+    try:
+        return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def _remove(folder: Path, lock: int) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    os.close(lock)
