@@ -15,7 +15,7 @@ from engine import toy
 import pipeline
 from pipeline.engine.digest import canonical, key_of
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.libraries import is_foreign
+from pipeline.engine.planning.libraries import is_foreign, versions_of
 from pipeline.engine.planning.plan import Specs
 from pipeline.engine.planning.task_code import UnknownKind, code_of
 from pipeline.engine.store.store import Store
@@ -229,3 +229,9 @@ def test_a_task_can_only_read_tasks_that_exist():
 def test_the_longest_path_goes_first(tmp_path):
     priorities = toy.project(tmp_path).graph.priorities()
     assert priorities["lens"] == 4 and priorities["report"] == 1
+
+
+def test_a_library_that_is_not_installed_is_part_of_a_key_as_such():
+    """Extras such as pandas and Matplotlib: code that mentions them runs without."""
+    versions = versions_of(["numpy", "no_such_library"])
+    assert versions["no_such_library"] == "not installed" and versions["numpy"] == version("numpy")

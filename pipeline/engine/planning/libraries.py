@@ -8,13 +8,15 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.errors import EnvironmentFault
-
 
 def versions_of(modules: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that provide top-level modules, and of all that these require, by name."""
-    versions: dict[str, str] = {}
-    todo = [_distribution(module) for module in sorted(set(modules))]
+    """Versions of the distributions that provide top-level modules, and of all that these require, by name.
+
+    A module that is not installed counts as such: it is an extra, and only what plots or makes data frames needs it.
+    """
+    distributions = {module: _distribution(module) for module in set(modules)}
+    versions = {module: "not installed" for module, name in distributions.items() if name is None}
+    todo = [name for name in distributions.values() if name is not None]
     while todo:
         name = todo.pop()
         if name not in versions:
@@ -35,7 +37,7 @@ def installed_version(name: str) -> str:
 
 
 @functools.cache
-def _distribution(module: str) -> str:
+def _distribution(module: str) -> str | None:
     try:
         return _normal(importlib.metadata.distribution(module).metadata["Name"])
     except importlib.metadata.PackageNotFoundError:
@@ -47,8 +49,7 @@ def _distribution(module: str) -> str:
         top = (distribution.read_text("top_level.txt") or "").split()
         if module in top or f"\n{module}/" in f"\n{distribution.read_text('RECORD') or ''}":
             return _normal(distribution.metadata["Name"])
-    hint = "install the pipeline with its dependencies"
-    raise EnvironmentFault(f"the library {module!r} is not installed", hint=hint)
+    return None
 
 
 def _normal(name: str) -> str:
