@@ -30,8 +30,7 @@ from pipeline.scene.sensor import (
 )
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.poses import camera_name
-from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import place, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, place, problem
 from pipeline.scene.usd.values import need, read, read_once, target, target_paths
 from pipeline.truth.settings import TruthSettings
 

@@ -23,8 +23,7 @@ from pipeline.scene.glass import (
     says_catalogue,
 )
 from pipeline.scene.microlenses import microlens_index
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 

@@ -14,8 +14,7 @@ from pipeline.scene.glass import ordered_surfaces
 from pipeline.scene.losses import check_angles
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import read, target
 
 

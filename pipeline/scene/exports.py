@@ -8,8 +8,7 @@ from pxr import Usd
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.channels import channel_prims
 from pipeline.scene.dataset import AskedExports
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import need, read, target, target_paths, targets
 
 NOISE = {

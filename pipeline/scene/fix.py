@@ -11,9 +11,8 @@ from pxr import Sdf, Tf, Usd
 from pipeline.errors import UsageError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
-from pipeline.scene.check.prims import all_prims
-from pipeline.scene.usd.instances import write_out_instances
-from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.check.stage import all_prims
+from pipeline.scene.usd.opening import open_stage, write_out_instances
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.write.flatten import fallback_types, pinhole, view_of

@@ -14,8 +14,7 @@ from pipeline.optics.prescription import Group, Prescription, PrescriptionError,
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
 from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 APERTURE_VALUES = {

@@ -15,8 +15,7 @@ from pipeline.scene.lamps import is_in_images, lamp_prims
 from pipeline.scene.pictures import picture_name
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Fans, fans
-from pipeline.scene.usd.problems import Problem, shortened
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem, shortened
 from pipeline.scene.usd.values import (
     NotSupported,
     Range,

@@ -11,8 +11,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
 from pipeline.optics.glass.errors import GlassError, OutOfRange
 from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read
 
 FACES = {

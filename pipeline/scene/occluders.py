@@ -19,8 +19,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.pattern import TargetError

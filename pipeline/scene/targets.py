@@ -15,8 +15,7 @@ from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.meshes import Fans, check_skin, fans
 from pipeline.scene.usd.poses import product, world_from
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError

@@ -22,8 +22,7 @@ from pipeline.camera.figures.outlook import widest_blur_px
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.errors import PipelineError
 from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.spelling import frames_in_words
 
 _POINTS = 8_000

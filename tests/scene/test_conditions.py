@@ -3,8 +3,7 @@
 import pytest
 from pxr import Usd
 
-from pipeline.scene.check.properties import check_properties
-from pipeline.scene.usd.conditions import Condition, conditions_in
+from pipeline.scene.check.properties import Condition, check_properties, conditions_in
 
 
 def codes(kind: str, **values: object) -> list[tuple[str, str]]:

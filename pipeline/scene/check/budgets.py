@@ -11,8 +11,7 @@ from pipeline.scene.channels import channel_prims
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, shown_path
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem, shown_path
 from pipeline.scene.usd.usda_lines import line_of_metadata
 from pipeline.scene.usd.values import read, target, targets
 

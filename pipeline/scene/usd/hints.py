@@ -6,9 +6,8 @@ from pathlib import Path
 from pxr import Usd
 
 from pipeline.errors import PipelineError
-from pipeline.scene.usd.problems import IMPOSSIBLE, Problem, shown_path
+from pipeline.scene.usd.problems import IMPOSSIBLE, Problem, problem, shown_path
 from pipeline.scene.usd.register import library_path
-from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import nearest
 

@@ -6,8 +6,7 @@ from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import plain, take
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")

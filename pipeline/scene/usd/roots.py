@@ -8,6 +8,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from pxr import Ar, Sdf, Tf, Usd
+
 from pipeline.folders import share
 
 OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
@@ -36,3 +38,19 @@ def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
     """Whether a file, with links followed, lies below one of the roots."""
     real = real_path(path)
     return any(real.is_relative_to(root) for root in roots)
+
+
+def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
+    """Layers with a file, the root first, the others in the order of their paths."""
+    root = stage.GetRootLayer()
+    others = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
+    return [root, *sorted(others, key=lambda layer: layer.realPath)]
+
+
+def file_of(identifier: str) -> str:
+    """The file of a layer identifier: without format arguments, and for a member its package. Empty if malformed."""
+    try:
+        path, _ = Sdf.Layer.SplitIdentifier(identifier)
+    except Tf.ErrorException:
+        return ""
+    return str(Ar.SplitPackageRelativePathOuter(path)[0])

@@ -28,6 +28,13 @@ _RANGE = re.compile(
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
 _ANY_TIME = 0.0
 """Time code at which values are read: our attributes are uniform, so every time has the same value."""
+LENS_DISTORTION = frozenset(
+    f"OmniLensDistortion{name}API"
+    for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
+)
+"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+LENS_DISTORTION_NAMES = "omni:lensdistortion:"
+"""Beginning of the names of their attributes."""
 
 
 @contextmanager

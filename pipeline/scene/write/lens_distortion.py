@@ -11,13 +11,6 @@ from pxr import Gf, Sdf
 from pipeline.frames import mm_per_unit
 from pipeline.scene.write.text import filled, text_of
 
-LENS_DISTORTION = frozenset(
-    f"OmniLensDistortion{name}API"
-    for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
-)
-"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
-LENS_DISTORTION_NAMES = "omni:lensdistortion:"
-"""Beginning of the names of their attributes."""
 _KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
 """Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
 CHILD = "Pinhole"
