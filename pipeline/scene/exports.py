@@ -49,7 +49,7 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
         taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
         if cameras and not taken:
             kind = _kind(not _is_plenoptic(cameras[0]))
-            others = [other for other, one in loadable().items() if one.takes(_is_plenoptic(cameras[0]))]
+            others = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
         elif sum(_channels(camera) for camera in taken) < wanted.least_cameras:
@@ -60,14 +60,14 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
-    found, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
+    prims, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
     if wanted.targets is Targets.ANY:
         return
-    if len(found) > 1:
-        message = f'"{name}" describes one target, and the dataset has {len(found)}'
+    if len(prims) > 1:
+        message = f'"{name}" describes one target, and the dataset has {len(prims)}'
         yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
-    elif wanted.targets is Targets.BOARD and found and not _has_grid(found[0]):
-        message = f'"{name}" describes boards whose points form a grid, and {found[0].GetName()} has none'
+    elif wanted.targets is Targets.BOARD and prims and not _has_grid(prims[0]):
+        message = f'"{name}" describes boards whose points form a grid, and {prims[0].GetName()} has none'
         hint = "checkerboards, ChArUco boards and symmetric circle grids have one, of two columns and rows at least"
         yield problem(place, "export-targets", message, hint=hint)
 

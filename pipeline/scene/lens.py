@@ -51,7 +51,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
         index_source=index_source(prim, ordered_surfaces(prim)),
         wavelength_nm=need(prim, "plen:wavelength"),
         prescription=read_prescription(prim),
-        stop_name=next(one.GetName() for one in ordered_surfaces(prim) if need(one, "plen:isStop")),
+        stop_name=next(surface.GetName() for surface in ordered_surfaces(prim) if need(surface, "plen:isStop")),
     )
 
 

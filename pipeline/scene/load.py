@@ -76,7 +76,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
         if flaw := flaw_of(Path(place)):
             raise UsageError(f"{what} {flaw}", hint="give it another name")
-    said = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
+    messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         return _loaded(real_path(path), allowed_roots(Path(path), allow_roots), look)
     except StageError as error:
@@ -86,7 +86,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
         message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
         return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
     finally:
-        said.TakeUncoalescedDiagnostics()
+        messages.TakeUncoalescedDiagnostics()
 
 
 def _refused(problems: list[Problem]) -> Loaded:
@@ -141,8 +141,8 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
 
 def _reason(error: Exception) -> str:
     """First line of an error message of USD or of the text decoder."""
-    said = [one.commentary for one in error.args if hasattr(one, "commentary")]
-    return shortened((said or [str(error)])[0].strip())
+    comments = [part.commentary for part in error.args if hasattr(part, "commentary")]
+    return shortened((comments or [str(error)])[0].strip())
 
 
 @arguments_settled(UsageError)

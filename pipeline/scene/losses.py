@@ -78,8 +78,8 @@ def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
     """Coatings and glasses of a lens at a wavelength; raises as `losses_at`."""
     surfaces = ordered_surfaces(lens)
     return Losses(
-        coatings=tuple(read_coating(one).at(wavelength_nm) for one in surfaces),
-        per_mm=tuple(_share_per_mm(one, lens, wavelength_nm) for one in surfaces),
+        coatings=tuple(read_coating(surface).at(wavelength_nm) for surface in surfaces),
+        per_mm=tuple(_share_per_mm(surface, lens, wavelength_nm) for surface in surfaces),
     )
 
 

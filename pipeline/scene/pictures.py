@@ -48,10 +48,10 @@ def reading_below(roots: Iterable[Path]) -> Iterator[None]:
 def picture_name(shader: UsdShade.Shader, space: str) -> str:
     """Name of the picture of a UsdUVTexture in a colour space."""
     given = shader.GetInput("file")
-    found = given.GetValueProducingAttributes() if given else []
-    if not found:
+    producers = given.GetValueProducingAttributes() if given else []
+    if not producers:
         raise UnreadableValue("the texture names no file", shader.GetPrim())
-    return name_of(found[0], space)
+    return name_of(producers[0], space)
 
 
 def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
@@ -64,21 +64,21 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
 
 def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
     """All pictures that the stage's textures and domes name, each once."""
-    found = dict[str, PictureEntry]()
+    entries = dict[str, PictureEntry]()
     for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
             entry = _entry(attribute, space)
-            found[entry.name] = entry
-    return tuple(found.values())
+            entries[entry.name] = entry
+    return tuple(entries.values())
 
 
 def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
     """Copies in the output folder of the pictures that attributes name, by the paths of these attributes."""
-    found = dict[Sdf.Path, str]()
+    files = dict[Sdf.Path, str]()
     for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
-            found[attribute.GetPath()] = _entry(attribute, space).file
-    return found
+            files[attribute.GetPath()] = _entry(attribute, space).file
+    return files
 
 
 def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
@@ -95,9 +95,9 @@ def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
         return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
         given, space = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
-        found = given.GetValueProducingAttributes() if given else []
-        return [(found[0], str(space.Get() or "auto") if space else "auto")] if found else []
-    return [(one, "auto") for name in NAMES if is_picture(one := prim.GetAttribute(name))]
+        producers = given.GetValueProducingAttributes() if given else []
+        return [(producers[0], str(space.Get() or "auto") if space else "auto")] if producers else []
+    return [(attribute, "auto") for name in NAMES if is_picture(attribute := prim.GetAttribute(name))]
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:
@@ -118,10 +118,10 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     value = attribute.Get()
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
-    found = _inspected(value.path, value.resolvedPath, _ROOTS.get())
-    if isinstance(found, PictureFile):
-        return found
-    code, what, hint = found
+    picture = _inspected(value.path, value.resolvedPath, _ROOTS.get())
+    if isinstance(picture, PictureFile):
+        return picture
+    code, what, hint = picture
     raise UnreadableValue(f"@{value.path}@ {what}", attribute, hint, code)
 
 

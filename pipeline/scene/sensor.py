@@ -112,7 +112,7 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
         return ()
     responses = [response_of(channels[colour]) for colour in PRIMARIES]
     seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
-    return tuple(one for one in seen if one and seen[0])
+    return tuple(colours for colours in seen if colours and seen[0])
 
 
 def _read_radiance(camera: Usd.Prim) -> Radiance:

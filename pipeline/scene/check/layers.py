@@ -151,7 +151,7 @@ def _file(node: Pcp.NodeRef) -> str:
 def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     """Problems of layers that lie outside all roots, each at the line that names it, or else line 1 of the root."""
     layers = used_layers(stage)
-    outside = {file: layers[0].realPath for one in layers if not is_inside(file := file_of(one.realPath), roots)}
+    outside = {file: layers[0].realPath for layer in layers if not is_inside(file := file_of(layer.realPath), roots)}
     named: dict[str, tuple[str, int]] = {}
     with Ar.ResolverContextBinder(stage.GetPathResolverContext()):
         for layer in layers if outside else ():

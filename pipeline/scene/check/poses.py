@@ -63,7 +63,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _has_error(problems: list[Problem]) -> bool:
-    return any(one.is_error for one in problems)
+    return any(problem.is_error for problem in problems)
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:

@@ -97,7 +97,7 @@ def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
         definition = prim.GetPrimDefinition()
         names = (name for name in definition.GetPropertyNames() if name.startswith("plen:"))
         stated = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
-        _KNOWN[key] = {name: one for name, one in stated.items() if one != Conditions()}
+        _KNOWN[key] = {name: conditions for name, conditions in stated.items() if conditions != Conditions()}
     return _KNOWN[key]
 
 
@@ -213,7 +213,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
-            yield problem(place, code, f'{_said(needing, prim)} needs "{name}"', hint=hint)
+            yield problem(place, code, f'{_stated(needing, prim)} needs "{name}"', hint=hint)
         failing = next((rule for rule in rules.only if rule.holds(prim) is False), None)
         if written and failing:
             what = f'"{name}" has no effect {_without(failing, prim)}'
@@ -221,13 +221,13 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             yield problem(place, code, what, hint=f"remove it, or write {_wanted(failing)}")
 
 
-def _said(rule: Condition, prim: Usd.Prim) -> str:
+def _stated(rule: Condition, prim: Usd.Prim) -> str:
     """The value that a stage has for the property of a condition, as a quotation."""
     return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
 
 def _without(rule: Condition, prim: Usd.Prim) -> str:
-    return f"with {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
+    return f"with {_stated(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
 
 
 def _wanted(rule: Condition) -> str:
@@ -260,7 +260,7 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:
     """The type of prim to which a relationship must point by our plugInfo.json."""
-    return next((found[name] for found in schema_facts(prim, "plenTargets") if name in found), None)
+    return next((types[name] for types in schema_facts(prim, "plenTargets") if name in types), None)
 
 
 def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -> Iterator[Problem]:

@@ -48,28 +48,28 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     """
     if outside := check_used(stage, roots):
         return outside
-    found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
+    problems = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()
     for prim in prims:
-        own = [*check_prim(prim), *check_properties(prim)]
-        found += own
-        if any(one.is_error for one in own):
+        of_prim = [*check_prim(prim), *check_properties(prim)]
+        problems += of_prim
+        if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
-    if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
-        return list(dict.fromkeys([*found, *over]))  # the further checks make points, poses and lattices
+    if over := [problem for prim in _parts(prims) for problem in check_budgets(prim)]:
+        return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
     for prim in _parts(prims):
-        found += _check_whole(prim, wrong)
-    found += check_only_dataset(stage)
+        problems += _check_whole(prim, wrong)
+    problems += check_only_dataset(stage)
     if root := find_dataset(stage):
-        found += check_dataset(root, wrong)
-    if not any(one.is_error for one in found):
+        problems += check_dataset(root, wrong)
+    if not any(problem.is_error for problem in problems):
         # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):
-            found += check_nominal(prim) if prim.IsA("PlenLens") else []
-            found += check_planes(prim) if _is_camera(prim) else []
-        found += check_poses(root) if root else []
-    return list(dict.fromkeys(found))
+            problems += check_nominal(prim) if prim.IsA("PlenLens") else []
+            problems += check_planes(prim) if _is_camera(prim) else []
+        problems += check_poses(root) if root else []
+    return list(dict.fromkeys(problems))
 
 
 def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
@@ -84,12 +84,12 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     """Problems between the parts of one prim; `wrong` holds the prims with wrong values."""
     if merged := list(check_merged(prim)):
         return merged  # all other problems would follow from it
-    found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
-    found += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
-    found += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
+    problems = [problem for type_name, whole in _WHOLES if prim.IsA(type_name) for problem in whole(prim)]
+    problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
+    problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     if prim.GetPath() not in wrong and prim.IsA("PlenSensor") and has_response(prim):
-        found += check_response(prim)
-    return found + (list(check_camera(prim)) if _is_camera(prim) else [])
+        problems += check_response(prim)
+    return problems + (list(check_camera(prim)) if _is_camera(prim) else [])
 
 
 def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:

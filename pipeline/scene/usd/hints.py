@@ -75,24 +75,24 @@ def of_missing_asset(asset: str, layer: str) -> str | None:
 
     Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
     """
-    own, relative = Path(layer).parent, Path(asset)
+    folder, relative = Path(layer).parent, Path(asset)
     inside = not relative.is_absolute() and ".." not in relative.parts
-    found = _stages_by_name((own / relative).parent if inside else own, own)
-    return None if asset in found else _meant(asset, found, "@{}@", own)
+    stages = _stages_by_name((folder / relative).parent if inside else folder, folder)
+    return None if asset in stages else _meant(asset, stages, "@{}@", folder)
 
 
 def of_missing_stage(path: Path) -> str:
     """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
     shown = Path(shown_path(path))
-    own = path.parent if shown.is_absolute() else Path.cwd()
-    return _meant(path.relative_to(own).as_posix(), _stages_by_name(path.parent, own), '"{}"', path.parent)
+    base = path.parent if shown.is_absolute() else Path.cwd()
+    return _meant(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
 
 
-def _stages_by_name(folder: Path, own: Path) -> set[str]:
-    """Stages in a folder, relative to `own`, and all stages of the library."""
+def _stages_by_name(folder: Path, base: Path) -> set[str]:
+    """Stages in a folder, relative to `base`, and all stages of the library."""
     library = Path(library_path())
     try:
-        here = {path.relative_to(own).as_posix() for path in folder.iterdir() if _is_stage(path)}
+        here = {path.relative_to(base).as_posix() for path in folder.iterdir() if _is_stage(path)}
     except OSError:
         here = set()
     return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
@@ -102,10 +102,10 @@ def _is_stage(path: Path) -> bool:
     return path.suffix.startswith(".usd")
 
 
-def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
+def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:
     """The hint with the most similar names, or all of them and their folders."""
-    near = nearest(name, found) or nearest(Path(name).name, {one.rpartition("/")[2] for one in found})
-    whole = next((one for one in sorted(found) if one == near or one.endswith(f"/{near}")), None)
+    near = nearest(name, names) or nearest(Path(name).name, {other.rpartition("/")[2] for other in names})
+    whole = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
     meant = f"did you mean {quoted.format(whole)}? " if whole else ""
     return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"
 
@@ -116,21 +116,25 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
     These are what a reference to a missing file brings about at its prim and below, values that a reader could not
     use on a prim of which another error is told, and what parts cannot make up where any other error is.
     """
-    broken = {one.at for one in problems if one.code == "usd-invalid-asset-path" and one.at}
+    broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
 
-    def follows(one: Problem) -> bool:
-        if one.code.startswith("usd-"):
+    def follows(problem: Problem) -> bool:
+        if problem.code.startswith("usd-"):
             return False
-        named = [one.at or "", *re.findall(r"<([^>]*)>", one.message)]
+        named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
         return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
 
-    def prim(one: Problem) -> str:
-        return (one.at or "").partition(".")[0]
+    def prim(problem: Problem) -> str:
+        return (problem.at or "").partition(".")[0]
 
-    told = {prim(one) for one in problems if one.is_error and one.code != UnreadableValue.code}
-    kept = [one for one in problems if not follows(one) and (one.code != UnreadableValue.code or prim(one) not in told)]
-    has_reason = any(one.is_error and one.code != IMPOSSIBLE for one in kept)
-    return [one for one in kept if one.code != IMPOSSIBLE or not has_reason]
+    unusable = {prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code}
+
+    def repeats(problem: Problem) -> bool:
+        return problem.code == UnreadableValue.code and prim(problem) in unusable
+
+    kept = [problem for problem in problems if not follows(problem) and not repeats(problem)]
+    has_reason = any(problem.is_error and problem.code != IMPOSSIBLE for problem in kept)
+    return [problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason]
 
 
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:

@@ -71,8 +71,8 @@ def _is_of_parts(error: Pcp.ErrorBase) -> bool:
 def _from_opening(exception: Tf.ErrorException, path: Path) -> list[Problem]:
     """The reasons why USD cannot read the root layer."""
     texts = [_text(partial(getattr, error, "commentary")).strip() for error in exception.args]
-    if found := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
-        return found
+    if problems := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
+        return problems
     # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
     file, hint = shown_path(path), of_format(path)
@@ -155,7 +155,7 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
 def _as_written(asset: str, layer: str) -> str:
     """An asset path as written in the layer; in messages some are resolved."""
     name = asset.rpartition("/")[2]
-    return next((one for one in text_map(layer).assets if one.rpartition("/")[2] == name), asset)
+    return next((asset_path for asset_path in text_map(layer).assets if asset_path.rpartition("/")[2] == name), asset)
 
 
 def _site(error: Pcp.ErrorBase) -> tuple[str, str]:

@@ -336,7 +336,7 @@ def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
     """Prims of a type to which a relationship points, in its order."""
     stage = prim.GetStage()
     prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
-    return [found for found in prims if found and found.IsA(wanted)]
+    return [pointed for pointed in prims if pointed and pointed.IsA(wanted)]
 
 
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:

@@ -128,31 +128,31 @@ def view_of(camera: CameraEntry) -> Viewfinder | None:
         return None
 
 
-def pinhole(found: Viewfinder | None, unit_mm: float) -> Attributes:
+def pinhole(view: Viewfinder | None, unit_mm: float) -> Attributes:
     """USD attributes of the pinhole with the field of view of a camera; empty if single precision cannot hold them."""
-    if found is None:
+    if view is None:
         return {}
     film = _TENTHS / unit_mm
-    in_focus = math.isfinite(found.focus_mm)
+    in_focus = math.isfinite(view.focus_mm)
     values = {
-        "fStop": found.f_number if in_focus else 0.0,
-        "focalLength": film * found.principal_mm,
-        "focusDistance": found.focus_mm / unit_mm if in_focus else 0.0,
-        "horizontalAperture": film * found.size_mm[0],
-        "horizontalApertureOffset": film * found.offset_mm[0],
-        "verticalAperture": film * found.size_mm[1],
-        "verticalApertureOffset": film * found.offset_mm[1],
+        "fStop": view.f_number if in_focus else 0.0,
+        "focalLength": film * view.principal_mm,
+        "focusDistance": view.focus_mm / unit_mm if in_focus else 0.0,
+        "horizontalAperture": film * view.size_mm[0],
+        "horizontalApertureOffset": film * view.offset_mm[0],
+        "verticalAperture": film * view.size_mm[1],
+        "verticalApertureOffset": film * view.offset_mm[1],
     }
-    if not (found.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
+    if not (view.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
         return {}
     return {name: (Sdf.ValueTypeNames.Float, value) for name, value in values.items()}
 
 
 def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
-    found = view_of(camera)
-    attributes = pinhole(found, unit_mm)
-    if found and "clippingRange" not in prim.attributes:
-        ends = Gf.Vec2f(max(found.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
+    view = view_of(camera)
+    attributes = pinhole(view, unit_mm)
+    if view and "clippingRange" not in prim.attributes:
+        ends = Gf.Vec2f(max(view.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
         attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
     _write(prim, attributes)
 
