@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from pxr import Gf, Sdf, Vt
+from pxr import Sdf, Usd, Vt
 
 from pipeline.camera.figures.first_order_figures import viewfinder
 from pipeline.camera.parts.camera import Camera, PrintedCamera, Sensor
@@ -47,12 +47,14 @@ def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
 
 def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
     """Write the attributes and surfaces of a PlenLens."""
-    names = surface_names(lens)
-    _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
-    if lens.nominal_efl_mm is not None and lens.nominal_efl_mm > 0:
-        _author(prim, "plen:nominalFocalLength", Sdf.ValueTypeNames.Double, lens.nominal_efl_mm)
-    _author(prim, "plen:surfaceOrder", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray(names))
-    _author(prim, "plen:wavelength", Sdf.ValueTypeNames.Double, lens.wavelength_nm)
+    names, efl_mm = surface_names(lens), lens.nominal_efl_mm
+    _author(
+        prim,
+        name=lens.name,
+        nominalFocalLength=efl_mm if efl_mm is not None and efl_mm > 0 else None,
+        surfaceOrder=names,
+        wavelength=lens.wavelength_nm,
+    )
     for child, surface in zip(names, lens.surfaces, strict=True):
         _write_surface(Sdf.PrimSpec(prim, child, Sdf.SpecifierDef, "PlenSurface"), surface)
 
@@ -114,43 +116,28 @@ def text_of(layer: Sdf.Layer) -> str:
 
 
 def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
-    if surface.abbe is not None:
-        _author(prim, "plen:abbe", Sdf.ValueTypeNames.Double, surface.abbe)
-    _write_aperture(prim, surface)
-    if surface.conic:
-        _author(prim, "plen:conic", Sdf.ValueTypeNames.Double, surface.conic)
-    for name, first in (("plen:evenCoefficients", 2), ("plen:oddCoefficients", 3)):
-        if coefficients := surface.coefficients(first):
-            _author(prim, name, Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(coefficients))
-    if surface.focal_length_mm is not None:
-        _author(prim, "plen:focalLength", Sdf.ValueTypeNames.Double, surface.focal_length_mm)
-    if surface.glass:
-        _author(prim, "plen:glass", Sdf.ValueTypeNames.String, surface.glass)
-    _author(prim, "plen:index", Sdf.ValueTypeNames.Double, surface.index)
-    if surface.is_stop:
-        _author(prim, "plen:isStop", Sdf.ValueTypeNames.Bool, True)
-    _author(prim, "plen:radius", Sdf.ValueTypeNames.Double, surface.radius_mm)
-    _author(prim, "plen:semiDiameter", Sdf.ValueTypeNames.Double, surface.semi_diameter_mm)
-    _author(prim, "plen:thickness", Sdf.ValueTypeNames.Double, surface.thickness_mm)
-
-
-def _write_aperture(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    _author(
+        prim,
+        abbe=surface.abbe,
+        conic=surface.conic or None,
+        evenCoefficients=surface.coefficients(2) or None,
+        oddCoefficients=surface.coefficients(3) or None,
+        focalLength=surface.focal_length_mm,
+        glass=surface.glass or None,
+        index=surface.index,
+        isStop=surface.is_stop or None,
+        radius=surface.radius_mm,
+        semiDiameter=surface.semi_diameter_mm,
+        thickness=surface.thickness_mm,
+    )
+    rotation_deg = surface.aperture_rotation_deg
     if surface.half_widths_mm is not None:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "rectangular")
-        _author(prim, "plen:halfWidths", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*surface.half_widths_mm))
-        if surface.aperture_rotation_deg:
-            _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
+        turned = rotation_deg or None
+        _author(prim, apertureShape="rectangular", halfWidths=surface.half_widths_mm, apertureRotation=turned)
     elif surface.inner_semi_diameter_mm:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "annular")
-        _author(prim, "plen:innerSemiDiameter", Sdf.ValueTypeNames.Double, surface.inner_semi_diameter_mm)
+        _author(prim, apertureShape="annular", innerSemiDiameter=surface.inner_semi_diameter_mm)
     elif surface.blades:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "polygonal")
-        _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
-        _author(prim, "plen:blades", Sdf.ValueTypeNames.Int, surface.blades)
-
-
-def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:
-    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityUniform).default = value
+        _author(prim, apertureShape="polygonal", apertureRotation=rotation_deg, blades=surface.blades)
 
 
 def camera_text(camera: PrintedCamera) -> str:
@@ -193,56 +180,60 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
         if name != "microlenses" or camera.microlenses:
             relationship = Sdf.RelationshipSpec(prim, f"plen:camera:{name}", custom=False)
             relationship.targetPathList.explicitItems = [Sdf.Path(f"/Rig/{wanted}")]
-    lengths: dict[str, float | None] = {
-        "sensorDistance": camera.sensor_distance_mm,
-        "near": printed.near_mm,
-        "far": printed.far_mm,
+    lengths_mm = {
+        "camera:sensorDistance": camera.sensor_distance_mm,
+        "camera:near": printed.near_mm,
+        "camera:far": printed.far_mm,
+        "camera:microlensDistance": camera.microlenses.distance_mm if camera.microlenses else None,
     }
-    if camera.microlenses:
-        lengths["microlensDistance"] = camera.microlenses.distance_mm
-    for name, value in lengths.items():
-        if value is not None:
-            _author(prim, f"plen:camera:{name}", Sdf.ValueTypeNames.Double, value)
+    _author(prim, **lengths_mm)
 
 
 def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
-    _write_offset(prim, sensor.offset_x_mm, sensor.offset_y_mm)
-    _author(prim, "plen:pixelPitch", Sdf.ValueTypeNames.Double, sensor.pitch_mm)
-    resolution = _int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")
-    _author(prim, "plen:resolution", Sdf.ValueTypeNames.Int2, Gf.Vec2i(*resolution))
+    _author(
+        prim,
+        offset=_offset(sensor.offset_x_mm, sensor.offset_y_mm),
+        pixelPitch=sensor.pitch_mm,
+        resolution=(_int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")),
+    )
 
 
 def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
-    for name, count in (("columns", array.columns), ("rows", array.rows)):
-        if count is not None:
-            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Int, _int(count, f"{name} of microlenses"))
-    _author(prim, "plen:focalLengths", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(array.focal_lengths_mm))
-    _author(prim, "plen:layout", Sdf.ValueTypeNames.Token, array.layout)
-    _write_offset(prim, array.offset_x_mm, array.offset_y_mm)
-    lengths = {
-        "crossPitch": array.cross_pitch_mm,
-        "height": array.height_mm,
-        "pitch": array.pitch_mm,
-        "width": array.width_mm,
-    }
-    for name, value in lengths.items():
-        if value is not None:
-            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Double, value)
-    if array.rotation_deg:
-        _author(prim, "plen:rotation", Sdf.ValueTypeNames.Double, array.rotation_deg)
-    if array.is_tilted:
-        _author(prim, "plen:tilt", Sdf.ValueTypeNames.Double2, Gf.Vec2d(array.tilt_x_deg, array.tilt_y_deg))
-    if array.type_period is not None:
-        _author(prim, "plen:typePeriod", Sdf.ValueTypeNames.Int2, Gf.Vec2i(*array.type_period))
-        _author(prim, "plen:typeTable", Sdf.ValueTypeNames.IntArray, Vt.IntArray(array.type_table))
+    _author(
+        prim,
+        columns=_int(array.columns, "columns of microlenses"),
+        rows=_int(array.rows, "rows of microlenses"),
+        focalLengths=array.focal_lengths_mm,
+        layout=array.layout,
+        offset=_offset(array.offset_x_mm, array.offset_y_mm),
+        crossPitch=array.cross_pitch_mm,
+        height=array.height_mm,
+        pitch=array.pitch_mm,
+        width=array.width_mm,
+        rotation=array.rotation_deg or None,
+        tilt=(array.tilt_x_deg, array.tilt_y_deg) if array.is_tilted else None,
+        typePeriod=array.type_period,
+        typeTable=array.type_table if array.type_period is not None else None,
+    )
 
 
-def _write_offset(prim: Sdf.PrimSpec, x_mm: float, y_mm: float) -> None:
-    if x_mm or y_mm:
-        _author(prim, "plen:offset", Sdf.ValueTypeNames.Double2, Gf.Vec2d(x_mm, y_mm))
+def _offset(x_mm: float, y_mm: float) -> tuple[float, float] | None:
+    return (x_mm, y_mm) if x_mm or y_mm else None
 
 
-def _int(count: int, what: str) -> int:
-    if abs(count) >= 2**31:
+def _int(count: int | None, what: str) -> int | None:
+    if count is not None and abs(count) >= 2**31:
         raise CameraError(f"{count} {what} are more than a stage can hold")
     return count
+
+
+def _author(prim: Sdf.PrimSpec, **values: Any) -> None:
+    """Write attributes of ours, by their names without the namespace, in the types of the schemas; None is left out."""
+    registry = Usd.SchemaRegistry()
+    schemas = registry.FindConcretePrimDefinition(prim.typeName), registry.FindAppliedAPIPrimDefinition("PlenCameraAPI")
+    definition = schemas[prim.typeName == "Camera"]
+    for name, value in values.items():
+        if value is not None:
+            kind = definition.GetAttributeDefinition(f"plen:{name}").GetTypeName()
+            attribute = Sdf.AttributeSpec(prim, f"plen:{name}", kind, Sdf.VariabilityUniform)
+            attribute.default = type(kind.defaultValue)(value)
