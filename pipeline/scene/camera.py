@@ -28,9 +28,8 @@ from pipeline.scene.sensor import (
     read_response,
     read_sensor,
 )
-from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.poses import camera_name
-from pipeline.scene.usd.problems import Problem, did_you_mean, place, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import need, read, read_once, target, target_paths
 from pipeline.truth.settings import TruthSettings
 

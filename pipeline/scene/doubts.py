@@ -13,8 +13,7 @@ from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.glass import ordered_surfaces
 from pipeline.scene.losses import check_angles
 from pipeline.scene.sensor import read_sensor
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import read, target
 
 

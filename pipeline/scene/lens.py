@@ -13,8 +13,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, did_you_mean, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 APERTURE_VALUES = {

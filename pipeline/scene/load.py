@@ -20,9 +20,8 @@ from pipeline.scene.lens import read_lens_entry
 from pipeline.scene.pictures import picture_files, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.targets import read_target_entries
-from pipeline.scene.usd.hints import without_followers
 from pipeline.scene.usd.opening import check_instances, open_stage
-from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path
+from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
 from pipeline.scene.views import check_seen

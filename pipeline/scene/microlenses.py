@@ -10,8 +10,7 @@ from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
 from pipeline.optics.glass.errors import GlassError, OutOfRange
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read
 
 FACES = {

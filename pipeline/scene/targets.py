@@ -12,10 +12,9 @@ from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.meshes import Fans, check_skin, fans
 from pipeline.scene.usd.poses import product, world_from
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError

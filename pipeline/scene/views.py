@@ -3,27 +3,31 @@
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pxr import Usd
 
-from pipeline.camera.figures.outlook import Fate, Outlook, behind_microlenses_px, covered_mm, outlook, pupil_points_mm
+from pipeline.camera.figures.outlook import (
+    Fate,
+    Outlook,
+    behind_microlenses_px,
+    covered_mm,
+    outlook,
+    pupil_points_mm,
+    widest_blur_px,
+)
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
+from pipeline.errors import PipelineError
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.spelling import frames_in_words
 
 if TYPE_CHECKING:
     from pipeline.render.surroundings import Surroundings
-from collections.abc import Iterator
-
-from pxr import Usd
-
-from pipeline.camera.figures.outlook import widest_blur_px
-from pipeline.camera.focusing.depth_of_field import focused, middle_focus
-from pipeline.errors import PipelineError
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, problem
-from pipeline.spelling import frames_in_words
 
 _POINTS = 8_000
 """Most points of a target that are examined in all frames together; of more, some in each frame."""

@@ -94,30 +94,26 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
 
 def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     """Every defined prim in stage order, including abstract and inactive ones and instances."""
-    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
-    prims = []
-    remaining = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
-    for prim in remaining:
-        if prim.IsPseudoRoot():
-            continue
+    return [prim for prim in _outermost(stage) if not _is_dangling(prim)]
+
+
+def _outermost(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Every prim but the pseudo-root; of those that nothing defines the outermost."""
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    next(prims)
+    for prim in prims:
+        yield prim
         if _is_dangling(prim):
-            remaining.PruneChildren()
-        else:
-            prims.append(prim)
-    return prims
+            prims.PruneChildren()
 
 
 def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
     """Problems of overs on prims that nothing defines."""
-    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
-    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
-    for prim in prims:
-        if not prim.IsPseudoRoot() and _is_dangling(prim):
-            siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
-            message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
-            hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
-            yield problem(prim, "over-without-def", message, hint=hint)
-            prims.PruneChildren()
+    for prim in filter(_is_dangling, _outermost(stage)):
+        siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
+        message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
+        hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
+        yield problem(prim, "over-without-def", message, hint=hint)
 
 
 def _those_there(parent: Usd.Prim, names: list[str]) -> str | None:
@@ -216,12 +212,12 @@ def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _known_types() -> set[str]:
-    registry = Usd.SchemaRegistry()
-    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdTyped"))
-    return {registry.GetConcreteSchemaTypeName(t) for t in types} - {""}
+    return _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName)
 
 
 def _known_apis() -> set[str]:
-    registry = Usd.SchemaRegistry()
-    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdAPISchemaBase"))
-    return {registry.GetAPISchemaTypeName(t) for t in types} - {""}
+    return _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
+
+
+def _known(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
+    return {name_of(kind) for kind in Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName(base))} - {""}

@@ -1,4 +1,4 @@
-"""Opening of stages, with all messages of USD collected as problems."""
+"""Opening of stages, with all messages of USD collected as problems, and hints about their most likely cause."""
 
 import os
 import re
@@ -8,10 +8,11 @@ from pathlib import Path
 
 from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
-from pipeline.scene.usd.hints import of_folder, of_format, of_missing_asset, of_missing_stage, of_syntax
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.register import library_path
 from pipeline.scene.usd.roots import real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
+from pipeline.spelling import nearest
 
 _SYNTAX = re.compile(
     r"(?P<file>[^\n]+?\.usd[acz]?\]?):(?P<line>\d+):(?P<column>\d+): "
@@ -24,6 +25,18 @@ _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 PARTS = "PreviewParts"
 """Name of the prim below a Camera of an output folder whose payload are lens elements and rays, for viewers."""
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"
+_DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
+_DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
+_WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
+_OF_THE_GRAMMAR = re.compile(r"parse error matching \S*pegtl.*(?= at ')", re.DOTALL)
+"""What the parser of USD says where a rule of its grammar has no message of its own: the rule, as a type of C++."""
+_SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
+_STAGES = (".usd", ".usda", ".usdc", ".usdz")
+_LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
+"""Names of files of USD, and of those that `files.lenses` reads."""
+_TOLD = 4
+"""Number of names in one hint: the intended stage is among a few, or cannot be guessed."""
+_ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
 def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
@@ -224,3 +237,88 @@ def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
         at=str(top),
         hint=f"remove instanceable = true from <{top}>, or say it in the file that it refers to",
     )
+
+
+def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
+    """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
+    if duplicate := _DUPLICATE.match(message):
+        repeated = _repeated(re.findall(r"<[^>]*>", duplicate[2]))
+        return f'"{duplicate[1]}" names {repeated} twice', "remove one"
+    message = _OF_THE_GRAMMAR.sub("USD cannot read it", message)
+    try:
+        lines = Path(file).read_text(encoding="utf-8", errors="replace").splitlines()
+        text = lines[line - 1].partition("#")[0].rstrip()
+    except (OSError, IndexError):
+        return message, None
+    if _DECIMAL_COMMA.search(text):
+        return message, "write decimals with a point, not a comma"
+    if _WITH_UNIT.search(text):
+        return message, "numbers are written without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+    if _SPACE_IN_PATH.search(text):
+        return message, "names of prims are made of letters, digits and _, without spaces"
+    if _ONE_LINE.search(text):
+        return message, "give each property a line of its own, and the closing brace as well"
+    return message, None
+
+
+def of_folder(path: Path) -> str | None:
+    """A hint with the stages in a folder that was given instead of a stage; None if it is not a folder."""
+    if not path.is_dir():
+        return None
+    names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
+    return (
+        f"it is a folder, in which there is {', '.join(names[:_TOLD])}" if names else "it is a folder without a stage"
+    )
+
+
+def of_format(path: Path) -> str | None:
+    """A hint for a file that is not one of USD; None if its name is that of a USD file."""
+    if path.suffix in _STAGES:
+        return None
+    if path.suffix.lower() in _LENSES:
+        return f"`pipeline import lens {path.name}` makes a stage of a lens file"
+    return f"stages are files of USD: {', '.join(_STAGES)}"
+
+
+def _repeated(items: list[str]) -> str:
+    return next((item for item in items if items.count(item) > 1), "something")
+
+
+def of_missing_asset(asset: str, layer: str) -> str | None:
+    """A hint with files of similar names and the searched folders; None if the file exists.
+
+    Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
+    """
+    folder, relative = Path(layer).parent, Path(asset)
+    inside = not relative.is_absolute() and ".." not in relative.parts
+    stages = _stages_by_name((folder / relative).parent if inside else folder, folder)
+    return None if asset in stages else _meant(asset, stages, "@{}@", folder)
+
+
+def of_missing_stage(path: Path) -> str:
+    """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
+    shown = Path(shown_path(path))
+    base = path.parent if shown.is_absolute() else Path.cwd()
+    return _meant(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
+
+
+def _stages_by_name(folder: Path, base: Path) -> set[str]:
+    """Stages in a folder, relative to `base`, and all stages of the library."""
+    library = Path(library_path())
+    try:
+        here = {path.relative_to(base).as_posix() for path in folder.iterdir() if _is_stage(path)}
+    except OSError:
+        here = set()
+    return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
+
+
+def _is_stage(path: Path) -> bool:
+    return path.suffix.startswith(".usd")
+
+
+def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:
+    """The hint with the most similar names, or all of them and their folders."""
+    near = nearest(name, names) or nearest(Path(name).name, {other.rpartition("/")[2] for other in names})
+    whole = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
+    meant = f"did you mean {quoted.format(whole)}? " if whole else ""
+    return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"

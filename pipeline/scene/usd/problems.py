@@ -1,6 +1,7 @@
 """Problems of a stage, as data and as text, at the file and line of the strongest opinion on a prim or property."""
 
 import contextlib
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pxr import Sdf, Usd
 
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, sample_key
+from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import did_you_mean, printable
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
@@ -157,3 +159,42 @@ def authored_apis(prim: Usd.Prim) -> list[str]:
     """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
     edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
     return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
+
+
+def without_followers(problems: list[Problem]) -> list[Problem]:
+    """Problems, except those that follow from others.
+
+    These are what a reference to a missing file brings about at its prim and below, values that a reader could not
+    use on a prim of which another error is told, and what parts cannot make up where any other error is.
+    """
+    broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
+
+    def follows(problem: Problem) -> bool:
+        if problem.code.startswith("usd-"):
+            return False
+        named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
+        return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
+
+    def prim(problem: Problem) -> str:
+        return (problem.at or "").partition(".")[0]
+
+    unusable = {prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code}
+
+    def repeats(problem: Problem) -> bool:
+        return problem.code == UnreadableValue.code and prim(problem) in unusable
+
+    kept = [problem for problem in problems if not follows(problem) and not repeats(problem)]
+    has_reason = any(problem.is_error and problem.code != IMPOSSIBLE for problem in kept)
+    return [problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason]
+
+
+def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
+    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim.
+
+    Every check that reads the same reports it, and `check` names it once.
+    """
+    if isinstance(error, UnreadableValue):
+        return problem(error.thing, error.code, error.what)
+    if isinstance(error, PipelineError):
+        return problem(thing, IMPOSSIBLE, error.what, hint=error.hint)
+    return problem(thing, IMPOSSIBLE, "the lens has no first-order figures: it bends no light")
