@@ -32,6 +32,12 @@ def channel_prims(sensor: Usd.Prim) -> list[Usd.Prim]:
     return [prim for prim in sensor.GetChildren() if prim.IsA("PlenChannel")]
 
 
+def images_of(camera: Usd.Prim) -> int:
+    """Number of cameras that one counts for: each channel of its sensor is one."""
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    return max(1, len(channel_prims(sensor)) if sensor else 1)
+
+
 def illuminant_of(prim: Usd.Prim) -> str:
     """Illuminant of the dataset on whose stage a prim lies; equal energy where there is no dataset."""
     root = prim.GetStage().GetDefaultPrim()

@@ -85,6 +85,11 @@ def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
     return row.medium(glass=glass, index=None, abbe=None, wavelength_nm=wavelength_nm).index(wavelength_nm)
 
 
+def by_type(array: Usd.Prim) -> str:
+    """The attribute of a PlenMicrolensArray with an entry for each type of its microlenses."""
+    return "plen:frontRadii" if read(array, "plen:model") == "refractive" else "plen:focalLengths"
+
+
 def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenMicrolensArray as a whole; `wrong` holds the prims with wrong values."""
     parts = [*_check_extent(array), *_check_types(array), *_check_index(array)]
@@ -150,9 +155,8 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
     table, period = array.GetAttribute("plen:typeTable"), read(array, "plen:typePeriod")
     if bool(read(array, "plen:typeTable")) != bool(period):
         return  # one without the other is reported elsewhere
-    refractive = read(array, "plen:model") == "refractive"
-    name = "plen:frontRadii" if refractive else "plen:focalLengths"
-    count, square = len(read(array, name) or ()), read(array, "plen:layout") == "square"
+    name, square = by_type(array), read(array, "plen:layout") == "square"
+    count = len(read(array, name) or ())
     if not count:
         return  # reported as missing
     if not period:

@@ -242,7 +242,8 @@ def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
 def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
     if duplicate := _DUPLICATE.match(message):
-        repeated = _repeated(re.findall(r"<[^>]*>", duplicate[2]))
+        items = re.findall(r"<[^>]*>", duplicate[2])
+        repeated = next((item for item in items if items.count(item) > 1), "something")
         return f'"{duplicate[1]}" names {repeated} twice', "remove one"
     message = _OF_THE_GRAMMAR.sub("USD cannot read it", message)
     try:
@@ -278,10 +279,6 @@ def of_format(path: Path) -> str | None:
     if path.suffix.lower() in _LENSES:
         return f"`pipeline import lens {path.name}` makes a stage of a lens file"
     return f"stages are files of USD: {', '.join(_STAGES)}"
-
-
-def _repeated(items: list[str]) -> str:
-    return next((item for item in items if items.count(item) > 1), "something")
 
 
 def of_missing_asset(asset: str, layer: str) -> str | None:
