@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
@@ -121,35 +122,43 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     picture = _inspected(value.path, value.resolvedPath, _ROOTS.get())
     if isinstance(picture, PictureFile):
         return picture
-    code, what, hint = picture
-    raise UnreadableValue(f"@{value.path}@ {what}", attribute, hint, code)
+    raise UnreadableValue(f"@{value.path}@ {picture.what}", attribute, picture.hint, picture.code)
+
+
+class _Flaw(NamedTuple):
+    """What is wrong with a picture: a code, words that follow its name, and a hint."""
+
+    code: str
+    what: str
+    hint: str | None = None
 
 
 @read_once
-def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | tuple[str, str, str | None]:
-    """A picture, or the code of what is wrong with it, in words, and a hint."""
+def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | _Flaw:
+    """A picture, or what is wrong with it."""
     if not path:
-        return "asset-missing", "cannot be found", "asset paths use forward slashes" if "\\" in asset else None
+        slashes = "asset paths use forward slashes" if "\\" in asset else None
+        return _Flaw("asset-missing", "cannot be found", slashes)
     if Ar.IsPackageRelativePath(path):
-        return NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage"
+        return _Flaw(NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage")
     if Path(path).suffix.lower() not in _SUFFIXES:
         hint = f"known are files that end in {', '.join(_SUFFIXES)}"
-        return NotSupported.code, "is no picture of a kind that is read", hint
+        return _Flaw(NotSupported.code, "is no picture of a kind that is read", hint)
     if not is_inside(path, roots):
-        return "asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT
+        return _Flaw("asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT)
     try:
         if not Path(path).is_file():
-            return "file-kind", "is not a plain file", None
+            return _Flaw("file-kind", "is not a plain file")
         size, most = Path(path).stat().st_size, limits().picture_bytes
         if size > most:
             hint = how_to_raise("picture_bytes", size)
-            return "file-size", f"has {size:,} bytes; a picture may have {most:,}", hint
+            return _Flaw("file-size", f"has {size:,} bytes; a picture may have {most:,}", hint)
         content = Path(path).read_bytes()
     except OSError as error:
-        return "unreadable", f"cannot be read: {error.strerror}", None
+        return _Flaw("unreadable", f"cannot be read: {error.strerror}")
     from pipeline.files.pictures import ends_of  # stages without pictures need no library for them
 
     try:
         return PictureFile(content, *ends_of(content, Path(path).suffix.lower()))
     except PipelineError as error:
-        return "bad-picture", error.what, error.hint
+        return _Flaw("bad-picture", error.what, error.hint)

@@ -22,7 +22,7 @@ from pipeline.camera.figures.outlook import (
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.errors import PipelineError
-from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+from pipeline.scene.dataset import Dataset, Frame
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.spelling import frames_in_words
 
@@ -82,7 +82,10 @@ class View:
 def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     """The view of a camera of a dataset on the target with this index."""
     frames, target = dataset.frames, dataset.targets[number]
-    points, front, kinds = _points_of(target, len(frames))
+    marked = target.target.points()
+    count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
+    kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
+    points, front, kinds = marked.position_mm[kept], marked.plane_axes[kept][:, :, 2], np.array(marked.kinds)[kept]
     poses = np.array([_pose(frame, name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
@@ -125,14 +128,6 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     if camera.microlenses:
         return spacing_mm * float(behind_microlenses_px(camera, camera.microlenses, z_mm[None])[1][0])
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
-
-
-def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of a target and their normals, (n, 3) each, target frame, and kinds (n,); of very many a selection."""
-    points = entry.target.points()
-    count = min(len(points.kinds), max(1, _POINTS // max(1, frames)))
-    kept = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
-    return points.position_mm[kept], points.plane_axes[kept][:, :, 2], np.array(points.kinds)[kept]
 
 
 def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:

@@ -255,11 +255,11 @@ class CutNumbers:
 
     Attributes
     ----------
-    found : list
-        (path, what, hint, line) of numbers that USD would replace.
+    cut : list
+        (path, message, value in USD, line) of numbers that USD would replace.
     """
 
-    found: list[tuple[str, str, str, int]] = field(default_factory=list)
+    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
     _words: list[str] = field(default_factory=list)
     _path: str = ""
     _name: str = ""
@@ -318,7 +318,7 @@ class CutNumbers:
         except ValueError:
             return  # USD reports it
         if self._is_bool and number not in (0.0, 1.0):
-            self.found.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
+            self.cut.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
         elif not self._is_bool and number - number == 0 and not number.is_integer():
-            what = f'"{self._name}" must hold whole numbers, not {token}'
-            self.found.append((self._path, what, str(int(number)), line))
+            message = f'"{self._name}" must hold whole numbers, not {token}'
+            self.cut.append((self._path, message, str(int(number)), line))

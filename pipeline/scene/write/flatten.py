@@ -154,7 +154,10 @@ def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> No
     if view and "clippingRange" not in prim.attributes:
         ends = Gf.Vec2f(max(view.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
         attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
-    _write(prim, attributes)
+    for name, (kind, value) in attributes.items():
+        if name in prim.properties:
+            del prim.properties[name]
+        Sdf.AttributeSpec(prim, name, kind).default = value
 
 
 def _name_parts(prim: Sdf.PrimSpec, file: str) -> None:
@@ -169,14 +172,6 @@ def _leave_out_parts(camera: Sdf.PrimSpec) -> None:
     """Remove the parts of a camera that an earlier build named."""
     if PARTS in camera.nameChildren:
         del camera.nameChildren[PARTS]
-
-
-def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:
-    """Set attributes, replacing old values. (In the text, properties are sorted by name.)"""
-    for name, (kind, value) in attributes.items():
-        if name in prim.properties:
-            del prim.properties[name]
-        Sdf.AttributeSpec(prim, name, kind).default = value
 
 
 def write_board(prim: Sdf.PrimSpec, name: str, faces: PreviewFaces, unit_mm: float, picture: str | None) -> None:
