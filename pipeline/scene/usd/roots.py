@@ -1,7 +1,8 @@
-"""Asset roots: the folders that a stage may read, which keep a dataset in one place that can be copied whole.
+"""Files of a stage: its layers, and asset roots, the folders that it may read, which keep a dataset in one place.
 
-The project of the stage, the shipped library, and what the caller adds. Real paths are compared, so that neither `..`
-nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of docs/strangers.md.
+Asset roots are the project of the stage, the shipped library, and what the caller adds. Real paths are compared, so
+that neither `..` nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of
+docs/strangers.md.
 """
 
 import os

@@ -251,7 +251,7 @@ class _Scanner:
 
 @dataclass(slots=True)
 class CutNumbers:
-    """Follower of the tokens of `usda_lines`, which knows where the value of a statement begins and ends.
+    """Follower of the tokens of a text, which knows where the value of a statement begins and ends.
 
     Attributes
     ----------

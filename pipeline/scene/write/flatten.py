@@ -40,7 +40,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
     References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
     would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
-    must have been written out (`instances`), because flattening would leave their prototypes beside the root.
+    must have been written out (`write_out_instances`), because flattening would leave their prototypes beside the root.
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     _leave_out_tables(layer)
