@@ -16,8 +16,7 @@ from pipeline.optics.printed import Lost
 from pipeline.scene.fix import fix
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
-from pipeline.scene.write.cameras import camera_text
-from pipeline.scene.write.text import lens_text
+from pipeline.scene.write.text import camera_text, lens_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

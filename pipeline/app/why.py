@@ -136,4 +136,4 @@ def _shows(values: tuple[Any, Any], wanted: tuple[Any, Any]) -> bool:
     old, new = values
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) and values != wanted:
         return any(_shows(pair, wanted) for pair in zip(old, new, strict=True) if pair[0] != pair[1])
-    return values != (None, None) and all(one in (None, other) for one, other in zip(values, wanted, strict=True))
+    return values != (None, None) and all(value in (None, other) for value, other in zip(values, wanted, strict=True))

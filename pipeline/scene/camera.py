@@ -19,7 +19,7 @@ from pipeline.scene.channels import check_channels, check_formulas, check_wavele
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.glass import index_source, ordered_surfaces
 from pipeline.scene.lens import lens_groups, read_prescription
-from pipeline.scene.microlenses import check_microlens_glass, check_near_microlenses, read_microlenses
+from pipeline.scene.microlenses import by_type, check_microlens_glass, check_near_microlenses, read_microlenses
 from pipeline.scene.sensor import (
     check_exposure,
     has_response,
@@ -28,10 +28,8 @@ from pipeline.scene.sensor import (
     read_response,
     read_sensor,
 )
-from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.poses import camera_name
-from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import place, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import need, read, read_once, target, target_paths
 from pipeline.truth.settings import TruthSettings
 
@@ -123,12 +121,12 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
 def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record with the lens as it is prescribed."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
+    lens, light_nm = target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
+    microlenses = read_microlenses(array, need(prim, "plen:camera:microlensDistance"), light_nm) if array else None
     parts: dict[str, Any] = {
-        "prescription": read_prescription(
-            target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
-        ),
+        "prescription": read_prescription(lens, light_nm),
         "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
-        "microlenses": _read_microlenses(prim, array) if array else None,
+        "microlenses": microlenses,
         "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
         "near_mm": read(prim, "plen:camera:near"),
         "far_mm": read(prim, "plen:camera:far"),
@@ -145,13 +143,6 @@ def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         focus_groups=groups,
         match_stop=match_stop,
         **parts,
-    )
-
-
-def _read_microlenses(camera: Usd.Prim, array: Usd.Prim) -> MicrolensArray:
-    """The microlenses of a camera."""
-    return read_microlenses(
-        array, need(camera, "plen:camera:microlensDistance"), need(camera, "plen:camera:wavelength")
     )
 
 
@@ -243,11 +234,9 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
         yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    is_refractive = array and read(array, "plen:model") == "refractive"
-    by_type = "plen:frontRadii" if is_refractive else "plen:focalLengths"
-    focal_lengths, number = read(array, by_type) if array else None, read(camera, _TYPE)
-    if focal_lengths and number is not None and number >= len(focal_lengths):
-        message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
+    count, number = len(read(array, by_type(array)) or ()) if array else 0, read(camera, _TYPE)
+    if count and number is not None and number >= count:
+        message = f'"{_TYPE}" = {number}, but the array has {count} types, counted from 0'
         yield problem(camera.GetAttribute(_TYPE), "focus-type", message)
 
 
@@ -258,9 +247,8 @@ def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
     for name in (read(camera, _GROUPS) or ()) if lens else ():
         if name not in known:
             hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
-            yield problem(
-                camera.GetAttribute(_GROUPS), "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint
-            )
+            message = f'"{name}" is no PlenLensGroup of the lens'
+            yield problem(camera.GetAttribute(_GROUPS), "focus-groups", message, hint=hint)
 
 
 def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
@@ -348,9 +336,8 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
     if array is None or len(array.focal_lengths_mm) < 2:
         return
     prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    attribute = prim.GetAttribute("plen:frontRadii" if array.model == "refractive" else "plen:focalLengths")
     if mixed := _mixed(array):
-        yield problem(attribute, "mixed-microlenses", mixed, severity="warning")
+        yield problem(prim.GetAttribute(by_type(prim)), "mixed-microlenses", mixed, severity="warning")
     for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
         circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
         message = (

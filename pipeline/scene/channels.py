@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Usd
@@ -23,14 +23,19 @@ from pipeline.scene.glass import (
     says_catalogue,
 )
 from pipeline.scene.microlenses import microlens_index
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 
 def channel_prims(sensor: Usd.Prim) -> list[Usd.Prim]:
     """Channels of a PlenSensor, in stage order."""
     return [prim for prim in sensor.GetChildren() if prim.IsA("PlenChannel")]
+
+
+def images_of(camera: Usd.Prim) -> int:
+    """Number of cameras that one counts for: each channel of its sensor is one."""
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    return max(1, len(channel_prims(sensor)) if sensor else 1)
 
 
 def illuminant_of(prim: Usd.Prim) -> str:
@@ -55,7 +60,8 @@ def read_channels(camera: Usd.Prim) -> tuple[Channel, ...]:
 
 def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths [nm] that stand for a PlenChannel, and their shares; raises SpectrumError as `read_channels`."""
-    return _spectrum(_response(channel), illuminant, need(channel, "plen:nodes"))[:2]
+    spectrum = _spectrum(_response(channel), illuminant, need(channel, "plen:nodes"))
+    return spectrum.wavelengths_nm, spectrum.shares
 
 
 def response_of(channel: Usd.Prim) -> tuple[Table, bool]:
@@ -82,23 +88,30 @@ def _table(response: tuple[Any, Any]) -> tuple[Table, bool]:
     """A response, and whether it counts photons; those with names are responses to energy."""
     from pipeline.render.spectral import spectra
 
-    one, other = response
-    by_name = isinstance(one, str)
-    return spectra.sensitivity(one, other) if by_name else (np.array(one), np.array(other)), not by_name
+    if isinstance(response[0], str):
+        return spectra.sensitivity(*response), False
+    wavelengths_nm, values = map(np.array, response)
+    return (wavelengths_nm, values), True
+
+
+class _Spectrum(NamedTuple):
+    """Wavelengths that stand for a channel, their shares, and its light around them."""
+
+    wavelengths_nm: np.ndarray
+    shares: np.ndarray
+    slices: tuple[Slices, ...]
 
 
 # Checks and readers ask for the same spectra again and again, and colour-science takes half a second to import: only
 # stages with channels pay for it.
 @cache
-def _spectrum(
-    response: tuple[Any, Any], illuminant: str, count: int
-) -> tuple[np.ndarray, np.ndarray, tuple[Slices, ...]]:
+def _spectrum(response: tuple[Any, Any], illuminant: str, count: int) -> _Spectrum:
     from pipeline.render.spectral import spectra
 
     table, counts_photons = _table(response)
     points = points_of(table, spectra.illuminant(illuminant), counts_photons=counts_photons)
     wavelengths_nm, shares = gauss_nodes(points, count)
-    return wavelengths_nm, shares, slices_of(points, shares)
+    return _Spectrum(wavelengths_nm, shares, slices_of(points, shares))
 
 
 @read_once

@@ -122,7 +122,9 @@ class CameraEntry:
         """The camera once for each of its channels; a camera of one wavelength itself."""
         if not self.channels:
             return (self,)
-        return tuple(replace(self, channel=one, wavelength_nm=one.middle.wavelength_nm) for one in self.channels)
+        return tuple(
+            replace(self, channel=channel, wavelength_nm=channel.middle.wavelength_nm) for channel in self.channels
+        )
 
     @property
     def full_name(self) -> str:

@@ -12,10 +12,9 @@ from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.glass import ordered_surfaces
 from pipeline.scene.losses import check_angles
+from pipeline.scene.microlenses import by_type
 from pipeline.scene.sensor import read_sensor
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import read, target
 
 
@@ -65,6 +64,5 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
     if part == "microlenses":
         return array
     if part == "focal_lengths":
-        is_refractive = camera.microlenses is not None and camera.microlenses.model == "refractive"
-        return array.GetAttribute("plen:frontRadii" if is_refractive else "plen:focalLengths")
+        return array.GetAttribute(by_type(array))
     return prim

@@ -10,8 +10,7 @@ from pxr import Sdf, Usd
 
 from pipeline.edits import Edit
 from pipeline.scene.usd.opening import open_stage
-from pipeline.scene.usd.problems import shown_path
-from pipeline.scene.usd.source_locations import place, specs
+from pipeline.scene.usd.problems import place, shown_path, specs
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, text_map
 from pipeline.scene.usd.values import plain
 

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
-from pipeline.scene.channels import channel_prims
+from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import AskedExports
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import need, read, target, target_paths, targets
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import need, read, target_paths, targets
 
 NOISE = {
     "noise_px": "plen:exports:noise",
@@ -49,11 +48,11 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
             continue
         taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
         if cameras and not taken:
-            kind = _kind(not _is_plenoptic(cameras[0]))
-            others = [other for other, one in loadable().items() if one.takes(_is_plenoptic(cameras[0]))]
+            kind = "conventional" if _is_plenoptic(cameras[0]) else "plenoptic"
+            others = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
-        elif sum(_channels(camera) for camera in taken) < wanted.least_cameras:
+        elif sum(map(images_of, taken)) < wanted.least_cameras:
             message = f'"{name}" relates cameras to each other, and the dataset has one'
             yield problem(place, "export-cameras", message, hint="take it out, or add a camera")
         yield from _check_targets(root, name, wanted)
@@ -61,14 +60,14 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
-    found, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
+    prims, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
     if wanted.targets is Targets.ANY:
         return
-    if len(found) > 1:
-        message = f'"{name}" describes one target, and the dataset has {len(found)}'
+    if len(prims) > 1:
+        message = f'"{name}" describes one target, and the dataset has {len(prims)}'
         yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
-    elif wanted.targets is Targets.BOARD and found and not _has_grid(found[0]):
-        message = f'"{name}" describes boards whose points form a grid, and {found[0].GetName()} has none'
+    elif wanted.targets is Targets.BOARD and prims and not _has_grid(prims[0]):
+        message = f'"{name}" describes boards whose points form a grid, and {prims[0].GetName()} has none'
         hint = "checkerboards, ChArUco boards and symmetric circle grids have one, of two columns and rows at least"
         yield problem(place, "export-targets", message, hint=hint)
 
@@ -89,15 +88,5 @@ def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Itera
         yield problem(root.GetAttribute(f"{_ASKED}:position"), "export-position", message, hint=hint)
 
 
-def _channels(camera: Usd.Prim) -> int:
-    """Number of cameras that an export has of one."""
-    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    return max(1, len(channel_prims(sensor))) if sensor else 1
-
-
 def _is_plenoptic(camera: Usd.Prim) -> bool:
     return bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
-
-
-def _kind(is_plenoptic: bool) -> str:
-    return "plenoptic" if is_plenoptic else "conventional"

@@ -11,9 +11,8 @@ from pxr import Sdf, Tf, Usd
 from pipeline.errors import UsageError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
-from pipeline.scene.check.prims import all_prims
-from pipeline.scene.usd.instances import write_out_instances
-from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.check.stage import all_prims
+from pipeline.scene.usd.opening import open_stage, write_out_instances
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.write.flatten import fallback_types, pinhole, view_of
@@ -80,16 +79,16 @@ def said_of(path: Path, *, write: bool) -> str | None:
 
 def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:
     """Pieces of text with the position at which to insert them."""
-    bodies, found = text_map(path).bodies, list[tuple[int, str]]()
+    bodies, inserts = text_map(path).bodies, list[tuple[int, str]]()
     for prim, lines in wanted.items():
         if prim:
-            found.append(_after(text, bodies.get(prim, 0), lines, 4 * prim.count("/")))
+            inserts.append(_after(text, bodies.get(prim, 0), lines, 4 * prim.count("/")))
         elif dictionary := re.compile(r"\bfallbackPrimTypes\s*=\s*\{").search(text):
-            found.append(_after(text, dictionary.end(), lines, 8))
+            inserts.append(_after(text, dictionary.end(), lines, 8))
         else:
             whole = ["fallbackPrimTypes = {", *(f"    {line}" for line in lines), "}"]
-            found.append(_after(text, bodies.get("", 0), whole, 4))
-    return found
+            inserts.append(_after(text, bodies.get("", 0), whole, 4))
+    return inserts
 
 
 def _after(text: str, at: int, lines: list[str], indent: int) -> tuple[int, str]:
@@ -110,9 +109,9 @@ def _is(text: str, layer: Sdf.Layer, wanted: dict[str, list[str]]) -> bool:
     except Tf.ErrorException:
         return False
     types = fallback_types(re.findall(r"token\[\] (\w+)", "\n".join(wanted.get("", ()))))
-    said = before.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    authored = before.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
     if types:
-        before.pseudoRoot.SetInfo("fallbackPrimTypes", {**said, **types})
+        before.pseudoRoot.SetInfo("fallbackPrimTypes", {**authored, **types})
     for prim, lines in wanted.items():
         for line in lines if prim else ():
             _, name, _, value = line.split()

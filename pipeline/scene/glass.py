@@ -13,9 +13,7 @@ from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
 from pipeline.optics.prescription import Surface
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
 
 

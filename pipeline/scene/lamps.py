@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
-from pipeline.frames import apply, mm_per_unit
+from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp, Rgb
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
-from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, world_from
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, take, target_paths
 from pipeline.spelling import frames_in_words
 
@@ -86,7 +85,7 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
     take(prim.GetPath())
     kind, names, factors = KINDS[str(prim.GetTypeName())]
-    unit_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    unit_mm = stage_mm_per_unit(prim)
     numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
     if kind == "distant":
         size = (math.radians(min(numbers[0], 180.0)), 0.0)
@@ -177,13 +176,11 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 def _check_kind(prim: Usd.Prim) -> Iterator[Problem]:
     if str(prim.GetTypeName()) not in KINDS:
-        known = ", ".join(KINDS)
-        yield problem(
-            prim,
-            "not-yet-supported",
+        message, hint = (
             f"lights of type {prim.GetTypeName()} are not supported",
-            hint=(f"known are {known}; {_OFF}"),
+            f"known are {', '.join(KINDS)}; {_OFF}",
         )
+        yield problem(prim, "not-yet-supported", message, hint=hint)
 
 
 def _check_features(prim: Usd.Prim) -> Iterator[Problem]:
@@ -248,9 +245,8 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             yield problem(prim, "dark-lamp", message, hint=hint, severity="warning")
         for camera in _inside(dataset, entry.prim_path, entry.lamp):
             message = f'"{camera}" stands inside of this lamp: its images show the lamp and nothing else'
-            yield problem(
-                prim, "lamp-around-camera", message, hint="move the lamp, or make it smaller", severity="warning"
-            )
+            hint = "move the lamp, or make it smaller"
+            yield problem(prim, "lamp-around-camera", message, hint=hint, severity="warning")
     bright = {entry.prim_path: entry.lamp for entry in dataset.lamps if any(entry.lamp.radiance)}
     for target in dataset.targets if bright else ():
         dark = [frame.number for frame in dataset.frames if not _is_reached(target, frame, bright)]
@@ -260,9 +256,8 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
                 f'no lamp shines on the front of "{prim.GetName()}" in {len(dark)} of {len(dataset.frames)} frames: '
                 f"{frames_in_words(dark)}"
             )
-            yield problem(
-                prim, "unlit", message, hint=f"turn a lamp, or add a DomeLight: {_DIRECTED}", severity="warning"
-            )
+            hint = f"turn a lamp, or add a DomeLight: {_DIRECTED}"
+            yield problem(prim, "unlit", message, hint=hint, severity="warning")
 
 
 def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:

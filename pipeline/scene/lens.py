@@ -13,9 +13,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 APERTURE_VALUES = {
@@ -52,7 +50,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
         index_source=index_source(prim, ordered_surfaces(prim)),
         wavelength_nm=need(prim, "plen:wavelength"),
         prescription=read_prescription(prim),
-        stop_name=next(one.GetName() for one in ordered_surfaces(prim) if need(one, "plen:isStop")),
+        stop_name=next(surface.GetName() for surface in ordered_surfaces(prim) if need(surface, "plen:isStop")),
     )
 
 

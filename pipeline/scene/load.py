@@ -20,13 +20,9 @@ from pipeline.scene.lens import read_lens_entry
 from pipeline.scene.pictures import picture_files, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.targets import read_target_entries
-from pipeline.scene.usd.hints import without_followers
-from pipeline.scene.usd.instances import check_instances
-from pipeline.scene.usd.opening import open_stage
-from pipeline.scene.usd.problems import Problem, StageError, shortened, shown_path
-from pipeline.scene.usd.roots import allowed_roots, real_path
-from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.used_layers import file_of, used_layers
+from pipeline.scene.usd.opening import check_instances, open_stage
+from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
+from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
 from pipeline.scene.views import check_seen
 from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
@@ -79,7 +75,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
         if flaw := flaw_of(Path(place)):
             raise UsageError(f"{what} {flaw}", hint="give it another name")
-    said = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
+    messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         return _loaded(real_path(path), allowed_roots(Path(path), allow_roots), look)
     except StageError as error:
@@ -89,7 +85,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
         message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
         return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
     finally:
-        said.TakeUncoalescedDiagnostics()
+        messages.TakeUncoalescedDiagnostics()
 
 
 def _refused(problems: list[Problem]) -> Loaded:
@@ -144,8 +140,8 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
 
 def _reason(error: Exception) -> str:
     """First line of an error message of USD or of the text decoder."""
-    said = [one.commentary for one in error.args if hasattr(one, "commentary")]
-    return shortened((said or [str(error)])[0].strip())
+    comments = [part.commentary for part in error.args if hasattr(part, "commentary")]
+    return shortened((comments or [str(error)])[0].strip())
 
 
 @arguments_settled(UsageError)

@@ -18,8 +18,7 @@ from pipeline.optics.transmission.losses import Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.glass import medium_behind, ordered_surfaces
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
 _COATING = {
@@ -79,8 +78,8 @@ def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
     """Coatings and glasses of a lens at a wavelength; raises as `losses_at`."""
     surfaces = ordered_surfaces(lens)
     return Losses(
-        coatings=tuple(read_coating(one).at(wavelength_nm) for one in surfaces),
-        per_mm=tuple(_share_per_mm(one, lens, wavelength_nm) for one in surfaces),
+        coatings=tuple(read_coating(surface).at(wavelength_nm) for surface in surfaces),
+        per_mm=tuple(_share_per_mm(surface, lens, wavelength_nm) for surface in surfaces),
     )
 
 

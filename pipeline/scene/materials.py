@@ -15,8 +15,7 @@ from pipeline.scene.lamps import is_in_images, lamp_prims
 from pipeline.scene.pictures import picture_name
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Fans, fans
-from pipeline.scene.usd.problems import Problem, shortened
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem, shortened
 from pipeline.scene.usd.values import (
     NotSupported,
     Range,
@@ -192,8 +191,8 @@ def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
     shader = Sdr.Registry().GetShaderNodeByIdentifier(shader_id)
     inputs = {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()}
     return {
-        name: (len(numbers(one.GetDefaultValueAsSdfType())), tuple(token for token, _ in one.GetOptions()))
-        for name, one in inputs.items()
+        name: (len(numbers(declared.GetDefaultValueAsSdfType())), tuple(token for token, _ in declared.GetOptions()))
+        for name, declared in inputs.items()
     }
 
 
@@ -253,7 +252,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
         take(subset.GetPath())
         of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get() or ()), len(shaded))
         shaded.append(_material_of(subset.GetPrim()))
-    materials = tuple(one.material for one in shaded)
+    materials = tuple(each.material for each in shaded)
     return Finish(
         materials=materials,
         material_of=tuple(of_face.get(face, 0) for face in shape.faces) if of_face else (),
@@ -292,7 +291,7 @@ def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
 
 def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[Shaded]) -> tuple[Numbers, ...]:
     """Texture coordinates at the corners of all triangles."""
-    names = list(dict.fromkeys(one.primvar for one in shaded if all_of([one.material])))
+    names = list(dict.fromkeys(each.primvar for each in shaded if all_of([each.material])))
     if len(names) > 1:
         raise NotSupported(
             f"its materials read texture coordinates from {' and '.join(names)}",

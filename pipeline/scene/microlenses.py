@@ -10,9 +10,7 @@ from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
 from pipeline.optics.glass.errors import GlassError, OutOfRange
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read
 
 FACES = {
@@ -87,6 +85,11 @@ def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
     return row.medium(glass=glass, index=None, abbe=None, wavelength_nm=wavelength_nm).index(wavelength_nm)
 
 
+def by_type(array: Usd.Prim) -> str:
+    """The attribute of a PlenMicrolensArray with an entry for each type of its microlenses."""
+    return "plen:frontRadii" if read(array, "plen:model") == "refractive" else "plen:focalLengths"
+
+
 def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenMicrolensArray as a whole; `wrong` holds the prims with wrong values."""
     parts = [*_check_extent(array), *_check_types(array), *_check_index(array)]
@@ -152,9 +155,8 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
     table, period = array.GetAttribute("plen:typeTable"), read(array, "plen:typePeriod")
     if bool(read(array, "plen:typeTable")) != bool(period):
         return  # one without the other is reported elsewhere
-    refractive = read(array, "plen:model") == "refractive"
-    name = "plen:frontRadii" if refractive else "plen:focalLengths"
-    count, square = len(read(array, name) or ()), read(array, "plen:layout") == "square"
+    name, square = by_type(array), read(array, "plen:layout") == "square"
+    count = len(read(array, name) or ())
     if not count:
         return  # reported as missing
     if not period:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Set
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.frames import apply, mm_per_unit
+from pipeline.frames import apply
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
@@ -19,8 +19,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.pattern import TargetError
@@ -41,7 +40,7 @@ def read_occluder(prim: Usd.Prim) -> Occluder:
     TargetError, ValueError
         Its faces do not match its points or each other.
     """
-    mesh, scale_mm = fans(UsdGeom.Mesh(prim)), mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    mesh, scale_mm = fans(UsdGeom.Mesh(prim)), stage_mm_per_unit(prim)
     return Occluder(
         vertices_mm=tuple((x * scale_mm, y * scale_mm, z * scale_mm) for x, y, z in mesh.points),
         triangles=mesh.triangles,

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
@@ -48,10 +49,10 @@ def reading_below(roots: Iterable[Path]) -> Iterator[None]:
 def picture_name(shader: UsdShade.Shader, space: str) -> str:
     """Name of the picture of a UsdUVTexture in a colour space."""
     given = shader.GetInput("file")
-    found = given.GetValueProducingAttributes() if given else []
-    if not found:
+    producers = given.GetValueProducingAttributes() if given else []
+    if not producers:
         raise UnreadableValue("the texture names no file", shader.GetPrim())
-    return name_of(found[0], space)
+    return name_of(producers[0], space)
 
 
 def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
@@ -64,21 +65,21 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
 
 def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
     """All pictures that the stage's textures and domes name, each once."""
-    found = dict[str, PictureEntry]()
+    entries = dict[str, PictureEntry]()
     for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
             entry = _entry(attribute, space)
-            found[entry.name] = entry
-    return tuple(found.values())
+            entries[entry.name] = entry
+    return tuple(entries.values())
 
 
 def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
     """Copies in the output folder of the pictures that attributes name, by the paths of these attributes."""
-    found = dict[Sdf.Path, str]()
+    files = dict[Sdf.Path, str]()
     for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
-            found[attribute.GetPath()] = _entry(attribute, space).file
-    return found
+            files[attribute.GetPath()] = _entry(attribute, space).file
+    return files
 
 
 def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
@@ -95,9 +96,9 @@ def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
         return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
         given, space = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
-        found = given.GetValueProducingAttributes() if given else []
-        return [(found[0], str(space.Get() or "auto") if space else "auto")] if found else []
-    return [(one, "auto") for name in NAMES if is_picture(one := prim.GetAttribute(name))]
+        producers = given.GetValueProducingAttributes() if given else []
+        return [(producers[0], str(space.Get() or "auto") if space else "auto")] if producers else []
+    return [(attribute, "auto") for name in NAMES if is_picture(attribute := prim.GetAttribute(name))]
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:
@@ -118,38 +119,46 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     value = attribute.Get()
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
-    found = _inspected(value.path, value.resolvedPath, _ROOTS.get())
-    if isinstance(found, PictureFile):
-        return found
-    code, what, hint = found
-    raise UnreadableValue(f"@{value.path}@ {what}", attribute, hint, code)
+    picture = _inspected(value.path, value.resolvedPath, _ROOTS.get())
+    if isinstance(picture, PictureFile):
+        return picture
+    raise UnreadableValue(f"@{value.path}@ {picture.what}", attribute, picture.hint, picture.code)
+
+
+class _Flaw(NamedTuple):
+    """What is wrong with a picture: a code, words that follow its name, and a hint."""
+
+    code: str
+    what: str
+    hint: str | None = None
 
 
 @read_once
-def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | tuple[str, str, str | None]:
-    """A picture, or the code of what is wrong with it, in words, and a hint."""
+def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | _Flaw:
+    """A picture, or what is wrong with it."""
     if not path:
-        return "asset-missing", "cannot be found", "asset paths use forward slashes" if "\\" in asset else None
+        slashes = "asset paths use forward slashes" if "\\" in asset else None
+        return _Flaw("asset-missing", "cannot be found", slashes)
     if Ar.IsPackageRelativePath(path):
-        return NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage"
+        return _Flaw(NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage")
     if Path(path).suffix.lower() not in _SUFFIXES:
         hint = f"known are files that end in {', '.join(_SUFFIXES)}"
-        return NotSupported.code, "is no picture of a kind that is read", hint
+        return _Flaw(NotSupported.code, "is no picture of a kind that is read", hint)
     if not is_inside(path, roots):
-        return "asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT
+        return _Flaw("asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT)
     try:
         if not Path(path).is_file():
-            return "file-kind", "is not a plain file", None
+            return _Flaw("file-kind", "is not a plain file")
         size, most = Path(path).stat().st_size, limits().picture_bytes
         if size > most:
             hint = how_to_raise("picture_bytes", size)
-            return "file-size", f"has {size:,} bytes; a picture may have {most:,}", hint
+            return _Flaw("file-size", f"has {size:,} bytes; a picture may have {most:,}", hint)
         content = Path(path).read_bytes()
     except OSError as error:
-        return "unreadable", f"cannot be read: {error.strerror}", None
+        return _Flaw("unreadable", f"cannot be read: {error.strerror}")
     from pipeline.files.pictures import ends_of  # stages without pictures need no library for them
 
     try:
         return PictureFile(content, *ends_of(content, Path(path).suffix.lower()))
     except PipelineError as error:
-        return "bad-picture", error.what, error.hint
+        return _Flaw("bad-picture", error.what, error.hint)

@@ -27,8 +27,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, shortened
-from pipeline.scene.usd.source_locations import metadata_problem, problem
+from pipeline.scene.usd.problems import Problem, metadata_problem, problem, shortened
 from pipeline.scene.usd.values import (
     Sources,
     need,

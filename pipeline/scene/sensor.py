@@ -14,8 +14,7 @@ from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Rad
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.scene.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
 from pipeline.scene.losses import check_losses, losses_at
-from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, target
 
 ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
@@ -113,7 +112,7 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
         return ()
     responses = [response_of(channels[colour]) for colour in PRIMARIES]
     seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
-    return tuple(one for one in seen if one and seen[0])
+    return tuple(colours for colours in seen if colours and seen[0])
 
 
 def _read_radiance(camera: Usd.Prim) -> Radiance:

@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.frames import apply, mm_per_unit
+from pipeline.frames import apply
 from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.meshes import Fans, check_skin, fans
-from pipeline.scene.usd.poses import product, world_from
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
+from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
@@ -131,16 +129,12 @@ def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
     """Transform from the mesh to its rigid target, with mm per unit included; affine, because the mesh may be
     scaled.
     """
-    scale_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
-    first = [_first_time(prim)]
+    scale_mm = stage_mm_per_unit(prim)
+    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
+    first = [min(times, default=0.0)]
     matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
     matrix[:3, :3] *= scale_mm
     return matrix
-
-
-def _first_time(prim: Usd.Prim) -> float:
-    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
-    return min(times, default=0.0)
 
 
 def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
@@ -187,9 +181,8 @@ def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
     if isinstance(record, MeshTarget):
         if not np.any(record.albedo):
             message = "the mesh is dark all over: its images are black"
-            yield problem(
-                white, "no-contrast", message, hint="write a plen:white and colours above 0", severity="warning"
-            )
+            hint = "write a plen:white and colours above 0"
+            yield problem(white, "no-contrast", message, hint=hint, severity="warning")
     elif record.pattern.white == record.pattern.black:
         message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
         yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")

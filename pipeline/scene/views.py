@@ -3,28 +3,31 @@
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pxr import Usd
 
-from pipeline.camera.figures.outlook import Fate, Outlook, behind_microlenses_px, covered_mm, outlook, pupil_points_mm
+from pipeline.camera.figures.outlook import (
+    Fate,
+    Outlook,
+    behind_microlenses_px,
+    covered_mm,
+    outlook,
+    pupil_points_mm,
+    widest_blur_px,
+)
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
-from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+from pipeline.errors import PipelineError
+from pipeline.scene.dataset import Dataset, Frame
+from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.spelling import frames_in_words
 
 if TYPE_CHECKING:
     from pipeline.render.surroundings import Surroundings
-from collections.abc import Iterator
-
-from pxr import Usd
-
-from pipeline.camera.figures.outlook import widest_blur_px
-from pipeline.camera.focusing.depth_of_field import focused, middle_focus
-from pipeline.errors import PipelineError
-from pipeline.scene.usd.hints import of_reader
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
-from pipeline.spelling import frames_in_words
 
 _POINTS = 8_000
 """Most points of a target that are examined in all frames together; of more, some in each frame."""
@@ -79,7 +82,10 @@ class View:
 def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     """The view of a camera of a dataset on the target with this index."""
     frames, target = dataset.frames, dataset.targets[number]
-    points, front, kinds = _points_of(target, len(frames))
+    marked = target.target.points()
+    count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
+    kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
+    points, front, kinds = marked.position_mm[kept], marked.plane_axes[kept][:, :, 2], np.array(marked.kinds)[kept]
     poses = np.array([_pose(frame, name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
@@ -122,14 +128,6 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     if camera.microlenses:
         return spacing_mm * float(behind_microlenses_px(camera, camera.microlenses, z_mm[None])[1][0])
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
-
-
-def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of a target and their normals, (n, 3) each, target frame, and kinds (n,); of very many a selection."""
-    points = entry.target.points()
-    count = min(len(points.kinds), max(1, _POINTS // max(1, frames)))
-    kept = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
-    return points.position_mm[kept], points.plane_axes[kept][:, :, 2], np.array(points.kinds)[kept]
 
 
 def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:

@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom
 from pipeline import cli
 from pipeline.frames import apply
 from pipeline.scene.load import load
-from pipeline.scene.write.lens_distortion import LENS_DISTORTION
+from pipeline.scene.usd.values import LENS_DISTORTION
 
 STAGE = DATA / "tiny_conventional/dataset.usda"
 SINGLE = 1e-6

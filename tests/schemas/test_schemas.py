@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
-from pipeline.scene.usd.conditions import conditions_in
+from pipeline.scene.check.properties import conditions_in
 from pipeline.scene.usd.register import library_path, plugin_path
 from pipeline.scene.usd.values import range_of
 

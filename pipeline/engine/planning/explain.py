@@ -76,9 +76,9 @@ def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[Pl
 def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
     """Lines about one task: its name and state, then at most `most` edits and other reasons."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
-    told = [reason for reason in task.reasons if _is_told(reason)]
-    others = [str(reason) for reason in told if reason.type is not ReasonType.UPSTREAM]
-    lines = [*_edits_told(task.edits), *others, *_upstream_told(told)]
+    shown = [reason for reason in task.reasons if _is_told(reason)]
+    others = [str(reason) for reason in shown if reason.type is not ReasonType.UPSTREAM]
+    lines = [*_edits_told(task.edits), *others, *_upstream_told(shown)]
     yield from (f"         {line}" for line in lines[:most])
     if most is not None and len(lines) > most:
         yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"

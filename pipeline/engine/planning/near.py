@@ -41,7 +41,7 @@ def _beginnings(
     parts: list[str], names: list[tuple[list[str], list[str]]], same: Callable[[str, str], bool]
 ) -> list[str]:
     """Beginnings of names that contain all parts in their order, possibly with others between them."""
-    found = set()
+    beginnings = set()
     for name, plain in names:
         at = 0
         for part in parts:
@@ -49,8 +49,8 @@ def _beginnings(
                 at += 1
             at += 1
         if at <= len(name):
-            found.add("/".join(name[:at]))
-    return sorted(found)
+            beginnings.add("/".join(name[:at]))
+    return sorted(beginnings)
 
 
 def _there_are(names: list[str]) -> str:

@@ -7,12 +7,11 @@ from dataclasses import replace
 from pxr import Usd
 
 from pipeline.limits import MOST_SAMPLES, how_to_raise, limits
-from pipeline.scene.channels import channel_prims
+from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, shown_path
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem, shown_path
 from pipeline.scene.usd.usda_lines import line_of_metadata
 from pipeline.scene.usd.values import read, target, targets
 
@@ -46,7 +45,7 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
-    cameras = max(1, sum(map(_channels, targets(root, "plen:cameras", "Camera"))))
+    cameras = max(1, sum(map(images_of, targets(root, "plen:cameras", "Camera"))))
     count = len(frame_numbers(root))
     what = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
     for over in _over("frames", count * cameras, what, root.GetAttribute("plen:frames")):
@@ -56,12 +55,6 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
             file = root.GetStage().GetRootLayer().realPath
             line = line_of_metadata(file, "endTimeCode")
             yield replace(over, file=shown_path(file), line=line, at=str(root.GetPath()))
-
-
-def _channels(camera: Usd.Prim) -> int:
-    """Number of cameras that one counts for: each channel of its sensor is one."""
-    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    return max(1, len(channel_prims(sensor)) if sensor else 1)
 
 
 def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:

@@ -24,8 +24,7 @@ from pipeline.scene.usd.poses import (
     world_from,
     xform_ops,
 )
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import targets
 from pipeline.spelling import frames_in_words
 
@@ -53,18 +52,14 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
     moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders, *lamps] for link in ancestry(prim)))
     problems = [bad for link in moved for bad in _check_link(link, frames)]
-    if not _has_error(problems):
+    if not any(bad.is_error for bad in problems):
         problems += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
     yield from problems
-    if not _has_error(problems):
+    if not any(bad.is_error for bad in problems):
         hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, hulls, root, frames)
             yield from check_outside_lens(camera, occluders, root, frames)
-
-
-def _has_error(problems: list[Problem]) -> bool:
-    return any(one.is_error for one in problems)
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:

@@ -3,18 +3,20 @@ type, out of range, or not supported yet.
 """
 
 import math
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.scene.usd.conditions import Condition, conditions_of, is_written
-from pipeline.scene.usd.problems import Problem, did_you_mean, shortened, shown_path
-from pipeline.scene.usd.source_locations import authored_apis, problem, specs
+from pipeline.scene.usd.problems import Problem, authored_apis, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import (
     FOREIGN,
+    LENS_DISTORTION,
+    LENS_DISTORTION_NAMES,
     LONGEST_TEXT,
     Range,
     Rule,
@@ -26,7 +28,6 @@ from pipeline.scene.usd.values import (
     schema_facts,
     target_paths,
 )
-from pipeline.scene.write.lens_distortion import LENS_DISTORTION, LENS_DISTORTION_NAMES
 from pipeline.spelling import nearest
 
 _MOVES = Rule(span=FOREIGN["xformOp"])
@@ -50,6 +51,69 @@ _NO_TILT = ((0.0, 0.0),)
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
 }
+_LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A line `Needed with:` or `Only with:` of an attribute's documentation: the property that decides, and its values
+    for which the condition holds; empty: any authored value.
+    """
+
+    name: str
+    tokens: tuple[str, ...] = ()
+
+    def holds(self, prim: Usd.Prim) -> bool | None:
+        """Whether it holds for a prim; None if the deciding value is itself wrong."""
+        if not self.tokens:
+            return is_written(prim, self.name)
+        value = read(prim, self.name)
+        return None if value is None else value in self.tokens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """All conditions of an attribute: needed if any of one kind holds, without meaning unless all of the other do."""
+
+    needed: tuple[Condition, ...] = ()
+    only: tuple[Condition, ...] = ()
+
+
+def conditions_in(documentation: str) -> Conditions:
+    """The conditions stated in a documentation."""
+    stated: dict[str, list[Condition]] = {"Needed": [], "Only": []}
+    for which, name, tokens in _LINE.findall(documentation):
+        stated[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
+    return Conditions(needed=tuple(stated["Needed"]), only=tuple(stated["Only"]))
+
+
+_KNOWN: dict[tuple[str, tuple[str, ...]], dict[str, Conditions]] = {}
+
+
+def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
+    """Conditions of the attributes of a prim that have some, by name."""
+    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()))
+    if key not in _KNOWN:
+        definition = prim.GetPrimDefinition()
+        names = (name for name in definition.GetPropertyNames() if name.startswith("plen:"))
+        stated = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
+        _KNOWN[key] = {name: conditions for name, conditions in stated.items() if conditions != Conditions()}
+    return _KNOWN[key]
+
+
+def is_written(prim: Usd.Prim, name: str) -> bool:
+    """Whether a stage sets a property to something.
+
+    A relationship without targets, an empty text or array, and the fallback count as not set: a stage writes them to
+    cancel an opinion of a weaker file.
+    """
+    rule = rule_of(prim, name)
+    if rule is None:
+        return bool(target_paths(prim.GetRelationship(name)))
+    if not prim.GetAttribute(name).HasAuthoredValue():
+        return False
+    value = read(prim, name)
+    return value is None or value not in ((), "", rule.fallback)
 
 
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
@@ -149,7 +213,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
-            yield problem(place, code, f'{_said(needing, prim)} needs "{name}"', hint=hint)
+            yield problem(place, code, f'{_stated(needing, prim)} needs "{name}"', hint=hint)
         failing = next((rule for rule in rules.only if rule.holds(prim) is False), None)
         if written and failing:
             what = f'"{name}" has no effect {_without(failing, prim)}'
@@ -157,13 +221,13 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             yield problem(place, code, what, hint=f"remove it, or write {_wanted(failing)}")
 
 
-def _said(rule: Condition, prim: Usd.Prim) -> str:
+def _stated(rule: Condition, prim: Usd.Prim) -> str:
     """The value that a stage has for the property of a condition, as a quotation."""
     return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
 
 def _without(rule: Condition, prim: Usd.Prim) -> str:
-    return f"with {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
+    return f"with {_stated(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
 
 
 def _wanted(rule: Condition) -> str:
@@ -196,7 +260,7 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:
     """The type of prim to which a relationship must point by our plugInfo.json."""
-    return next((found[name] for found in schema_facts(prim, "plenTargets") if name in found), None)
+    return next((types[name] for types in schema_facts(prim, "plenTargets") if name in types), None)
 
 
 def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -> Iterator[Problem]:

@@ -4,18 +4,16 @@ USD silently composes a stage with a typing error in every attribute. So the che
 tokens and ranges, and then ask whether the parts can be built.
 """
 
-from collections.abc import Callable, Iterable, Set
+from collections.abc import Callable, Iterable, Iterator, Set
 from pathlib import Path
 
-from pxr import Sdf, Usd
+from pxr import Plug, Sdf, Tf, Usd, Vt
 
 from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
-from pipeline.scene.check.asset_roots import check_assets, check_used
 from pipeline.scene.check.budgets import check_budgets
-from pipeline.scene.check.layers import check_layers, check_merged
+from pipeline.scene.check.layers import check_assets, check_layers, check_merged, check_used
 from pipeline.scene.check.poses import check_poses
-from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check.properties import check_properties
 from pipeline.scene.exports import check_exports
 from pipeline.scene.glass import check_glass
@@ -24,7 +22,8 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_response, has_response
 from pipeline.scene.targets import check_target
-from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.problems import Problem, authored_apis, did_you_mean, problem
+from pipeline.scene.usd.values import LENS_DISTORTION
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
@@ -35,6 +34,8 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenDataset", check_illuminant),
     ("PlenDataset", check_exports),
 )
+_MOST_OPS = 100
+"""Most transform operations of one prim: real stages have fewer than ten."""
 
 
 def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
@@ -47,28 +48,28 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     """
     if outside := check_used(stage, roots):
         return outside
-    found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
+    problems = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()
     for prim in prims:
-        own = [*check_prim(prim), *check_properties(prim)]
-        found += own
-        if any(one.is_error for one in own):
+        of_prim = [*check_prim(prim), *check_properties(prim)]
+        problems += of_prim
+        if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
-    if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
-        return list(dict.fromkeys([*found, *over]))  # the further checks make points, poses and lattices
+    if over := [problem for prim in _parts(prims) for problem in check_budgets(prim)]:
+        return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
     for prim in _parts(prims):
-        found += _check_whole(prim, wrong)
-    found += check_only_dataset(stage)
+        problems += _check_whole(prim, wrong)
+    problems += check_only_dataset(stage)
     if root := find_dataset(stage):
-        found += check_dataset(root, wrong)
-    if not any(one.is_error for one in found):
+        problems += check_dataset(root, wrong)
+    if not any(problem.is_error for problem in problems):
         # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):
-            found += check_nominal(prim) if prim.IsA("PlenLens") else []
-            found += check_planes(prim) if _is_camera(prim) else []
-        found += check_poses(root) if root else []
-    return list(dict.fromkeys(found))
+            problems += check_nominal(prim) if prim.IsA("PlenLens") else []
+            problems += check_planes(prim) if _is_camera(prim) else []
+        problems += check_poses(root) if root else []
+    return list(dict.fromkeys(problems))
 
 
 def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
@@ -83,9 +84,140 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     """Problems between the parts of one prim; `wrong` holds the prims with wrong values."""
     if merged := list(check_merged(prim)):
         return merged  # all other problems would follow from it
-    found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
-    found += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
-    found += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
+    problems = [problem for type_name, whole in _WHOLES if prim.IsA(type_name) for problem in whole(prim)]
+    problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
+    problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     if prim.GetPath() not in wrong and prim.IsA("PlenSensor") and has_response(prim):
-        found += check_response(prim)
-    return found + (list(check_camera(prim)) if _is_camera(prim) else [])
+        problems += check_response(prim)
+    return problems + (list(check_camera(prim)) if _is_camera(prim) else [])
+
+
+def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Every defined prim in stage order, including abstract and inactive ones and instances."""
+    return [prim for prim in _outermost(stage) if not _is_dangling(prim)]
+
+
+def _outermost(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Every prim but the pseudo-root; of those that nothing defines the outermost."""
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    next(prims)
+    for prim in prims:
+        yield prim
+        if _is_dangling(prim):
+            prims.PruneChildren()
+
+
+def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
+    """Problems of overs on prims that nothing defines."""
+    for prim in filter(_is_dangling, _outermost(stage)):
+        siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
+        message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
+        hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
+        yield problem(prim, "over-without-def", message, hint=hint)
+
+
+def _those_there(parent: Usd.Prim, names: list[str]) -> str | None:
+    where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+    return f"{where} there are {', '.join(names[:20])}{' …' if len(names) > 20 else ''}" if names else None
+
+
+def _is_dangling(prim: Usd.Prim) -> bool:
+    return not (prim.IsDefined() or prim.IsAbstract() or not prim.IsActive())
+
+
+def check_prim(prim: Usd.Prim) -> list[Problem]:
+    """Problems of one prim, except its properties."""
+    return [
+        *_check_type(prim),
+        *_check_apis(prim),
+        *_check_xform_order(prim),
+        *_check_variants(prim),
+        *_check_clips(prim),
+    ]
+
+
+def _check_clips(prim: Usd.Prim) -> Iterator[Problem]:
+    if prim.HasAuthoredMetadata("clips") or prim.HasAuthoredMetadata("clipSets"):
+        yield problem(prim, "not-yet-supported", "value clips are not supported yet")
+
+
+def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
+    name = prim.GetTypeName()
+    if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
+        hint = did_you_mean(name, _known_types())
+        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint)
+
+
+def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
+    registry = Usd.SchemaRegistry()
+    for full in authored_apis(prim):
+        name, instance = registry.GetTypeNameAndInstance(full)
+        if name in LENS_DISTORTION and prim.GetTypeName() == "Camera":
+            continue
+        if not registry.FindAppliedAPIPrimDefinition(name):
+            hint = did_you_mean(name, _known_apis() | LENS_DISTORTION)
+            yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
+            continue
+        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
+        can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
+        if not can:
+            yield problem(prim, "api-not-applicable", can.whyNot)
+
+
+def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
+    order = prim.GetAttribute("xformOpOrder")
+    value = order.Get() if order else None
+    # Anything but an array of tokens is reported as a wrong type.
+    named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
+    if len(named) > _MOST_OPS:
+        message = f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}'
+        yield problem(order, "entries", message)
+        return
+    for name in named:
+        if name != "!resetXformStack!" and not prim.HasProperty(name):
+            # USD raises an error only later, when the transform is read.
+            hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
+            message = f'xformOpOrder names "{name}", which does not exist'
+            yield problem(order, "missing-xform-op", message, hint=hint)
+    ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
+    unused = [attribute for attribute in ops if attribute.GetName() not in named]
+    if unused:
+        names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
+        whole = ", ".join(f'"{name}"' for name in [*named, *_in_usual_order(unused)])
+        stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
+        hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
+        message = f"{names} {stand} in no xformOpOrder, so {move} nothing"
+        yield problem(unused[0], "unused-xform-op", message, hint=hint)
+
+
+def _in_usual_order(ops: list[Usd.Attribute]) -> list[str]:
+    """Names of operations with translations before rotations before scales, as most programs write them."""
+    ranks = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
+
+    def rank(name: str) -> int:
+        return next((i for i, start in enumerate(ranks) if name.startswith(start)), len(ranks))
+
+    return sorted((op.GetName() for op in ops), key=rank)
+
+
+def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
+    sets = prim.GetVariantSets()
+    for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
+        if name not in sets.GetNames():
+            hint = did_you_mean(name, sets.GetNames())
+            yield problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint)
+        elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
+            hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
+            yield problem(prim, "unknown-variant", f'variant set "{name}" has no variant "{choice}"', hint=hint)
+
+
+def _known_types() -> set[str]:
+    return _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName)
+
+
+def _known_apis() -> set[str]:
+    return _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
+
+
+def _known(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
+    return {name_of(kind) for kind in Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName(base))} - {""}

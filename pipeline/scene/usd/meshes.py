@@ -6,8 +6,7 @@ from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
-from pipeline.scene.usd.problems import Problem
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import plain, take
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
@@ -65,20 +64,15 @@ def fans(mesh: UsdGeom.Mesh) -> Fans:
     return Fans(points, indices, corners, faces)
 
 
-def is_skinned(prim: Usd.Prim) -> bool:
-    """Whether joints or blend shapes of UsdSkel move the vertices of a mesh."""
-    joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
-    blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
-    return bool(UsdSkel.Root.Find(prim)) and (joints.HasValue() or bool(blends and blends.GetTargets()))
-
-
 def _value(mesh: UsdGeom.Mesh, name: str) -> Any:
     return plain(mesh.GetPrim().GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) or ())
 
 
 def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
     """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
-    if is_skinned(prim):
+    joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
+    blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
+    if UsdSkel.Root.Find(prim) and (joints.HasValue() or (blends and blends.GetTargets())):
         message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
         hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
         yield problem(prim, "not-yet-supported", message, hint=hint)

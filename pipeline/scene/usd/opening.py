@@ -1,17 +1,18 @@
-"""Opening of stages, with all messages of USD collected as problems."""
+"""Opening of stages, with all messages of USD collected as problems, and hints about their most likely cause."""
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from pxr import Pcp, Tf, Usd, UsdUtils
+from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
-from pipeline.scene.usd.hints import of_folder, of_format, of_missing_asset, of_missing_stage, of_syntax
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.register import library_path
 from pipeline.scene.usd.roots import real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
+from pipeline.spelling import nearest
 
 _SYNTAX = re.compile(
     r"(?P<file>[^\n]+?\.usd[acz]?\]?):(?P<line>\d+):(?P<column>\d+): "
@@ -24,6 +25,18 @@ _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 PARTS = "PreviewParts"
 """Name of the prim below a Camera of an output folder whose payload are lens elements and rays, for viewers."""
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"
+_DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
+_DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
+_WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
+_OF_THE_GRAMMAR = re.compile(r"parse error matching \S*pegtl.*(?= at ')", re.DOTALL)
+"""What the parser of USD says where a rule of its grammar has no message of its own: the rule, as a type of C++."""
+_SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
+_STAGES = (".usd", ".usda", ".usdc", ".usdz")
+_LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
+"""Names of files of USD, and of those that `files.lenses` reads."""
+_TOLD = 4
+"""Number of names in one hint: the intended stage is among a few, or cannot be guessed."""
+_ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
 def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
@@ -71,8 +84,8 @@ def _is_of_parts(error: Pcp.ErrorBase) -> bool:
 def _from_opening(exception: Tf.ErrorException, path: Path) -> list[Problem]:
     """The reasons why USD cannot read the root layer."""
     texts = [_text(partial(getattr, error, "commentary")).strip() for error in exception.args]
-    if found := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
-        return found
+    if problems := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
+        return problems
     # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
     file, hint = shown_path(path), of_format(path)
@@ -155,7 +168,7 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
 def _as_written(asset: str, layer: str) -> str:
     """An asset path as written in the layer; in messages some are resolved."""
     name = asset.rpartition("/")[2]
-    return next((one for one in text_map(layer).assets if one.rpartition("/")[2] == name), asset)
+    return next((asset_path for asset_path in text_map(layer).assets if asset_path.rpartition("/")[2] == name), asset)
 
 
 def _site(error: Pcp.ErrorBase) -> tuple[str, str]:
@@ -173,3 +186,136 @@ def _code(error: Pcp.ErrorBase) -> str:
     """Code of an error of USD: ErrorInvalidAssetPath -> usd-invalid-asset-path."""
     name = type(error).__name__.removeprefix("Error")
     return "usd-" + re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower()
+
+
+def write_out_instances(stage: Usd.Stage) -> None:
+    """Turn every instance into an ordinary prim, by the session layer, so that no file changes."""
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        while instances := [prim for prim in stage.TraverseAll() if prim.IsInstance()]:
+            for prim in instances:
+                prim.SetInstanceable(False)
+
+
+def check_instances(stage: Usd.Stage) -> list[Problem]:
+    """Write the instances out, and report opinions on prims below them, which USD ignores.
+
+    Afterwards these opinions count, so such a stage must not be read.
+    """
+    everything = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
+    tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
+    write_out_instances(stage)
+    problems = []
+    for top in reversed(tops):  # nested instances first
+        if ignored := list(_ignored(stage.GetPrimAtPath(top), before)):
+            problems.append(_problem(top, ignored))
+        before |= {prim.GetPath(): prim.GetPrimStack() for prim in _range(stage.GetPrimAtPath(top))}
+    return problems[::-1]
+
+
+def _ignored(top: Usd.Prim, before: dict[Sdf.Path, list[Sdf.PrimSpec]]) -> Iterator[Sdf.PrimSpec]:
+    """Opinions on prims below an instance that count only since it was written out; for each prim strongest first."""
+    session = top.GetStage().GetSessionLayer()
+    for prim in _range(top):
+        known = before.get(prim.GetPath(), [])
+        yield from (spec for spec in prim.GetPrimStack() if prim != top and spec.layer != session and spec not in known)
+
+
+def _range(top: Usd.Prim) -> Iterator[Usd.Prim]:
+    return iter(Usd.PrimRange(top, Usd.PrimAllPrimsPredicate))
+
+
+def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
+    first = ignored[0]
+    names = list(dict.fromkeys(spec.name for spec in ignored if spec.layer == first.layer))
+    file = first.layer.realPath
+    return Problem(
+        code="below-instance",
+        message=f"USD ignores the opinions on {', '.join(names[:4])}, because <{top}> is an instance",
+        file=shown_path(file) if file else None,
+        line=line_of(file, str(first.path)) if file else None,
+        at=str(top),
+        hint=f"remove instanceable = true from <{top}>, or say it in the file that it refers to",
+    )
+
+
+def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
+    """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
+    if duplicate := _DUPLICATE.match(message):
+        items = re.findall(r"<[^>]*>", duplicate[2])
+        repeated = next((item for item in items if items.count(item) > 1), "something")
+        return f'"{duplicate[1]}" names {repeated} twice', "remove one"
+    message = _OF_THE_GRAMMAR.sub("USD cannot read it", message)
+    try:
+        lines = Path(file).read_text(encoding="utf-8", errors="replace").splitlines()
+        text = lines[line - 1].partition("#")[0].rstrip()
+    except (OSError, IndexError):
+        return message, None
+    if _DECIMAL_COMMA.search(text):
+        return message, "write decimals with a point, not a comma"
+    if _WITH_UNIT.search(text):
+        return message, "numbers are written without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+    if _SPACE_IN_PATH.search(text):
+        return message, "names of prims are made of letters, digits and _, without spaces"
+    if _ONE_LINE.search(text):
+        return message, "give each property a line of its own, and the closing brace as well"
+    return message, None
+
+
+def of_folder(path: Path) -> str | None:
+    """A hint with the stages in a folder that was given instead of a stage; None if it is not a folder."""
+    if not path.is_dir():
+        return None
+    names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
+    return (
+        f"it is a folder, in which there is {', '.join(names[:_TOLD])}" if names else "it is a folder without a stage"
+    )
+
+
+def of_format(path: Path) -> str | None:
+    """A hint for a file that is not one of USD; None if its name is that of a USD file."""
+    if path.suffix in _STAGES:
+        return None
+    if path.suffix.lower() in _LENSES:
+        return f"`pipeline import lens {path.name}` makes a stage of a lens file"
+    return f"stages are files of USD: {', '.join(_STAGES)}"
+
+
+def of_missing_asset(asset: str, layer: str) -> str | None:
+    """A hint with files of similar names and the searched folders; None if the file exists.
+
+    Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
+    """
+    folder, relative = Path(layer).parent, Path(asset)
+    inside = not relative.is_absolute() and ".." not in relative.parts
+    stages = _stages_by_name((folder / relative).parent if inside else folder, folder)
+    return None if asset in stages else _meant(asset, stages, "@{}@", folder)
+
+
+def of_missing_stage(path: Path) -> str:
+    """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
+    shown = Path(shown_path(path))
+    base = path.parent if shown.is_absolute() else Path.cwd()
+    return _meant(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
+
+
+def _stages_by_name(folder: Path, base: Path) -> set[str]:
+    """Stages in a folder, relative to `base`, and all stages of the library."""
+    library = Path(library_path())
+    try:
+        here = {path.relative_to(base).as_posix() for path in folder.iterdir() if _is_stage(path)}
+    except OSError:
+        here = set()
+    return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
+
+
+def _is_stage(path: Path) -> bool:
+    return path.suffix.startswith(".usd")
+
+
+def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:
+    """The hint with the most similar names, or all of them and their folders."""
+    near = nearest(name, names) or nearest(Path(name).name, {other.rpartition("/")[2] for other in names})
+    whole = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
+    meant = f"did you mean {quoted.format(whole)}? " if whole else ""
+    return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"

@@ -1,12 +1,17 @@
-"""Problems of a stage, as data and as text."""
+"""Problems of a stage, as data and as text, at the file and line of the strongest opinion on a prim or property."""
 
 import contextlib
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pxr import Sdf, Usd
+
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, sample_key
+from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import did_you_mean, printable
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
@@ -78,8 +83,8 @@ def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
     except (UsageError, EnvironmentFault):
         raise
     except PipelineError as error:
-        problem = Problem(code=IMPOSSIBLE, message=error.what, file=file, line=line, at=at, hint=error.hint)
-        raise StageError([problem]) from error
+        blamed = Problem(code=IMPOSSIBLE, message=error.what, file=file, line=line, at=at, hint=error.hint)
+        raise StageError([blamed]) from error
 
 
 def shown_path(path: str | Path) -> str:
@@ -94,3 +99,102 @@ def shown_path(path: str | Path) -> str:
 def shortened(text: str, most: int = 100) -> str:
     """The beginning of a text of a stage, as messages quote it."""
     return text if len(text) <= most else f"{text[:most]}…"
+
+
+def problem(
+    thing: Usd.Prim | Usd.Property,
+    code: str,
+    message: str,
+    *,
+    hint: str | None = None,
+    severity: str = "error",
+    time: float | None = None,
+) -> Problem:
+    """A problem at a prim, a property or, with `time`, one of its time samples."""
+    file, line = place(thing, time)
+    return Problem(
+        severity=severity, code=code, message=message, file=file, line=line, at=str(thing.GetPath()), hint=hint
+    )
+
+
+def metadata_problem(
+    layer: Sdf.Layer, key: str, code: str, message: str, *, hint: str | None = None, at: str | None = None
+) -> Problem:
+    """A problem at the line of metadata of a layer, or at its first line."""
+    line = line_of_metadata(layer.realPath, key)
+    return Problem(code=code, message=message, file=shown_path(layer.realPath), line=line, at=at, hint=hint)
+
+
+def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
+    """File (as messages show it) and line of the strongest authored opinion."""
+    stack = specs(thing)
+    if not stack:
+        # Not authored: a fallback or something missing. Its prim is the place to write it.
+        return place(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)
+    file = stack[0].layer.realPath
+    if not file:
+        return None, None
+    path = str(stack[0].path) + ("" if time is None else sample_key(_time_in_layer(thing, time)))
+    return shown_path(file), line_of(file, path)
+
+
+def _time_in_layer(thing: Usd.Prim | Usd.Property, time: float) -> float:
+    """A time of the stage, converted to that of the file with the strongest opinion: a reference may shift and scale
+    times.
+    """
+    if not isinstance(thing, Usd.Property):
+        return time
+    _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
+    return float(layer_to_stage.GetInverse() * time)
+
+
+def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
+    """Opinions on a prim or property, strongest first."""
+    if isinstance(thing, Usd.Prim):
+        return list(thing.GetPrimStack())
+    return list(thing.GetPropertyStack(Usd.TimeCode.Default()))
+
+
+def authored_apis(prim: Usd.Prim) -> list[str]:
+    """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
+    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
+    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
+
+
+def without_followers(problems: list[Problem]) -> list[Problem]:
+    """Problems, except those that follow from others.
+
+    These are what a reference to a missing file brings about at its prim and below, values that a reader could not
+    use on a prim of which another error is told, and what parts cannot make up where any other error is.
+    """
+    broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
+
+    def follows(problem: Problem) -> bool:
+        if problem.code.startswith("usd-"):
+            return False
+        named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
+        return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
+
+    def prim(problem: Problem) -> str:
+        return (problem.at or "").partition(".")[0]
+
+    unusable = {prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code}
+
+    def repeats(problem: Problem) -> bool:
+        return problem.code == UnreadableValue.code and prim(problem) in unusable
+
+    kept = [problem for problem in problems if not follows(problem) and not repeats(problem)]
+    has_reason = any(problem.is_error and problem.code != IMPOSSIBLE for problem in kept)
+    return [problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason]
+
+
+def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
+    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim.
+
+    Every check that reads the same reports it, and `check` names it once.
+    """
+    if isinstance(error, UnreadableValue):
+        return problem(error.thing, error.code, error.what)
+    if isinstance(error, PipelineError):
+        return problem(thing, IMPOSSIBLE, error.what, hint=error.hint)
+    return problem(thing, IMPOSSIBLE, "the lens has no first-order figures: it bends no light")

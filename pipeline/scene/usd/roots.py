@@ -1,12 +1,15 @@
-"""Asset roots: the folders that a stage may read, which keep a dataset in one place that can be copied whole.
+"""Files of a stage: its layers, and asset roots, the folders that it may read, which keep a dataset in one place.
 
-The project of the stage, the shipped library, and what the caller adds. Real paths are compared, so that neither `..`
-nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of docs/strangers.md.
+Asset roots are the project of the stage, the shipped library, and what the caller adds. Real paths are compared, so
+that neither `..` nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of
+docs/strangers.md.
 """
 
 import os
 from collections.abc import Iterable
 from pathlib import Path
+
+from pxr import Ar, Sdf, Tf, Usd
 
 from pipeline.folders import share
 
@@ -36,3 +39,19 @@ def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
     """Whether a file, with links followed, lies below one of the roots."""
     real = real_path(path)
     return any(real.is_relative_to(root) for root in roots)
+
+
+def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
+    """Layers with a file, the root first, the others in the order of their paths."""
+    root = stage.GetRootLayer()
+    others = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
+    return [root, *sorted(others, key=lambda layer: layer.realPath)]
+
+
+def file_of(identifier: str) -> str:
+    """The file of a layer identifier: without format arguments, and for a member its package. Empty if malformed."""
+    try:
+        path, _ = Sdf.Layer.SplitIdentifier(identifier)
+    except Tf.ErrorException:
+        return ""
+    return str(Ar.SplitPackageRelativePathOuter(path)[0])

@@ -1,7 +1,8 @@
 """Line numbers in .usda text: of prims, properties, time samples and assets.
 
 While parsing, Sdf drops line numbers and the first of two equal statements. To show the place of a valid but wrong
-value, the text is scanned again; names, brackets and strings are enough.
+value, the text is scanned again; names, brackets and strings are enough. On the way, numbers that USD would silently
+cut are noted: literals with a fraction for integer types, and anything but 0 and 1 for bool.
 """
 
 import re
@@ -10,8 +11,6 @@ from functools import lru_cache
 from pathlib import Path
 
 from pxr import Ar, Sdf
-
-from pipeline.scene.usd.whole_numbers import SUFFIX, CutNumbers
 
 # An unclosed string extends to the end of the line or the text; otherwise each of a million would be searched for.
 _TOKEN = re.compile(
@@ -30,6 +29,11 @@ _TOKEN = re.compile(
 """Pattern of tokens. A large mesh is mostly arrays of numbers: a whole array is one token, `numbers`."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
+SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
+"""Suffixes that usda writes after the name of an attribute."""
+_WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
+_DIGITS = re.compile(r"[\s\d,()[\]-]*")
+_NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")
 
 
 @dataclass(slots=True)
@@ -243,3 +247,78 @@ class _Scanner:
             elif kind == "prim":
                 path += name if path.endswith("}") else "/" + name
         return path
+
+
+@dataclass(slots=True)
+class CutNumbers:
+    """Follower of the tokens of a text, which knows where the value of a statement begins and ends.
+
+    Attributes
+    ----------
+    cut : list
+        (path, message, value in USD, line) of numbers that USD would replace.
+    """
+
+    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
+    _words: list[str] = field(default_factory=list)
+    _path: str = ""
+    _name: str = ""
+    _is_bool: bool = False
+    _depth: int | None = None
+    _number: tuple[str, int] | None = None
+
+    def begin(self, prim: str, depth: int) -> None:
+        """Begin a value after the "=" of a statement, in the body of a prim or, without a path, elsewhere."""
+        *types, name = self._words or [""]
+        match = _WHOLE.fullmatch(types[-1]) if types else None
+        self._depth = depth if match else None
+        if match:
+            self._name, self._is_bool = SUFFIX.sub("", name), bool(match["bool"])
+            self._path = f"{prim}.{self._name}" if prim else ""
+
+    def token(self, kind: str, token: str, line: int, depth: int) -> None:
+        """Process the next token, with `depth` open brackets before it."""
+        if kind == "word":
+            self._words.append(token)
+        elif token not in ("[", "]", "="):  # int [] is a type, too
+            self._words = []
+        if self._depth is not None and kind == "numbers":
+            self._array(token, line, depth)
+        elif self._depth is not None and kind not in ("newline", "comment"):
+            self._value(kind, token, line, depth)
+
+    def _array(self, token: str, line: int, depth: int) -> None:
+        """Process an array of plain numbers with its brackets."""
+        assert self._depth is not None
+        if self._is_bool or not _DIGITS.fullmatch(token):  # most tokens are digits: large meshes have millions
+            for offset, text in enumerate(token.split("\n")):
+                for number in _NUMBER.findall(text):
+                    self._judge(number, line + offset)
+        self._number = None
+        if depth <= self._depth:
+            self._depth = None
+
+    def _value(self, kind: str, token: str, line: int, depth: int) -> None:
+        assert self._depth is not None
+        if self._number and token != ":":  # otherwise it was the time of a sample
+            self._judge(*self._number)
+        self._number = None
+        if kind == "number" and depth > self._depth:
+            self._number = (token, line)
+        elif kind == "number":
+            self._judge(token, line)
+        closes = token in ("}", ")", "]") and kind == "punct" and depth - 1 <= self._depth
+        opens = token in ("{", "(", "[") and kind == "punct"
+        if closes or (depth <= self._depth and not opens):
+            self._depth = None
+
+    def _judge(self, token: str, line: int) -> None:
+        try:
+            number = float(token)
+        except ValueError:
+            return  # USD reports it
+        if self._is_bool and number not in (0.0, 1.0):
+            self.cut.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
+        elif not self._is_bool and number - number == 0 and not number.is_integer():
+            message = f'"{self._name}" must hold whole numbers, not {token}'
+            self.cut.append((self._path, message, str(int(number)), line))

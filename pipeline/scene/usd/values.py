@@ -28,6 +28,13 @@ _RANGE = re.compile(
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
 _ANY_TIME = 0.0
 """Time code at which values are read: our attributes are uniform, so every time has the same value."""
+LENS_DISTORTION = frozenset(
+    f"OmniLensDistortion{name}API"
+    for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
+)
+"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+LENS_DISTORTION_NAMES = "omni:lensdistortion:"
+"""Beginning of the names of their attributes."""
 
 
 @contextmanager
@@ -329,7 +336,7 @@ def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
     """Prims of a type to which a relationship points, in its order."""
     stage = prim.GetStage()
     prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
-    return [found for found in prims if found and found.IsA(wanted)]
+    return [pointed for pointed in prims if pointed and pointed.IsA(wanted)]
 
 
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:

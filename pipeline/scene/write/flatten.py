@@ -9,7 +9,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
@@ -18,9 +19,8 @@ from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS
-from pipeline.scene.write.boards import write_board
-from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
-from pipeline.targets.preview import preview_faces
+from pipeline.scene.usd.values import LENS_DISTORTION_NAMES
+from pipeline.targets.preview import PreviewFaces, preview_faces
 from pipeline.targets.target import Target
 
 _TENTHS = 10.0
@@ -31,6 +31,8 @@ _LARGEST = 1e30
 """Largest value that is written: USD keeps these values in single precision."""
 
 Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
+_PLACES = "st"
+"""Name of the primvar that places points on a picture: the one that viewers look for."""
 
 
 def flattened(stage: Usd.Stage) -> Sdf.Layer:
@@ -38,7 +40,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
     References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
     would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
-    must have been written out (`instances`), because flattening would leave their prototypes beside the root.
+    must have been written out (`write_out_instances`), because flattening would leave their prototypes beside the root.
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     _leave_out_tables(layer)
@@ -126,33 +128,36 @@ def view_of(camera: CameraEntry) -> Viewfinder | None:
         return None
 
 
-def pinhole(found: Viewfinder | None, unit_mm: float) -> Attributes:
+def pinhole(view: Viewfinder | None, unit_mm: float) -> Attributes:
     """USD attributes of the pinhole with the field of view of a camera; empty if single precision cannot hold them."""
-    if found is None:
+    if view is None:
         return {}
     film = _TENTHS / unit_mm
-    in_focus = math.isfinite(found.focus_mm)
+    in_focus = math.isfinite(view.focus_mm)
     values = {
-        "fStop": found.f_number if in_focus else 0.0,
-        "focalLength": film * found.principal_mm,
-        "focusDistance": found.focus_mm / unit_mm if in_focus else 0.0,
-        "horizontalAperture": film * found.size_mm[0],
-        "horizontalApertureOffset": film * found.offset_mm[0],
-        "verticalAperture": film * found.size_mm[1],
-        "verticalApertureOffset": film * found.offset_mm[1],
+        "fStop": view.f_number if in_focus else 0.0,
+        "focalLength": film * view.principal_mm,
+        "focusDistance": view.focus_mm / unit_mm if in_focus else 0.0,
+        "horizontalAperture": film * view.size_mm[0],
+        "horizontalApertureOffset": film * view.offset_mm[0],
+        "verticalAperture": film * view.size_mm[1],
+        "verticalApertureOffset": film * view.offset_mm[1],
     }
-    if not (found.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
+    if not (view.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
         return {}
     return {name: (Sdf.ValueTypeNames.Float, value) for name, value in values.items()}
 
 
 def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
-    found = view_of(camera)
-    attributes = pinhole(found, unit_mm)
-    if found and "clippingRange" not in prim.attributes:
-        ends = Gf.Vec2f(max(found.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
+    view = view_of(camera)
+    attributes = pinhole(view, unit_mm)
+    if view and "clippingRange" not in prim.attributes:
+        ends = Gf.Vec2f(max(view.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
         attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
-    _write(prim, attributes)
+    for name, (kind, value) in attributes.items():
+        if name in prim.properties:
+            del prim.properties[name]
+        Sdf.AttributeSpec(prim, name, kind).default = value
 
 
 def _name_parts(prim: Sdf.PrimSpec, file: str) -> None:
@@ -169,9 +174,71 @@ def _leave_out_parts(camera: Sdf.PrimSpec) -> None:
         del camera.nameChildren[PARTS]
 
 
-def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:
-    """Set attributes, replacing old values. (In the text, properties are sorted by name.)"""
-    for name, (kind, value) in attributes.items():
-        if name in prim.properties:
-            del prim.properties[name]
-        Sdf.AttributeSpec(prim, name, kind).default = value
+def write_board(prim: Sdf.PrimSpec, name: str, faces: PreviewFaces, unit_mm: float, picture: str | None) -> None:
+    """Write the preview below the prim of a target, replacing an older mesh; any other prim of that name stays.
+
+    Parameters
+    ----------
+    picture : str or None
+        PNG of its linear reflectance, relative to the layer.
+    """
+    if not np.abs(faces.points_mm / unit_mm).max() < _LARGEST:
+        return
+    if name in prim.nameChildren:
+        if prim.nameChildren[name].typeName != "Mesh":
+            return
+        del prim.nameChildren[name]
+    alone = Usd.Stage.CreateInMemory()
+    mesh = _mesh(alone, Sdf.Path.absoluteRootPath.AppendChild(name), faces, unit_mm)
+    if picture is not None:
+        _paint(alone, mesh, faces, picture)
+    Sdf.CreatePrimInLayer(prim.layer, prim.path.AppendChild(name))
+    Sdf.CopySpec(alone.GetRootLayer(), mesh.GetPath(), prim.layer, prim.path.AppendChild(name))
+
+
+def _mesh(stage: Usd.Stage, path: Sdf.Path, faces: PreviewFaces, unit_mm: float) -> UsdGeom.Mesh:
+    mesh, points = UsdGeom.Mesh.Define(stage, path), (faces.points_mm / unit_mm).astype(np.float32)
+    mesh.CreateExtentAttr(_vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray([4] * len(faces.faces)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray(faces.faces.ravel().tolist()))
+    mesh.CreatePointsAttr(_vectors(points))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    grey = np.repeat(np.clip(faces.radiance, 0, 1)[:, None], 3, axis=1)
+    mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform).Set(_vectors(grey))
+    return mesh
+
+
+def _paint(stage: Usd.Stage, mesh: UsdGeom.Mesh, faces: PreviewFaces, picture: str) -> None:
+    """Bind the mesh to a matt surface with its picture."""
+    kind, vertex = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+    places = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(faces.sheet, np.float32))
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(_PLACES, kind, vertex).Set(places)
+    board = _matt(stage, mesh.GetPath().AppendChild("Sheet"), picture)
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(board)
+
+
+def _matt(stage: Usd.Stage, path: Sdf.Path, picture: str) -> UsdShade.Material:
+    """A matt UsdPreviewSurface with a picture."""
+    board = UsdShade.Material.Define(stage, path)
+    reader = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_PLACES)
+    texture = UsdShade.Shader.Define(stage, path.AppendChild("Picture"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(picture))
+    places = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(places)
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")  # reflectances are linear
+    for axis in "ST":
+        texture.CreateInput(f"wrap{axis}", Sdf.ValueTypeNames.Token).Set("clamp")
+    surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
+    surface.CreateIdAttr("UsdPreviewSurface")
+    colour = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(colour)
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
+    board.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    return board
+
+
+def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))

@@ -11,26 +11,10 @@ from pxr import Gf, Sdf
 from pipeline.frames import mm_per_unit
 from pipeline.scene.write.text import filled, text_of
 
-LENS_DISTORTION = frozenset(
-    f"OmniLensDistortion{name}API"
-    for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
-)
-"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
-LENS_DISTORTION_NAMES = "omni:lensdistortion:"
-"""Beginning of the names of their attributes."""
 _KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
 """Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
 CHILD = "Pinhole"
 """Name of the camera at the centre of projection, below ours, whose origin is the centre of the aperture stop."""
-_TYPES = {
-    "token": Sdf.ValueTypeNames.Token,
-    "float": Sdf.ValueTypeNames.Float,
-    "float2": Sdf.ValueTypeNames.Float2,
-    "int2": Sdf.ValueTypeNames.Int2,
-    "asset": Sdf.ValueTypeNames.Asset,
-}
-_HELD = {"float2": Gf.Vec2f, "int2": Gf.Vec2i, "asset": lambda *path: Sdf.AssetPath("".join(path))}
-"""Types whose values USD holds in types of its own."""
 _TENTHS = 10.0
 """Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
 
@@ -105,8 +89,8 @@ def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> 
     _author(prim, "omni:lensdistortion:model", Sdf.ValueTypeNames.Token, model, is_custom=True)
     for schema in schemas:
         for name, kind, value in schema.attributes:
-            held = _HELD.get(kind)
-            _author(prim, name, _TYPES[kind], held(*value) if held else value, is_custom=True)
+            usd_type = Sdf.ValueTypeNames.Find(kind)
+            _author(prim, name, usd_type, type(usd_type.defaultValue)(value), is_custom=True)
 
 
 def _author(

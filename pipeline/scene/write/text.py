@@ -1,17 +1,25 @@
-"""Writing of records as USD text, in the form that USD itself would write; used by every importer."""
+"""Writing of lenses and cameras as USD text, in the form that USD itself would write; used by every importer."""
 
 import re
 import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from pxr import Gf, Sdf, Vt
+from pxr import Sdf, Usd, Vt
 
+from pipeline.camera.figures.first_order_figures import viewfinder
+from pipeline.camera.parts.camera import Camera, PrintedCamera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
+from pipeline.scene.write.flatten import pinhole
 
 _DOC_WIDTH = 112
 """Longest line of documentation [characters]: with indentation it stays within the 120 of the project."""
+_TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
+_VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
+"""Attributes of the pinhole with the field of view of the camera."""
 
 
 def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
@@ -39,12 +47,14 @@ def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
 
 def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
     """Write the attributes and surfaces of a PlenLens."""
-    names = surface_names(lens)
-    _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
-    if lens.nominal_efl_mm is not None and lens.nominal_efl_mm > 0:
-        _author(prim, "plen:nominalFocalLength", Sdf.ValueTypeNames.Double, lens.nominal_efl_mm)
-    _author(prim, "plen:surfaceOrder", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray(names))
-    _author(prim, "plen:wavelength", Sdf.ValueTypeNames.Double, lens.wavelength_nm)
+    names, efl_mm = surface_names(lens), lens.nominal_efl_mm
+    _author(
+        prim,
+        name=lens.name,
+        nominalFocalLength=efl_mm if efl_mm is not None and efl_mm > 0 else None,
+        surfaceOrder=names,
+        wavelength=lens.wavelength_nm,
+    )
     for child, surface in zip(names, lens.surfaces, strict=True):
         _write_surface(Sdf.PrimSpec(prim, child, Sdf.SpecifierDef, "PlenSurface"), surface)
 
@@ -106,40 +116,124 @@ def text_of(layer: Sdf.Layer) -> str:
 
 
 def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
-    if surface.abbe is not None:
-        _author(prim, "plen:abbe", Sdf.ValueTypeNames.Double, surface.abbe)
-    _write_aperture(prim, surface)
-    if surface.conic:
-        _author(prim, "plen:conic", Sdf.ValueTypeNames.Double, surface.conic)
-    for name, first in (("plen:evenCoefficients", 2), ("plen:oddCoefficients", 3)):
-        if coefficients := surface.coefficients(first):
-            _author(prim, name, Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(coefficients))
-    if surface.focal_length_mm is not None:
-        _author(prim, "plen:focalLength", Sdf.ValueTypeNames.Double, surface.focal_length_mm)
-    if surface.glass:
-        _author(prim, "plen:glass", Sdf.ValueTypeNames.String, surface.glass)
-    _author(prim, "plen:index", Sdf.ValueTypeNames.Double, surface.index)
-    if surface.is_stop:
-        _author(prim, "plen:isStop", Sdf.ValueTypeNames.Bool, True)
-    _author(prim, "plen:radius", Sdf.ValueTypeNames.Double, surface.radius_mm)
-    _author(prim, "plen:semiDiameter", Sdf.ValueTypeNames.Double, surface.semi_diameter_mm)
-    _author(prim, "plen:thickness", Sdf.ValueTypeNames.Double, surface.thickness_mm)
-
-
-def _write_aperture(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    _author(
+        prim,
+        abbe=surface.abbe,
+        conic=surface.conic or None,
+        evenCoefficients=surface.coefficients(2) or None,
+        oddCoefficients=surface.coefficients(3) or None,
+        focalLength=surface.focal_length_mm,
+        glass=surface.glass or None,
+        index=surface.index,
+        isStop=surface.is_stop or None,
+        radius=surface.radius_mm,
+        semiDiameter=surface.semi_diameter_mm,
+        thickness=surface.thickness_mm,
+    )
+    rotation_deg = surface.aperture_rotation_deg
     if surface.half_widths_mm is not None:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "rectangular")
-        _author(prim, "plen:halfWidths", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*surface.half_widths_mm))
-        if surface.aperture_rotation_deg:
-            _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
+        turned = rotation_deg or None
+        _author(prim, apertureShape="rectangular", halfWidths=surface.half_widths_mm, apertureRotation=turned)
     elif surface.inner_semi_diameter_mm:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "annular")
-        _author(prim, "plen:innerSemiDiameter", Sdf.ValueTypeNames.Double, surface.inner_semi_diameter_mm)
+        _author(prim, apertureShape="annular", innerSemiDiameter=surface.inner_semi_diameter_mm)
     elif surface.blades:
-        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "polygonal")
-        _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
-        _author(prim, "plen:blades", Sdf.ValueTypeNames.Int, surface.blades)
+        _author(prim, apertureShape="polygonal", apertureRotation=rotation_deg, blades=surface.blades)
 
 
-def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:
-    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityUniform).default = value
+def camera_text(camera: PrintedCamera) -> str:
+    """Text of a layer with one camera and the default prim Rig.
+
+    Raises
+    ------
+    PipelineError
+        The camera cannot be represented.
+    """
+    record = Camera(
+        prescription=prescription_of(camera.lens),
+        sensor=camera.sensor,
+        sensor_distance_mm=camera.sensor_distance_mm,
+        microlenses=camera.microlenses,
+    )
+    preview = (
+        "The Camera's own focalLength and apertures are a pinhole preview: principal distance and size of the sensor."
+    )
+    layer = new_layer("Rig", filled([f"{camera.name}.", *camera.provenance, preview]), _TYPES)
+    rig = Sdf.PrimSpec(layer, "Rig", Sdf.SpecifierDef, "Xform")
+    rig.kind = "assembly"
+    _write_camera(Sdf.PrimSpec(rig, "Camera", Sdf.SpecifierDef, "Camera"), camera, record)
+    write_lens(Sdf.PrimSpec(rig, "Lens", Sdf.SpecifierDef, "PlenLens"), camera.lens)
+    _write_sensor(Sdf.PrimSpec(rig, "Sensor", Sdf.SpecifierDef, "PlenSensor"), camera.sensor)
+    if camera.microlenses:
+        array = Sdf.PrimSpec(rig, "Microlenses", Sdf.SpecifierDef, "PlenMicrolensArray")
+        _write_array(array, camera.microlenses)
+    return text_of(layer)
+
+
+def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) -> None:
+    schemas = Sdf.TokenListOp()
+    schemas.prependedItems = ["PlenCameraAPI"]
+    prim.SetInfo("apiSchemas", schemas)
+    for name, (kind, value) in pinhole(viewfinder(camera), 1.0).items():
+        if name in _VIEW and (value or not name.endswith("Offset")):
+            Sdf.AttributeSpec(prim, name, kind).default = value
+    for name, wanted in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
+        if name != "microlenses" or camera.microlenses:
+            relationship = Sdf.RelationshipSpec(prim, f"plen:camera:{name}", custom=False)
+            relationship.targetPathList.explicitItems = [Sdf.Path(f"/Rig/{wanted}")]
+    lengths_mm = {
+        "camera:sensorDistance": camera.sensor_distance_mm,
+        "camera:near": printed.near_mm,
+        "camera:far": printed.far_mm,
+        "camera:microlensDistance": camera.microlenses.distance_mm if camera.microlenses else None,
+    }
+    _author(prim, **lengths_mm)
+
+
+def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
+    _author(
+        prim,
+        offset=_offset(sensor.offset_x_mm, sensor.offset_y_mm),
+        pixelPitch=sensor.pitch_mm,
+        resolution=(_int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")),
+    )
+
+
+def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
+    _author(
+        prim,
+        columns=_int(array.columns, "columns of microlenses"),
+        rows=_int(array.rows, "rows of microlenses"),
+        focalLengths=array.focal_lengths_mm,
+        layout=array.layout,
+        offset=_offset(array.offset_x_mm, array.offset_y_mm),
+        crossPitch=array.cross_pitch_mm,
+        height=array.height_mm,
+        pitch=array.pitch_mm,
+        width=array.width_mm,
+        rotation=array.rotation_deg or None,
+        tilt=(array.tilt_x_deg, array.tilt_y_deg) if array.is_tilted else None,
+        typePeriod=array.type_period,
+        typeTable=array.type_table if array.type_period is not None else None,
+    )
+
+
+def _offset(x_mm: float, y_mm: float) -> tuple[float, float] | None:
+    return (x_mm, y_mm) if x_mm or y_mm else None
+
+
+def _int(count: int | None, what: str) -> int | None:
+    if count is not None and abs(count) >= 2**31:
+        raise CameraError(f"{count} {what} are more than a stage can hold")
+    return count
+
+
+def _author(prim: Sdf.PrimSpec, **values: Any) -> None:
+    """Write attributes of ours, by their names without the namespace, in the types of the schemas; None is left out."""
+    registry = Usd.SchemaRegistry()
+    schemas = registry.FindConcretePrimDefinition(prim.typeName), registry.FindAppliedAPIPrimDefinition("PlenCameraAPI")
+    definition = schemas[prim.typeName == "Camera"]
+    for name, value in values.items():
+        if value is not None:
+            kind = definition.GetAttributeDefinition(f"plen:{name}").GetTypeName()
+            attribute = Sdf.AttributeSpec(prim, f"plen:{name}", kind, Sdf.VariabilityUniform)
+            attribute.default = type(kind.defaultValue)(value)
