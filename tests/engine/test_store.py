@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -157,6 +158,16 @@ def test_a_store_that_may_only_be_read_serves_what_it_has(tmp_path, store, monke
     assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "first")
     assert build(toy.project(tmp_path / "out", samples=9), ALONE).exit_code == 5
     assert {name: facts[0] for name, facts in before.items()} == toy.contents(store.root / "ac")
+
+
+def test_a_store_that_cannot_be_written_to_is_named_and_no_place_in_the_stage(tmp_path, store, monkeypatch):
+    monkeypatch.setattr(Path, "mkdir", failing(errno.EROFS))
+    project = replace(toy.project(tmp_path / "out"), places=dict.fromkeys(("", "cam"), "dataset.usda:3"))
+    result = build(project, ALONE)
+    (failure,) = result.failures
+    assert result.exit_code == 5
+    assert failure.error.startswith(f"cannot keep results in {store.root}: Read-only file system\n    hint: ")
+    assert failure.place is None and failure.log is None and failure.spec is None
 
 
 def test_a_folder_that_holds_anything_else_is_no_store(tmp_path):
