@@ -168,7 +168,7 @@ def test_a_store_in_a_folder_of_the_user_is_refused_with_the_way_out(pipeline, s
 def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage, cache, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "lots")
     code, _, log = pipeline("build", stage(), "-j1")
-    assert code == 2 and "'lots' is not a size" in log
+    assert code == 2 and "PIPELINE_CACHE_SIZE: 'lots' is not a size" in log
     assert not (cache / "cas").exists()
 
 
