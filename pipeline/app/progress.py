@@ -180,7 +180,7 @@ class Ending:
         yield f"    task {task.name} failed (key {str(task.key)[:12]})"
         if others:
             yield f"    so did, alike: {', '.join(other.name for other in others)}"
-        yield f"    log: {task.log}"
+        yield from [f"    log: {task.log}"] if task.log else []
         again = f"run-task {shlex.quote(task.spec)}" if task.spec else f"build {self._again} --until {task.name} -j1"
         yield f"    again: pipeline {again}"
 

@@ -73,14 +73,14 @@ class Checked:
 def limit_from_environment() -> int:
     """Limit of the store [bytes]: $PIPELINE_CACHE_SIZE, for example `200G`, or 50 GB."""
     text = os.environ.get("PIPELINE_CACHE_SIZE")
-    return DEFAULT_LIMIT if not text else bytes_of(text)
+    return DEFAULT_LIMIT if not text else bytes_of(text, "PIPELINE_CACHE_SIZE")
 
 
-def bytes_of(text: str) -> int:
-    """Bytes of a text such as `1.5G`, `500 MB` or `1000`; units are powers of ten."""
+def bytes_of(text: str, setting: str) -> int:
+    """Bytes of a setting such as `1.5G`, `500 MB` or `1000`; units are powers of ten."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kmgt]?)b?\s*", text.lower())
     if match is None:
-        raise UsageError(f"{text!r} is not a size", hint="write for example 500M or 50G")
+        raise UsageError(f"{setting}: {text!r} is not a size", hint="write for example 500M or 50G")
     return int(float(match[1]) * _UNITS[match[2]])
 
 

@@ -167,7 +167,7 @@ def test_a_store_in_a_folder_of_the_user_is_refused_with_the_way_out(pipeline, s
 def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage, cache, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "lots")
     code, _, log = pipeline("build", stage(), "-j1")
-    assert code == 2 and "'lots' is not a size" in log
+    assert code == 2 and "PIPELINE_CACHE_SIZE: 'lots' is not a size" in log
     assert not (cache / "cas").exists()
 
 
@@ -237,7 +237,8 @@ def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path
 
 
 def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):
-    assert "never built" in pipeline("logs", stage(), "rays")[1]
+    said = pipeline("logs", stage(), "rays")[1]
+    assert "never built" in said and "; -o names another folder" in said
     pipeline("build", stage(), "-j1")
     code, output, _ = pipeline("logs", "s.json", "image")
     assert code == 0 and output.count("rendering\n") == 2

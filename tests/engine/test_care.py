@@ -120,10 +120,10 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
 
 @pytest.mark.parametrize(("text", "size"), [("1000", 1000), ("1.5G", 1.5e9), ("500 MB", 5e8), ("2t", 2e12), ("0", 0)])
 def test_sizes_are_written_as_people_do(text, size):
-    assert bytes_of(text) == size
+    assert bytes_of(text, "--size") == size
 
 
 @pytest.mark.parametrize("text", ["", "G", "-1", "1.2.3G", "10 apples"])
 def test_what_is_no_size_is_refused(text):
     with pytest.raises(UsageError, match="not a size"):
-        bytes_of(text)
+        bytes_of(text, "--size")

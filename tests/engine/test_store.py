@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -115,6 +116,28 @@ def test_a_store_that_may_only_be_read_serves_what_it_has(tmp_path, store, monke
     assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "first")
     assert build(toy.project(tmp_path / "out", samples=9), ALONE).exit_code == 5
     assert {name: facts[0] for name, facts in before.items()} == toy.contents(store.root / "ac")
+
+
+def test_a_store_that_cannot_be_written_to_is_named_and_no_place_in_the_stage(tmp_path, store, monkeypatch):
+    monkeypatch.setattr(Path, "mkdir", failing(errno.EROFS))
+    project = replace(toy.project(tmp_path / "out"), places=dict.fromkeys(("", "cam"), "dataset.usda:3"))
+    result = build(project, ALONE)
+    (failure,) = result.failures
+    assert result.exit_code == 5
+    assert failure.error.startswith(f"cannot keep results in {store.root}: Read-only file system\n    hint: ")
+    assert failure.place is None and failure.log is None and failure.spec is None
+
+
+def test_a_folder_that_holds_anything_else_is_no_store(tmp_path):
+    """The user's own `tmp/` and `quarantine/` would be swept and emptied."""
+    root = tmp_path / "scratch"
+    for name in ("tmp/experiment", "quarantine", f"tmp/{socket.gethostname()}-backup-2026"):
+        (root / name).mkdir(parents=True)
+        (root / name / "data").write_text("precious")
+    before = toy.snapshot(root)
+    with pytest.raises(EnvironmentFault, match="holds quarantine, tmp, and no VERSION of ours"):
+        Store(root)
+    assert toy.snapshot(root) == before
 
 
 @pytest.mark.parametrize("said", ["1.2.3", "plenoptic-pipeline store 2", ""])

@@ -163,6 +163,8 @@ def errors_of_the_system(bench: Workbench, number: str, fault: str, error: int, 
 _FULL_DISK = """
 import shutil, subprocess, sys
 sys.path[:0] = sys.argv[3].split(":")
+from pipeline.machine.processor import pin
+pin()
 from pathlib import Path
 from engine import toy
 from faults.workbench import Workbench, Row

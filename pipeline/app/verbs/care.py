@@ -52,7 +52,7 @@ def gc(
     from pipeline.engine.store.store import Store
     from pipeline.errors import EnvironmentFault
 
-    limit = bytes_of(size) if size else limit_from_environment()
+    limit = bytes_of(size, "--size") if size else limit_from_environment()
     store = Store(warn=note)
     if not dry_run and not os.access(store.root, os.W_OK):
         raise EnvironmentFault(f"{store.root} is read-only", hint="a user who may write to it can collect")

@@ -61,7 +61,8 @@ def logs(
     """Print the log of the last run of a task, its time, its memory and its host."""
     from pipeline.engine.running.session import logs_of
 
-    tasks = logs_of(project_of(stage, out, allow_root), target)
+    project = project_of(stage, out, allow_root)
+    tasks = logs_of(project, target)
     if as_json:
         say_json({"tasks": [asdict(task) for task in tasks]})
         return
@@ -74,6 +75,8 @@ def logs(
             say(Path(task.log).read_text(encoding="utf-8", errors="replace").rstrip("\n"))
         elif task.key:
             say("   (it printed nothing)")
+        else:
+            say(f"   no build into {project.out} has met it; -o names another folder")
         if task.spec:
             say(f"   again: pipeline run-task {task.spec}")
 

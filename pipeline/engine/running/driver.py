@@ -205,7 +205,9 @@ class _Driver:
         )
         if reply.state == "failed":
             _, _, rest = spec.name.partition("/")
-            place, repeat = self.places.get(rest.split("/")[0]), self.store.keep_spec(replace(spec, force=False))
+            # A fault of the machine has no place in the stage.
+            place = None if reply.machine else self.places.get(rest.split("/")[0])
+            repeat = self.store.keep_spec(replace(spec, force=False))
             result = replace(result, error=reply.error, log=reply.log, machine=reply.machine, place=place, spec=repeat)
         elif reply.state == "executed" and reply.record is not None:
             self.budget.learn(result.kind, reply.record.made_by.peak_bytes)

@@ -51,9 +51,8 @@ def perform(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> l
 
 def failed(spec: Spec, how: str, store: Store, seconds: float = 0.0, *, machine: bool = False) -> Reply:
     """The reply for a task that was ended from outside: its worker died or its time limit was reached."""
-    log = store.file_for("log", spec.key)
-    _append(log, f"{how}\n")
-    return Reply(name=spec.name, state="failed", error=how, log=str(log), seconds=round(seconds, 4), machine=machine)
+    log = _append(store.file_for("log", spec.key), f"{how}\n")
+    return Reply(name=spec.name, state="failed", error=how, log=log, seconds=round(seconds, 4), machine=machine)
 
 
 def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
@@ -83,14 +82,13 @@ def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], sta
 
 
 def _failure(spec: Spec, error: BaseException, store: Store, start: float) -> Reply:
-    log = store.file_for("log", spec.key)
     is_expected = isinstance(error, EnvironmentFault | DamagedBlob)
-    _append(log, f"{error}\n" if is_expected else "".join(traceback.format_exception(error)))
+    text = f"{error}\n" if is_expected else "".join(traceback.format_exception(error))
     return Reply(
         name=spec.name,
         state="failed",
         error=_message(error),
-        log=str(log),
+        log=_append(store.file_for("log", spec.key), text),
         machine=is_expected or is_machines_fault(error),
         damaged=isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
         memory=isinstance(error, MemoryError),
@@ -232,8 +230,9 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
         yield
         return
     try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        log.open("w").close()
+        with machine_errors("keep results in", store.root):
+            log.parent.mkdir(parents=True, exist_ok=True)
+            log.open("w").close()
         with (
             log.open(
                 "a", encoding="utf-8", buffering=1
@@ -249,11 +248,15 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
         _logs.release()
 
 
-def _append(log: Path, text: str) -> None:
-    with contextlib.suppress(OSError):  # the failure itself is reported in any case
+def _append(log: Path, text: str) -> str | None:
+    """Append to a log and return its path; None if it cannot be written, as in a read-only store."""
+    try:
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("a", encoding="utf-8") as stream:
             stream.write(text)
+    except OSError:  # the failure itself is reported in any case
+        return None
+    return str(log)
 
 
 def _message(error: BaseException) -> str:
