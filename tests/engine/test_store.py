@@ -4,6 +4,7 @@ import errno
 import hashlib
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from dataclasses import replace
