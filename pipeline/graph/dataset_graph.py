@@ -23,23 +23,23 @@ from pipeline.targets.target import Target, plain_from_target
 from pipeline.tasks.params import exposing
 from pipeline.tasks.params.cameras import (
     PARTS,
+    AskedCamera,
     CameraLabels,
-    FirstOrder,
-    Focus,
+    CameraReport,
     FocusLabels,
     InChannel,
-    MicroImages,
+    JoinedRays,
     MicroImagesTile,
+    MicroImageTables,
     Nothing,
     Parts,
     Planes,
-    Rays,
     RaysTile,
     Stop,
 )
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
-from pipeline.tasks.params.placed import SHEET, Matrix, Picture, Sheet, source_name
+from pipeline.tasks.params.placed import SHEET, Matrix, PictureFile, Sheet, source_name
 from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 
 
@@ -53,7 +53,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             sheet = Sheet(target=plain_from_target(entry.target))
             files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), SHEET)
     for picture in dataset.pictures:
-        params = Picture(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+        params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
         files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
@@ -114,10 +114,10 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
         far_mm=entry.asked.far_mm,
         circle_of_confusion_px=entry.asked.circle_of_confusion_px,
     )
-    reads = {"camera": add(graph, f"focus/{name}", Focus.of(entry.asked))}
+    reads = {"camera": add(graph, f"focus/{name}", AskedCamera.of(entry.asked))}
     settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
     pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
-    params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
+    params = CameraReport(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
     report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
 
@@ -188,7 +188,7 @@ def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
     parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
     tiles = add_tiles(graph, f"micro_images_tile/{name}", parts, reads)
-    return add(graph, f"micro_images/{name}", MicroImages(tiles=len(tiles)), {**reads, **tiles})
+    return add(graph, f"micro_images/{name}", MicroImageTables(tiles=len(tiles)), {**reads, **tiles})
 
 
 def labels_of(entry: CameraEntry) -> CameraLabels:
@@ -223,7 +223,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
         )
         for number, (first, end) in enumerate(bands)
     }
-    params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
+    params = JoinedRays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
     return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})
 
 
@@ -253,7 +253,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
         reads = {"image": image} | cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
         raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
         files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
-    pattern = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
+    pattern = PatternMaps(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
     files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)
 
 

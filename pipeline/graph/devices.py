@@ -1,11 +1,11 @@
 """Tasks that run on a chosen device, and the effect on their keys."""
 
 import dataclasses
-from typing import Any
 
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.project import Project
+from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 
 DEVICES = ("cuda",)
@@ -40,7 +40,7 @@ def _replaced(project: Project, name: str) -> Project:
     return dataclasses.replace(project, graph=graph)
 
 
-def _on(device: str, task: Task) -> dict[str, Any]:
+def _on(device: str, task: Task) -> Params:
     """Parameters of a task with the device, if it can use one.
 
     White images that are smooth cannot: they are by quadrature.

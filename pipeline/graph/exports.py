@@ -13,7 +13,7 @@ from pipeline.graph.frame_tasks import add
 from pipeline.graph.poses import target_poses
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
@@ -122,7 +122,7 @@ def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[
         SeenFrame(
             camera=camera.name,
             number=frame.number,
-            view=View(
+            view=PlacedView(
                 targets=bare.targets(target_poses(dataset, frame, camera.name), named=False),
                 occluders=bare.occluders(frame, camera.name),
             ),

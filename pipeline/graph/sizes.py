@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.records import Params
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 
@@ -23,7 +23,7 @@ _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
 
-def size(_: str, params: dict[str, Any]) -> float:
+def size(_: str, params: Params) -> float:
     """Rays of a task per pixel of the sensor, or of a band of its rows; 0 if its params have no samples.
 
     The resolution of the sensor is not considered: after it was edited, a forecast states the cost of the old one.

@@ -1,4 +1,4 @@
-"""A certificate, in lines for a terminal."""
+"""Certificates, and the verdict of `pipeline verify`, in lines for a terminal."""
 
 from typing import Any
 
@@ -24,6 +24,12 @@ def lines(cameras: dict[str, Json]) -> list[str]:
         whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own} px"
         text += [_LEGEND, *(_row(*one) for one in ((found, whole), *kinds, *(edges if len(edges) > 1 else ())))]
     return text
+
+
+def lines_of_verdict(verdict: Json) -> list[str]:
+    """Certificates, what speaks against the build, and the verdict, from what `verify --json` prints."""
+    agreement = "agrees" if verdict["agrees"] else "DISAGREES"
+    return [*lines(verdict["cameras"]), *verdict["problems"], agreement]
 
 
 def _row(part: Json, name: str) -> str:

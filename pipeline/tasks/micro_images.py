@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.npy import write_npy
 from pipeline.files.tables import write_table
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stacked
-from pipeline.tasks.params.cameras import MicroImages, MicroImagesTile
+from pipeline.tasks.params.cameras import MicroImagesTile, MicroImageTables
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (
@@ -40,7 +40,7 @@ _DECIMALS = 6
 """Decimals of the radii of outlines [px]: two more than the accuracy of their bisection."""
 
 
-def micro_images(params: MicroImages, inputs: Inputs, out: Path) -> None:
+def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
     """Both tables of the micro-images of a camera."""
     rig = rig_of(inputs, 0)
     tracer, images = rig.tracer, rig.images

@@ -22,7 +22,7 @@ from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import letter_of
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern, Transmission
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
@@ -166,7 +166,7 @@ def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
 _CHANNELS = ("dark_e", "hot_e_per_s", "response")
 
 
-def fixed_pattern(params: FixedPattern, inputs: Inputs, out: Path) -> None:
+def fixed_pattern(params: PatternMaps, inputs: Inputs, out: Path) -> None:
     """Differences from pixel to pixel of the sensor of a camera: fixed_pattern.exr."""
     width = params.shape[1]
 

@@ -20,7 +20,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
@@ -55,7 +55,7 @@ def truth(params: Truth, inputs: Inputs, out: Path) -> None:
 
 
 def target_rows(
-    table: TruthTable, view: View, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
+    table: TruthTable, view: PlacedView, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
 ) -> tuple[list[TargetNote], dict[str, list[Any]]]:
     """Notes about the targets, and the columns of the rows of all of them.
 

@@ -16,8 +16,8 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.params.cameras import Focus, InChannel, Planes, Rays
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
+from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 
 
@@ -27,7 +27,7 @@ class Scene:
 
     file: str
     truth: TruthTable
-    view: View
+    view: PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ def judged_camera(project: Project, name: str) -> JudgedCamera:
     graph = project.graph
     truths = {task: from_plain(Truth, graph[task].params) for task in graph if task.startswith(f"truth/{name}/")}
     first = next(iter(truths.values()))
-    rays = from_plain(Rays, graph[f"rays/{name}"].params) if first.table.settings.searches else None
+    rays = from_plain(JoinedRays, graph[f"rays/{name}"].params) if first.table.settings.searches else None
     file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
     return JudgedCamera(
         camera=_camera(graph, name),
@@ -85,13 +85,13 @@ def judged_camera(project: Project, name: str) -> JudgedCamera:
 def _camera(graph: TaskGraph, name: str) -> Camera:
     """The camera that the tasks `focus`, `planes` and, of a channel, `channel` would make."""
     body, channel = body_and_channel(name)
-    focus = from_plain(Focus, graph[f"focus/{body}"].params)
+    focus = from_plain(AskedCamera, graph[f"focus/{body}"].params)
     planes = from_plain(Planes, graph[f"planes/{body}"].params)
     camera = focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
     return camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel) if channel else camera
 
 
-def _view(graph: TaskGraph, truth: str) -> View:
+def _view(graph: TaskGraph, truth: str) -> PlacedView:
     """The view of a task `truth`, or of its tiles if it has any; targets by name."""
     own = from_plain(Truth, graph[truth].params).view
     view = own or from_plain(TruthTile, graph[graph[truth].reads["tile0"]].params).view

@@ -27,7 +27,7 @@ _MOST_FACES = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class ReportedBuild:
     """A build that is reported, and where the report is written; `points` and `certificate` are the manifest's."""
 
     output: Output
@@ -42,7 +42,7 @@ class Source:
         return self.scripts.report
 
 
-def camera_part(source: Source, camera: BuiltCamera, optics: str | None) -> CameraPart:
+def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) -> CameraPart:
     """A camera with its views; writes the scripts of its tables, and puts its images into the report."""
     record, (width, height) = camera.record, camera.size_px
     certificate = source.certificate.get(camera.name)
@@ -74,14 +74,14 @@ def _key_figures(camera: BuiltCamera) -> tuple[Figure, ...]:
     )
 
 
-def _micro_images(source: Source, camera: BuiltCamera) -> str | None:
+def _micro_images(source: ReportedBuild, camera: BuiltCamera) -> str | None:
     images, outlines = camera.micro_images, camera.micro_image_outlines
     if images is None or outlines is None:
         return None
     return source.scripts.write(f"micro_images.{camera.name}", micro_image_data(images, outlines))
 
 
-def _view(source: Source, camera: BuiltCamera, view: BuiltView) -> View:
+def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
     place = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
     facts = source.points[camera.name]
     seen = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
@@ -102,7 +102,7 @@ def _view(source: Source, camera: BuiltCamera, view: BuiltView) -> View:
     )
 
 
-def _pictures(source: Source, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
+def _pictures(source: ReportedBuild, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
     folder = source.folder
     found = [(kind, f"{place}/{kind}.png") for kind in kinds if folder.file(f"{place}/{kind}.png")]
     return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in found)

@@ -54,7 +54,7 @@ class TableData:
     """The rows of a table by column; `same` holds the columns in which all rows are equal."""
 
     rows: int
-    same: dict[str, Any]
+    same: Json
     columns: dict[str, tuple[Any, ...]]
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import Json
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,7 @@ class SeenFrame:
 
     camera: str
     number: int
-    view: View
+    view: PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
