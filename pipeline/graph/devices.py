@@ -17,12 +17,8 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     """The same project with the chosen device for tasks that can run there; its name is one of their params, so it
     enters their keys.
 
-    Raises
-    ------
-    UsageError
-        No device has that name, or other options exclude a device.
-    EnvironmentFault
-        The device cannot be used on this machine.
+    Raises UsageError: no device has that name, or other options exclude a device.
+    Raises EnvironmentFault: the device cannot be used on this machine.
     """
     if options.device not in DEVICES:
         raise UsageError(f'there is no device "{options.device}"', hint=f"--device takes {', '.join(DEVICES)}")

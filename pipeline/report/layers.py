@@ -23,16 +23,10 @@ right and back: each sweep mends what the one before has moved, and the last one
 class Layout:
     """Places of things, in pixels from the left upper corner.
 
-    Attributes
-    ----------
-    boxes : dict
-        Name -> left upper corner.
-    lanes : list of Line
-        Level, across a column.
-    links, arrows : list of Line
-        Lines from one column to the next, in the gap between them; an arrow ends at a box.
-    width, height : float
-        Size of the whole drawing.
+    `boxes`: name -> left upper corner.
+    `lanes`: level, across a column.
+    `links`, `arrows`: lines from one column to the next, in the gap between them; an arrow ends at a box.
+    `width`, `height`: size of the whole drawing.
     """
 
     boxes: dict[str, Point]

@@ -11,7 +11,7 @@ _SUMS = ("count", "seconds", "rays", "crossings")
 def profile(tasks: Iterable[tuple[str, Json]]) -> Json:
     """Sum what tasks took, by their kinds and records: `kinds` and `kernels`, rows with the dearest first.
 
-    Seconds of the processor: `cpu_seconds` of all, `loading_seconds` for compiled code, `other_seconds` outside kernels.
+    Seconds of the processor: all `cpu_seconds`, `loading_seconds` for compiled code, `other_seconds` outside kernels.
     """
     kinds, kernels = dict[str, Json](), dict[str, Json]()
     total = loading = 0.0

@@ -121,12 +121,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
 def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
     """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
 
-    Parameters
-    ----------
-    field : float
-        0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
-    count : int
-        Rays, evenly over those that pass.
+    `field`: 0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
+    `count`: rays, evenly over those that pass.
     """
     height = _lit_height(camera, field)
     central = _central_ray(camera, height)

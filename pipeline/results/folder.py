@@ -17,14 +17,9 @@ _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json la
 class BuiltFolder:
     """A folder that a build finished.
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    stage : str
-        The stage that was built, as the manifest names it.
-    digests : dict of str to str
-        SHA-256 of every file, by its posix path below the folder.
+    `path`: the folder.
+    `stage`: the stage that was built, as the manifest names it.
+    `digests`: SHA-256 of every file, by its posix path below the folder.
     """
 
     path: Path

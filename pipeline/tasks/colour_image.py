@@ -59,9 +59,7 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
 def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -> None:
     """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
 
-    References
-    ----------
-    Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
+    Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
     """
     wavelengths = [repr(channel.wavelengths_nm[0]).replace(".", ",") for channel in params.channels]
     names = [f"T.{wavelength}nm" for wavelength in wavelengths]

@@ -32,24 +32,13 @@ class SeenFrame:
 class Export:
     """An export of one format.
 
-    Attributes
-    ----------
-    format, position : str
-    code : str
-        Digest of the code that writes the format, which no import of the task names.
-    noise : Noise
-    stage : str
-        Name of the dataset, which the files mention.
-    files : dict
-        Path in the output folder -> role and output of the task that makes the file.
-    records : dict
-        Path in the output folder -> content of a JSON file that is written from the stage itself.
-    numbers : tuple of int
-        The frames.
-    sights : dict
-        Name of each camera whose rays the format reads.
-    views : tuple of SeenFrame
-        Views for formats that read the scene.
+    `code`: digest of the code that writes the format, which no import of the task names.
+    `stage`: name of the dataset, which the files mention.
+    `files`: path in the output folder -> role and output of the task that makes the file.
+    `records`: path in the output folder -> content of a JSON file that is written from the stage itself.
+    `numbers`: the frames.
+    `sights`: name of each camera whose rays the format reads.
+    `views`: views for formats that read the scene.
     """
 
     format: str
