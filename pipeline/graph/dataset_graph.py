@@ -143,12 +143,12 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
 def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
     """The tasks that join the images of the channels of a camera; none for a camera of one wavelength."""
     seen = entry.in_channels if entry.channels else ()
-    labels = tuple(label for one in seen if (label := channel_label(one)))
+    labels = tuple(label for camera in seen if (label := channel_label(camera)))
     numbers = [frame.number for frame in dataset.frames]
     images = [("white", "", f"cameras/{entry.name}")]
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
     for kind, frame, folder in images if seen else ():
-        reads = {f"channel{i}": f"{kind}/{one.full_name}{frame}" for i, one in enumerate(seen)}
+        reads = {f"channel{i}": f"{kind}/{camera.full_name}{frame}" for i, camera in enumerate(seen)}
         params = ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
         joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
@@ -234,7 +234,8 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
         return
     kind = "colour_image" if entry.channels else "image"
     cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
-    cameras |= {f"camera_{one.channel}": f"channel/{name_with(name, one.channel)}" for one in irradiation.channels}
+    channels = [radiance.channel for radiance in irradiation.channels]
+    cameras |= {f"camera_{channel}": f"channel/{name_with(name, channel)}" for channel in channels}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:
@@ -259,7 +260,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
 
 def _lossy(irradiation: Irradiation) -> exposing.Transmission | None:
     """Losses of an exposure by radiance in the lens; None: there are none."""
-    lights = [exposing.LossesOfLight(channel=one.channel, of_each=one.losses) for one in irradiation.channels]
+    lights = [exposing.LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
     if irradiation.radiance:
         lights = [exposing.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
-    return exposing.Transmission(lights=tuple(lights)) if any(any(one.of_each) for one in lights) else None
+    return exposing.Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None

@@ -62,8 +62,8 @@ def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[
         costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
         tasks, seconds = (one + (frames - 1) * (two - one) for one, two in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
-        what = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
-        return [f"{what}: about {duration(seconds)} of processor time{sooner}"]
+        job = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
+        return [f"{job}: about {duration(seconds)} of processor time{sooner}"]
     lines = []
     for entry, size_px in sizes:
         sensor, rays = entry.asked.sensor, entry.image_samples * max(1, len(entry.channels))

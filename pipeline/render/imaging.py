@@ -103,14 +103,14 @@ def sampled(
     for rays in rays_of(band, batch, counts):
         part = rays.pixels[rays.row] + count * (rays.way > 0)
         flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
-        for scene, own, image in zip(scenes, wanted, result, strict=True):
-            scene.add(rays, part, own.ravel(), image)
+        for scene, is_sampled, image in zip(scenes, wanted, result, strict=True):
+            scene.add(rays, part, is_sampled.ravel(), image)
     result, flux = _relative(band.rig, result), _relative(band.rig, flux)
     if known is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             seen = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
-        for own, image, one in zip(wanted[:, 0], result, seen, strict=True):
-            image[:count][own] += _steadied(one.reshape(band.shape), known - flux)[own]
+        for is_sampled, image, radiance in zip(wanted[:, 0], result, seen, strict=True):
+            image[:count][is_sampled] += _steadied(radiance.reshape(band.shape), known - flux)[is_sampled]
     return result.reshape(wanted.shape)
 
 

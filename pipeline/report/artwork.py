@@ -80,7 +80,9 @@ def _page(drawing: Drawing, line: str) -> PrintPage:
     foot = len(words) * _LINE_MM + _BAR_SPACE_MM
     height = 2 * drawing.half_y_mm + 2 * _MARGIN_MM + foot
     at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
-    paths = [PrintPath(is_black, [_moved(one, at) for one in outlines]) for is_black, outlines in _paths(drawing)]
+    paths = [
+        PrintPath(is_black, [_moved(outline, at) for outline in outlines]) for is_black, outlines in _paths(drawing)
+    ]
     places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
     bottom = _MARGIN_MM + len(words) * _LINE_MM + 1.0
     length = f"{BAR_MM:g} mm", (_MARGIN_MM + 2.0, bottom + 3.0)

@@ -271,14 +271,14 @@ def _lit_height(camera: Camera, field: float) -> float:
 
 def profiles(prescription: Prescription) -> list[Points]:
     """Sections of all surfaces where they really stand, drawn as they look from the side."""
-    found = []
+    outlines = []
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex, motion in placed:
         heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
         points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
         points = points if motion is None else apply(motion, points)
-        found.append([(float(z), float(y)) for _, y, z in points])
-    return found
+        outlines.append([(float(z), float(y)) for _, y, z in points])
+    return outlines
 
 
 def elements(prescription: Prescription) -> list[Points]:

@@ -67,8 +67,8 @@ class BuiltParts(BuiltFolder):
         """Content of a JSON file."""
         if name not in self.records:
             return BuiltFolder.record(self, name)
-        found: Json = self.records[name]
-        return found
+        content: Json = self.records[name]
+        return content
 
     def present(self, name: str) -> Path:
         """Place of a file that the task was given."""

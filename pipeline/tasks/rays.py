@@ -117,8 +117,8 @@ class _Tiles:
     def error(self, first: int, end: int) -> np.ndarray:
         """Errors of J; differences reach one row beyond a band."""
         low, high = max(first - 1, 0), min(end + 1, self.bundles.shape[0])
-        found = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
-        return found[first - low : end - low]
+        errors = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
+        return errors[first - low : end - low]
 
     def part(
         self,

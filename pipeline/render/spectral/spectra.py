@@ -104,7 +104,7 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
     table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
     patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
-    sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
+    sampled = [np.array([np.interp(wavelengths_nm, *curve) for curve in some]) for some in (patches, curves)]
     return sampled[0], sampled[1]
 
 

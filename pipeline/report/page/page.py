@@ -98,8 +98,8 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
     """Remove images of earlier builds."""
-    shown = [picture for one in cameras for picture in one.pictures]
-    shown += [picture for one in cameras for view in one.views for picture in view.pictures]
+    shown = [picture for camera in cameras for picture in camera.pictures]
+    shown += [picture for camera in cameras for view in camera.views for picture in view.pictures]
     used = {Path(picture.path).name for picture in shown}
     for path in (report / "images").iterdir():
         if path.name not in used:
@@ -125,7 +125,7 @@ def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
     """Cameras of the stage, each channel by itself."""
     if loaded is None or loaded.dataset is None:
         return {}
-    return {one.full_name: one for entry in loaded.dataset.cameras for one in entry.in_channels}
+    return {seen.full_name: seen for entry in loaded.dataset.cameras for seen in entry.in_channels}
 
 
 def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> str | None:
