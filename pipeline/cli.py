@@ -191,13 +191,13 @@ def verify(
     is signed: this finds accidents and mistakes, not forgery.
     """
     from pipeline.app.verify import verify as verdict_on
-    from pipeline.report.verdict import lines
+    from pipeline.report.certificate import lines_of_verdict
 
     verdict = verdict_on(out, seed)
     if as_json:
         say_json({"out": str(out.absolute()), **verdict.to_dict()})
     else:
-        for line in lines(verdict.to_dict()):
+        for line in lines_of_verdict(verdict.to_dict()):
             say(line)
     raise typer.Exit(Exit.DONE if verdict.agrees else Exit.NOT_CONFIRMED)
 

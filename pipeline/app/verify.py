@@ -39,8 +39,8 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.surroundings import surroundings_of
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
-from pipeline.tasks.params.cameras import Focus, InChannel, Planes, Rays
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
+from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 from pipeline.truth.judging.judged import sample
 from pipeline.truth.visibility import visibility
@@ -89,7 +89,7 @@ class _FrameTable:
 
     file: str
     truth: TruthTable
-    view: View
+    view: PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,7 +204,7 @@ def _judged_camera(build: Project, name: str) -> _JudgedCamera:
     graph = build.graph
     truths = {task: from_plain(Truth, graph[task].params) for task in graph if task.startswith(f"truth/{name}/")}
     first = next(iter(truths.values()))
-    rays = from_plain(Rays, graph[f"rays/{name}"].params) if first.table.settings.searches else None
+    rays = from_plain(JoinedRays, graph[f"rays/{name}"].params) if first.table.settings.searches else None
     file_of = {source[0]: path for path, source in build.files.items() if not isinstance(source, bytes)}
     return _JudgedCamera(
         camera=_camera(graph, name),
@@ -217,13 +217,13 @@ def _judged_camera(build: Project, name: str) -> _JudgedCamera:
 def _camera(graph: TaskGraph, name: str) -> Camera:
     """The camera that the tasks `focus`, `planes` and, of a channel, `channel` would make."""
     body, channel = body_and_channel(name)
-    focus = from_plain(Focus, graph[f"focus/{body}"].params)
+    focus = from_plain(AskedCamera, graph[f"focus/{body}"].params)
     planes = from_plain(Planes, graph[f"planes/{body}"].params)
     camera = focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
     return camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel) if channel else camera
 
 
-def _view(graph: TaskGraph, task: str) -> View:
+def _view(graph: TaskGraph, task: str) -> PlacedView:
     """The view of a task `truth`, or of its tiles if it has any; targets by name."""
     truth = from_plain(Truth, graph[task].params)
     view = truth.view or from_plain(TruthTile, graph[graph[task].reads["tile0"]].params).view

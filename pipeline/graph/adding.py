@@ -72,19 +72,18 @@ def add_passes(
     """
     kind, _, subject = name.partition("/")
     subject = subject if kind == "image_pass" else f"{subject}/white"
-    own = [_of_strip(reads, strip) for strip in range(len(parts))]
+    reads_of = [_of_strip(reads, strip) for strip in range(len(parts))]
     first = [
         add(graph, pass_name(name, strip, 0), part, source)
-        for strip, (part, source) in enumerate(zip(parts, own, strict=True))
+        for strip, (part, source) in enumerate(zip(parts, reads_of, strict=True))
     ]
     level = add(graph, f"noise_level/{subject}", Nothing(), _roles(STRIP, first))
     last = list(first)
     for number in range(1, passes_of(parts[0].exposure.samples)):
         for strip, part in enumerate(parts):
-            found = {BEFORE: last[strip], "level": level}
             check = f"noise_check/{subject}/{strip:04d}/{number - 1:02d}"
-            add(graph, check, NoiseCheck(noise=noise), found)
-            source = {**own[strip], "first": first[strip], BEFORE: last[strip], CHECK: check}
+            add(graph, check, NoiseCheck(noise=noise), {BEFORE: last[strip], "level": level})
+            source = {**reads_of[strip], "first": first[strip], BEFORE: last[strip], CHECK: check}
             last[strip] = add(graph, pass_name(name, strip, number), replace(part, number=number), source)
     return {"level": level, **_roles(STRIP, last), **_roles("first", first)}
 

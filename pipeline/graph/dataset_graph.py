@@ -23,23 +23,23 @@ from pipeline.targets.target import Target, plain_from_target
 from pipeline.tasks.params import exposing
 from pipeline.tasks.params.cameras import (
     PARTS,
+    AskedCamera,
     CameraLabels,
-    FirstOrder,
-    Focus,
+    CameraReport,
     FocusLabels,
     InChannel,
-    MicroImages,
+    JoinedRays,
     MicroImagesTile,
+    MicroImageTables,
     Nothing,
     Parts,
     Planes,
-    Rays,
     RaysTile,
     Stop,
 )
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
-from pipeline.tasks.params.placed import SHEET, Matrix, Picture, Sheet, source_name
+from pipeline.tasks.params.placed import SHEET, Matrix, PictureFile, Sheet, source_name
 from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 
 
@@ -53,7 +53,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             sheet = Sheet(target=plain_from_target(entry.target))
             files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), SHEET)
     for picture in dataset.pictures:
-        params = Picture(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+        params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
         files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
@@ -114,10 +114,10 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
         far_mm=entry.asked.far_mm,
         circle_of_confusion_px=entry.asked.circle_of_confusion_px,
     )
-    reads = {"camera": add(graph, f"focus/{name}", Focus.of(entry.asked))}
+    reads = {"camera": add(graph, f"focus/{name}", AskedCamera.of(entry.asked))}
     settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
     pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
-    params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
+    params = CameraReport(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
     report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
 
@@ -143,12 +143,12 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
 def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
     """The tasks that join the images of the channels of a camera; none for a camera of one wavelength."""
     seen = entry.in_channels if entry.channels else ()
-    labels = tuple(label for one in seen if (label := channel_label(one)))
+    labels = tuple(label for camera in seen if (label := channel_label(camera)))
     numbers = [frame.number for frame in dataset.frames]
     images = [("white", "", f"cameras/{entry.name}")]
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
     for kind, frame, folder in images if seen else ():
-        reads = {f"channel{i}": f"{kind}/{one.full_name}{frame}" for i, one in enumerate(seen)}
+        reads = {f"channel{i}": f"{kind}/{camera.full_name}{frame}" for i, camera in enumerate(seen)}
         params = ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
         joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
@@ -188,7 +188,7 @@ def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
     parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
     tiles = add_tiles(graph, f"micro_images_tile/{name}", parts, reads)
-    return add(graph, f"micro_images/{name}", MicroImages(tiles=len(tiles)), {**reads, **tiles})
+    return add(graph, f"micro_images/{name}", MicroImageTables(tiles=len(tiles)), {**reads, **tiles})
 
 
 def labels_of(entry: CameraEntry) -> CameraLabels:
@@ -223,7 +223,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
         )
         for number, (first, end) in enumerate(bands)
     }
-    params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
+    params = JoinedRays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
     return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})
 
 
@@ -234,7 +234,8 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
         return
     kind = "colour_image" if entry.channels else "image"
     cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
-    cameras |= {f"camera_{one.channel}": f"channel/{name_with(name, one.channel)}" for one in irradiation.channels}
+    channels = [radiance.channel for radiance in irradiation.channels]
+    cameras |= {f"camera_{channel}": f"channel/{name_with(name, channel)}" for channel in channels}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:
@@ -253,13 +254,13 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
         reads = {"image": image} | cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
         raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
         files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
-    pattern = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
+    pattern = PatternMaps(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
     files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)
 
 
 def _lossy(irradiation: Irradiation) -> exposing.Transmission | None:
     """Losses of an exposure by radiance in the lens; None: there are none."""
-    lights = [exposing.LossesOfLight(channel=one.channel, of_each=one.losses) for one in irradiation.channels]
+    lights = [exposing.LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
     if irradiation.radiance:
         lights = [exposing.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
-    return exposing.Transmission(lights=tuple(lights)) if any(any(one.of_each) for one in lights) else None
+    return exposing.Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None

@@ -1,11 +1,11 @@
 """Tasks that run on a chosen device, and the effect on their keys."""
 
 import dataclasses
-from typing import Any
 
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.project import Project
+from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 
 DEVICES = ("cuda",)
@@ -17,12 +17,8 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     """The same project with the chosen device for tasks that can run there; its name is one of their params, so it
     enters their keys.
 
-    Raises
-    ------
-    UsageError
-        No device has that name, or other options exclude a device.
-    EnvironmentFault
-        The device cannot be used on this machine.
+    Raises UsageError: no device has that name, or other options exclude a device.
+    Raises EnvironmentFault: the device cannot be used on this machine.
     """
     if options.device not in DEVICES:
         raise UsageError(f'there is no device "{options.device}"', hint=f"--device takes {', '.join(DEVICES)}")
@@ -40,7 +36,7 @@ def _replaced(project: Project, name: str) -> Project:
     return dataclasses.replace(project, graph=graph)
 
 
-def _on(device: str, task: Task) -> dict[str, Any]:
+def _on(device: str, task: Task) -> Params:
     """Parameters of a task with the device, if it can use one.
 
     White images that are smooth cannot: they are by quadrature.

@@ -13,7 +13,7 @@ from pipeline.graph.frame_tasks import add
 from pipeline.graph.poses import target_poses
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
@@ -24,7 +24,7 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
     asked = dataset.exports
     for name in asked.formats:
         wanted = format_of(name)
-        cameras = [one for one in dataset.cameras if wanted.takes(_is_plenoptic(one))]
+        cameras = [camera for camera in dataset.cameras if wanted.takes(_is_plenoptic(camera))]
         read = _Read(graph, files, cameras, wanted)
         sights = read.sights() if Reads.RAYS in wanted.reads else {}
         noisy = Reads.CORNERS in wanted.reads
@@ -57,12 +57,12 @@ class _Read:
     def places(self, dataset: Dataset) -> dict[str, tuple[str, str]]:
         """Path in the output folder -> role and output, of every file that the format reads."""
         numbers = [frame.number for frame in dataset.frames]
-        found = dict[str, tuple[str, str]]()
+        places = dict[str, tuple[str, str]]()
         for path in [path for camera in self.cameras for path in self._paths(camera, numbers)]:
             source = self.files[path]
             assert not isinstance(source, bytes)
-            found[path] = self._role(source[0]), source[1]
-        return found
+            places[path] = self._role(source[0]), source[1]
+        return places
 
     def targets(self) -> dict[str, object]:
         """Content of the files of all targets, which no task makes."""
@@ -122,7 +122,7 @@ def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[
         SeenFrame(
             camera=camera.name,
             number=frame.number,
-            view=View(
+            view=PlacedView(
                 targets=bare.targets(target_poses(dataset, frame, camera.name), named=False),
                 occluders=bare.occluders(frame, camera.name),
             ),

@@ -13,9 +13,9 @@ from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.poses import target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params.cameras import ChannelLabel, Light
+from pipeline.tasks.params.cameras import BundleLight, ChannelLabel
 from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
-from pipeline.tasks.params.placed import PaintedView, View
+from pipeline.tasks.params.placed import PaintedView, PlacedView
 from pipeline.tasks.params.truth import (
     Certificate,
     JudgedFrame,
@@ -53,9 +53,9 @@ def channel_label(entry: CameraEntry) -> ChannelLabel | None:
     )
 
 
-def light_of(entry: CameraEntry) -> Light:
+def light_of(entry: CameraEntry) -> BundleLight:
     """The light of a camera's bundles."""
-    return Light(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
+    return BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
 def frame_of(task: Task, field: str | None) -> int | None:
@@ -161,7 +161,7 @@ class FrameTasks:
         # Only the saddle of a blurred corner depends on colours.
         if "saddle" in self.entry.truth.column_sets:
             targets = self.painted.targets(poses)
-        view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
+        view = PlacedView(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
         table = TruthTable(frame=frame.number, camera=self.entry.name, settings=self._counts, labels=self._labels)
         reads = dict(self._reads)
         if self.entry.truth.searches:

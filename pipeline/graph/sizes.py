@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.records import Params
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 
@@ -23,7 +23,7 @@ _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
 
-def size(_: str, params: dict[str, Any]) -> float:
+def size(_: str, params: Params) -> float:
     """Rays of a task per pixel of the sensor, or of a band of its rows; 0 if its params have no samples.
 
     The resolution of the sensor is not considered: after it was edited, a forecast states the cost of the old one.
@@ -62,8 +62,8 @@ def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[
         costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
         tasks, seconds = (one + (frames - 1) * (two - one) for one, two in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
-        what = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
-        return [f"{what}: about {duration(seconds)} of processor time{sooner}"]
+        job = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
+        return [f"{job}: about {duration(seconds)} of processor time{sooner}"]
     lines = []
     for entry, size_px in sizes:
         sensor, rays = entry.asked.sensor, entry.image_samples * max(1, len(entry.channels))

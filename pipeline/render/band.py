@@ -16,14 +16,8 @@ Rows = tuple[int, int]
 class Band:
     """Rows of an image.
 
-    Attributes
-    ----------
-    rig : Rig
-    rows : (int, int)
-    positions_mm : (n, 2) float64
-        Centres of their pixels on the sensor, row by row, vision frame.
-    strata : (n, s) int64
-        Microlenses that light each pixel, as `camera.micro_images.strata` finds them.
+    `positions_mm`: centres of their pixels on the sensor, row by row, vision frame.
+    `strata`: microlenses that light each pixel, as `camera.micro_images.strata` finds them.
     """
 
     rig: Rig

@@ -21,20 +21,9 @@ class MeshScene:
 
     Any number of threads may ask at once: Embree releases the interpreter lock while it traces.
 
-    Parameters
-    ----------
-    meshes : sequence of (m, 3, 3) float64
-        Corners of the triangles of each mesh, vision frame [mm].
-
-    Attributes
-    ----------
-    first : (k + 1,) int64
-        Number of the first triangle of each mesh, and of all of them.
-
-    Raises
-    ------
-    ValueError
-        If a corner is not finite.
+    `meshes`, sequence of (m, 3, 3) float64: corners of the triangles of each mesh, vision frame [mm].
+    `first`, (k + 1,) int64: number of the first triangle of each mesh, and of all of them.
+    Raises ValueError: a corner is not finite.
     """
 
     def __init__(self, meshes: Sequence[np.ndarray]) -> None:
@@ -55,20 +44,10 @@ class MeshScene:
     def first_hit(self, origins: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Number of the nearest triangle in front of each ray's start, counted over all meshes.
 
-        Parameters
-        ----------
-        origins : (n, 3) float64
-            Starts of the rays, vision frame [mm].
-        directions : (n, 3) float64
-            Directions of any length.
+        `origins`: starts of the rays, vision frame [mm].
+        `directions`: directions of any length.
+        Returns (n,) int32: -1 where the ray meets nothing or holds NaN.
 
-        Returns
-        -------
-        (n,) int32
-            -1 where the ray meets nothing or holds NaN.
-
-        Notes
-        -----
         Within about 1e-4 mm of an edge, at 400 mm, the answer may be that of the neighbouring ray.
         """
         hit = np.full(len(origins), -1, dtype=np.int32)

@@ -35,18 +35,12 @@ _BISECTIONS = 12
 class FieldTransmission:
     """Transmission of the lens of a conventional camera over the image.
 
-    Attributes
-    ----------
-    axis : float
-        Share of light that passes on the axis.
-    axis_px : (float, float)
-        Image position x, y of the axis.
-    places : tuple of tuple of float
-        Places of nodes, ascending: heights above the axis alone, or rows and columns [px].
-    shares : tuple of tuple of float
-        Share that passes there, in rows: a single one where places are heights.
-    error : float
-        Largest relative error of the next coarser spline at nodes that it did not know: that of this one is smaller.
+    `axis`: share of light that passes on the axis.
+    `axis_px`: image position x, y of the axis.
+    `places`: places of nodes, ascending: heights above the axis alone, or rows and columns [px].
+    `shares`: share that passes there, in rows: a single one where places are heights.
+    `error`: largest relative error of the next coarser spline at nodes that it did not know: that of this one is
+        smaller.
     """
 
     axis: float

@@ -45,17 +45,11 @@ class Box(NamedTuple):
 def meet_plane(beams, pose, edge_mm, step_mm, meeting):
     """Find the points where the beams of blocks meet the plane z = 0 of a frame.
 
-    Parameters
-    ----------
-    beams : camera.beams.Beams
-    pose : (4, 4) float64
-        vision_from_frame.
-    edge_mm : float
-        Edge of a pixel.
-    step_mm : (b,) float64
-        Distance of the nodes of each block.
-    meeting : Meeting
-        Written.
+    `beams`, camera.beams.Beams.
+    `pose`, (4, 4) float64: vision_from_frame.
+    `edge_mm`, float: edge of a pixel.
+    `step_mm`, (b,) float64: distance of the nodes of each block.
+    `meeting`, Meeting: written.
     """
     for b in range(step_mm.shape[0]):
         front, back, behind = 0, 0, 0
@@ -135,19 +129,13 @@ def _wider(left, right, bottom, top, factor, more):
 def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
     """Judge how pixels see one more sheet.
 
-    Parameters
-    ----------
-    drawing : target.kernels.DrawingArrays
-    colours : (2,) float64
-        Radiance of black and of white.
-    places : Places
-    meeting : Meeting
-    colour_of_block : (b,) float64
-        Colours from `whole_blocks`.
-    verdict : (n,) int8
-        Read and written.
-    light : (n,) float64
-        Written where a pixel sees the sheet alone, and one colour of it.
+    `drawing`, target.kernels.DrawingArrays.
+    `colours`, (2,) float64: radiance of black and of white.
+    `places`, Places.
+    `meeting`, Meeting.
+    `colour_of_block`, (b,) float64: colours from `whole_blocks`.
+    `verdict`, (n,) int8: read and written.
+    `light`, (n,) float64: written where a pixel sees the sheet alone, and one colour of it.
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):
@@ -207,12 +195,8 @@ def look_past_solid(bounds, places, near, far, verdict):
 
     Between two planes a ray stays within the boxes that it meets on both.
 
-    Parameters
-    ----------
-    bounds : Box
-        Around the thing, vision frame.
-    near, far : Meeting
-        Meetings with the planes across the axis where it begins and ends.
+    `bounds`, Box: around the thing, vision frame.
+    `near`, `far`, Meeting: meetings with the planes across the axis where it begins and ends.
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):

@@ -32,14 +32,9 @@ TOUCHING_MM = 1e-2
 class Places(NamedTuple):
     """Pixels and the blocks to which they belong.
 
-    Attributes
-    ----------
-    positions : (n, 2) float64
-        Positions on the sensor, vision frame [mm].
-    blocks : (n, s) int64
-        Indices of the blocks; -1 for none.
-    centre_mm, step_mm : (b, 2), (b,) float64
-        Centres and node distances of the blocks.
+    `positions`, (n, 2) float64: positions on the sensor, vision frame [mm].
+    `blocks`, (n, s) int64: indices of the blocks; -1 for none.
+    `centre_mm`, `step_mm`, (b, 2), (b,) float64: centres and node distances of the blocks.
     """
 
     positions: np.ndarray
@@ -51,14 +46,9 @@ class Places(NamedTuple):
 class Meeting(NamedTuple):
     """Points where beams meet a plane.
 
-    Attributes
-    ----------
-    points : (b, NODES^2, 2, RAYS) float64
-        x and y in the plane [mm].
-    side : (b,) int64
-        See `footprint_kernels`.
-    more : (b, 2) float64
-        Margin of the footprints of pixels over the rays of their centres [mm].
+    `points`, (b, NODES^2, 2, RAYS) float64: x and y in the plane [mm].
+    `side`, (b,) int64: see `footprint_kernels`.
+    `more`, (b, 2) float64: margin of the footprints of pixels over the rays of their centres [mm].
     """
 
     points: np.ndarray
@@ -91,12 +81,9 @@ class Footprints:
         """Light that both parts of each pixel see, (2, n): that of the background, one colour of a sheet, or NaN if
         undecided.
 
-        Parameters
-        ----------
-        sheets : sequence of (Patch, (4, 4) float64)
-            Flat patches, each with its pose vision_from_patch.
-        solids : sequence of (m, 3) float64
-            Points of what else is there, whose bounding box holds it; vision frame [mm].
+        `sheets`, sequence of (Patch, (4, 4) float64): flat patches, each with its pose vision_from_patch.
+        `solids`, sequence of (m, 3) float64: points of what else is there, whose bounding box holds it; vision frame
+            [mm].
         """
         shape = len(self._parts), len(self._parts[0].positions)
         verdict, light = np.full(shape, kernels.NOTHING, np.int8), np.full(shape, background)

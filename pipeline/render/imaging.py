@@ -30,18 +30,10 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
 
     Light through neighbouring microlenses is included.
 
-    Parameters
-    ----------
-    samples : int
-        Rays per pixel and microlens, a power of two.
-    radiance : callable or None
-        None stands for a white scene: the white image.
-    rows : (int, int), optional
-        First and end row to compute; values are those of the whole image.
-
-    Returns
-    -------
-    (height, width) float64
+    `samples`: rays per pixel and microlens, a power of two.
+    `radiance`: None stands for a white scene: the white image.
+    `rows`: first and end row to compute; values are those of the whole image.
+    Returns (height, width) float64.
     """
     return irradiance_and_crosstalk(rig, samples, radiance, rows)[0]
 
@@ -51,15 +43,8 @@ def irradiance_and_crosstalk(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part that came through other microlenses than that of the pixel's cell.
 
-    Parameters
-    ----------
-    samples : int or Batch
-        See `irradiance`; or which of them.
-
-    Returns
-    -------
-    (height, width) float64, (height, width) float64
-        See `irradiance`.
+    `samples`: see `irradiance`; or which of them.
+    Returns (height, width) float64, (height, width) float64: see `irradiance`.
     """
     band, batch = Band.of(rig, rows), batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
@@ -84,10 +69,7 @@ def pictures(
     Light through the microlens of a pixel's cell and light through other microlenses are treated separately: a part
     of one colour is that colour times `white`; other parts are sampled.
 
-    Parameters
-    ----------
-    white : (2, height, width) float64
-        The white image of the same rows in these two parts, relative; a conventional camera has no second one, and
+    `white`: the white image of the same rows in these two parts, relative; a conventional camera has no second one, and
         the noise of its rays in images only if its white image is of the same rays.
     """
     band, parts = Band.of(rig, rows), white.reshape(2, -1)
@@ -112,12 +94,8 @@ def sampled(
 ) -> np.ndarray:
     """Sampled light of both parts of each pixel, relative, (scenes, 2, n); 0 where `colour` is known.
 
-    Parameters
-    ----------
-    white : (2, n) float64
-        The white image in these two parts, by whose light rays are shared out.
-    known : (n,) float64 or None
-        The white image of a conventional camera without noise, by which images are steadied.
+    `white`: the white image in these two parts, by whose light rays are shared out.
+    `known`: the white image of a conventional camera without noise, by which images are steadied.
     """
     count, wanted = len(band.strata), np.isnan(colour)
     counts = _counts(batch.first, white, wanted.any(axis=0), band.strata) * (batch.samples // batch.first)
@@ -125,14 +103,14 @@ def sampled(
     for rays in rays_of(band, batch, counts):
         part = rays.pixels[rays.row] + count * (rays.way > 0)
         flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
-        for scene, own, image in zip(scenes, wanted, result, strict=True):
-            scene.add(rays, part, own.ravel(), image)
+        for scene, is_sampled, image in zip(scenes, wanted, result, strict=True):
+            scene.add(rays, part, is_sampled.ravel(), image)
     result, flux = _relative(band.rig, result), _relative(band.rig, flux)
     if known is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             seen = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
-        for own, image, one in zip(wanted[:, 0], result, seen, strict=True):
-            image[:count][own] += _steadied(one.reshape(band.shape), known - flux)[own]
+        for is_sampled, image, radiance in zip(wanted[:, 0], result, seen, strict=True):
+            image[:count][is_sampled] += _steadied(radiance.reshape(band.shape), known - flux)[is_sampled]
     return result.reshape(wanted.shape)
 
 
@@ -157,11 +135,8 @@ def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndar
     For a given total error the number of samples should grow with the root of the light; a quarter of them is the
     least.
 
-    Parameters
-    ----------
-    white, wanted : (2, n) float64, (2, n) bool
-        Light of both parts of each pixel, and whether it is sampled.
-    strata : (n, s) int64
+    `white`, `wanted`, (2, n) float64, (2, n) bool: light of both parts of each pixel, and whether it is sampled.
+    `strata`, (n, s) int64.
     """
     with np.errstate(invalid="ignore"):  # dark pixels
         share = np.sqrt(white / white.sum(axis=0))

@@ -19,15 +19,9 @@ from pipeline.render.passes import Batch, batch_of
 def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.ndarray:
     """The white image and its part through other microlenses than that of the pixel's cell, by wavelength.
 
-    Parameters
-    ----------
-    samples : int or Batch
-        As in `imaging.irradiance_and_crosstalk`, of all wavelengths together.
-
-    Returns
-    -------
-    (2, height, width, wavelengths) float64
-        Each relative to the white scene on the axis in the same light; `in_all` sums them up.
+    `samples`: as in `imaging.irradiance_and_crosstalk`, of all wavelengths together.
+    Returns (2, height, width, wavelengths) float64: each relative to the white scene on the axis in the same light;
+        `in_all` sums them up.
     """
     shared = _shared(rig.tracer, batch_of(samples))
     parts = [irradiance_and_crosstalk(in_light, shared, None, rows) for in_light in rig.in_each_light]
@@ -56,10 +50,7 @@ def pictures_in_lights(
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width), as `imaging.pictures`.
 
-    Parameters
-    ----------
-    white : (2, height, width, wavelengths) float64
-        Result of `white_parts` for the same rows.
+    `white`: result of `white_parts` for the same rows.
     """
     shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
     for number, in_light in enumerate(rig.in_each_light):

@@ -55,14 +55,10 @@ def known_flux(band: Band) -> np.ndarray | None:
 class _Cubics:
     """Cubics through positions along an edge of an image.
 
-    Attributes
-    ----------
-    positions_px : (m,) float64
-        All of them lie in the image; a pixel has the same four whichever others are asked for.
-    place : (n, 4) int64
-        Those of each pixel.
-    weight : (n, 4) float64
-        Their weights in its value, by Lagrange.
+    `positions_px`, (m,) float64: all of them lie in the image; a pixel has the same four whichever others are asked
+        for.
+    `place`, (n, 4) int64: those of each pixel.
+    `weight`, (n, 4) float64: their weights in its value, by Lagrange.
     """
 
     positions_px: np.ndarray

@@ -25,13 +25,8 @@ _SEED_BITS = 0xFFFFFFFF
 class Batch:
     """Samples of one replica that one pass takes.
 
-    Attributes
-    ----------
-    first : int
-        Samples of the first pass through a microlens, a power of two.
-    number : int
-        The pass, from 0.
-    replica : int
+    `first`: samples of the first pass through a microlens, a power of two.
+    `number`: the pass, from 0.
     """
 
     first: int

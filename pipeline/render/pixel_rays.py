@@ -23,18 +23,12 @@ _RAYS_ON_DEVICE, _RAYS_OF_A_REGION = 1 << 21, 64
 class PixelRays:
     """Rays of some pixels.
 
-    Attributes
-    ----------
-    pixels : (m,) int64
-        The pixels, counted from the first row that is wanted.
-    squares : Squares
-        Of these pixels.
-    leaving : Leaving
-        Owners are the place of a pixel in `pixels` times the number of microlenses in `squares`, plus the microlens.
-    row, way : (n,) int64
-        Both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell.
-    seed : int
-        Of the random numbers of these rays.
+    `pixels`: the pixels, counted from the first row that is wanted.
+    `squares`: of these pixels.
+    `leaving`: owners are the place of a pixel in `pixels` times the number of microlenses in `squares`, plus the
+        microlens.
+    `row`, `way`: both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell.
+    `seed`: that of the random numbers of these rays.
     """
 
     pixels: Int64[np.ndarray, "m"]

@@ -18,10 +18,7 @@ def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
 
     Those of a channel count by its relative response; the camera is then the one of the channel.
 
-    Raises
-    ------
-    SensorError
-        Rays of the camera weigh area, so that no image is one of irradiance.
+    Raises SensorError: rays of the camera weigh area, so that no image is one of irradiance.
     """
     if camera.weight != "irradiance":
         raise SensorError("radiance gives photons only where rays weigh irradiance, not area")

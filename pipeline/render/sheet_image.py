@@ -10,11 +10,7 @@ from pipeline.targets.kernels import Artwork, check_colour, on_plane, only_check
 class FlatSheet(NamedTuple):
     """A flat patch before a background.
 
-    Attributes
-    ----------
-    artwork : Artwork
-    background : float
-        Radiance beside the sheet.
+    `background`: radiance beside the sheet.
     """
 
     artwork: Artwork
@@ -25,13 +21,9 @@ class FlatSheet(NamedTuple):
 def add_light(sheet, rays, pixels, wanted, image):
     """Add the light of rays to an image, ray by ray.
 
-    Parameters
-    ----------
-    rays : camera.records.Leaving
-    pixels : (n,) int64
-        Pixel of each ray.
-    wanted, image : (m,) bool, (m,) float64
-        Pixels that are added to, and their sums.
+    `rays`, camera.records.Leaving.
+    `pixels`, (n,) int64: pixel of each ray.
+    `wanted`, `image`, (m,) bool, (m,) float64: pixels that are added to, and their sums.
     """
     # Plain numbers stay in registers; the arrays of a drawing would be passed on for every ray.
     drawing, colours, pose = sheet.artwork

@@ -31,12 +31,8 @@ _PRODUCTS_AT_ONCE = 1 << 23
 class Surroundings:
     """Targets and occluders in the vision frame.
 
-    Parameters
-    ----------
-    targets : sequence of (Target or MeshTarget, (4, 4) float64)
-        Each with its pose vision_from_target.
-    occluders : sequence of (Occluder, (4, 4) float64)
-        Each with its pose vision_from_occluder, any affine transform.
+    `targets`, sequence of (Target or MeshTarget, (4, 4) float64): each with its pose vision_from_target.
+    `occluders`, sequence of (Occluder, (4, 4) float64): each with its pose vision_from_occluder, any affine transform.
     """
 
     def __init__(
@@ -95,18 +91,10 @@ class Surroundings:
         itself: a bent surface may be in front of its own tangent plane. The hit counts as this surface if it is no
         farther from the point than twice the distance of the ray's crossing with the plane.
 
-        Parameters
-        ----------
-        target : int
-            Index of the target to which the points belong.
-        point_mm, front : (n, 3) float64
-            Target points and the normals of their tangent planes.
-        origin_mm, direction : (n, 3) float64
-            Rays from the lens into the scene, unit directions.
-
-        Returns
-        -------
-        (n,) bool
+        `target`: index of the target to which the points belong.
+        `point_mm`, `front`: target points and the normals of their tangent planes.
+        `origin_mm`, `direction`: rays from the lens into the scene, unit directions.
+        Returns (n,) bool.
         """
         triangle, path = self._first(origin_mm, direction)
         with np.errstate(divide="ignore", invalid="ignore"):  # rays parallel to a plane are stopped by nothing

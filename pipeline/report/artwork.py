@@ -32,7 +32,7 @@ Curve = tuple[Point, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class PrintPath:
     """Closed outlines, filled by the even-odd rule: start and curves of each, page frame, y up [mm]."""
 
     is_black: bool
@@ -40,16 +40,16 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class PrintPage:
     """A page; origin at its lower left corner, y up [mm]."""
 
     width_mm: float
     height_mm: float
-    paths: list[Path]
+    paths: list[PrintPath]
     lines: list[tuple[str, Point]]
 
 
-def pages_of(target: Target, name: str) -> list[Page]:
+def pages_of(target: Target, name: str) -> list[PrintPage]:
     """A page for every chart of a target that carries a pattern."""
     pieces = [(patch, pattern) for patch, pattern in target.surface.patches(target.pattern) if pattern]
     extra = "" if target.surface.KIND == "flat" else f", {target.surface.KIND}"
@@ -63,7 +63,7 @@ def pages_of(target: Target, name: str) -> list[Page]:
     ]
 
 
-def paper_of(pages: list[Page]) -> str:
+def paper_of(pages: list[PrintPage]) -> str:
     """Number and size of the pages, and the smallest paper that holds the largest of them."""
     short, long = (max(side(page.width_mm, page.height_mm) for page in pages) for side in (min, max))
     fits = (name for name, (one, other) in _PAPERS_MM.items() if short <= one and long <= other)
@@ -74,20 +74,22 @@ def paper_of(pages: list[Page]) -> str:
     )
 
 
-def _page(drawing: Drawing, line: str) -> Page:
+def _page(drawing: Drawing, line: str) -> PrintPage:
     width = max(2 * drawing.half_x_mm, BAR_MM)
     words = textwrap.wrap(line, int(width / (0.55 * _TEXT_MM)))
     foot = len(words) * _LINE_MM + _BAR_SPACE_MM
     height = 2 * drawing.half_y_mm + 2 * _MARGIN_MM + foot
     at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
-    paths = [Path(is_black, [_moved(one, at) for one in outlines]) for is_black, outlines in _paths(drawing)]
+    paths = [
+        PrintPath(is_black, [_moved(outline, at) for outline in outlines]) for is_black, outlines in _paths(drawing)
+    ]
     places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
     bottom = _MARGIN_MM + len(words) * _LINE_MM + 1.0
     length = f"{BAR_MM:g} mm", (_MARGIN_MM + 2.0, bottom + 3.0)
-    return Page(width + 2 * _MARGIN_MM, height, [*paths, _bar(bottom)], [*zip(words, places, strict=True), length])
+    return PrintPage(width + 2 * _MARGIN_MM, height, [*paths, _bar(bottom)], [*zip(words, places, strict=True), length])
 
 
-def _bar(bottom: float) -> Path:
+def _bar(bottom: float) -> PrintPath:
     """A line of 100 mm between two ticks: its ends are the outer edges of the ticks."""
     left, tick, thick = _MARGIN_MM, 4.0, 0.3
     boxes = (
@@ -95,7 +97,7 @@ def _bar(bottom: float) -> Path:
         (left + BAR_MM - thick, bottom, left + BAR_MM, bottom + tick),
         (left + thick, bottom + tick / 2, left + BAR_MM - thick, bottom + tick / 2 + thick),
     )
-    return Path(True, [_polygon(((a, b), (c, b), (c, d), (a, d))) for a, b, c, d in boxes])
+    return PrintPath(True, [_polygon(((a, b), (c, b), (c, d), (a, d))) for a, b, c, d in boxes])
 
 
 def _paths(drawing: Drawing) -> Iterator[tuple[bool, list[tuple[Point, list[Curve]]]]]:
@@ -153,7 +155,7 @@ def _moved(outline: tuple[Point, list[Curve]], by: Point) -> tuple[Point, list[C
     return (start[0] + by[0], start[1] + by[1]), shifted
 
 
-def svg(pages: list[Page]) -> str:
+def svg(pages: list[PrintPage]) -> str:
     """The pages below one another as the text of an SVG file, one user unit per millimetre."""
     width, height = max(page.width_mm for page in pages), sum(page.height_mm for page in pages)
     items, top = [], 0.0
@@ -167,7 +169,7 @@ def svg(pages: list[Page]) -> str:
     return svg_file.document((width, height), *items, unit="mm")
 
 
-def _svg_path(path: Path, top: float) -> str:
+def _svg_path(path: PrintPath, top: float) -> str:
     steps: list[tuple[str, Curve]] = []
     for start, curves in path.outlines:
         steps += [("M", (start,)), *(("L" if len(curve) == 1 else "C", curve) for curve in curves), ("Z", ())]
@@ -176,7 +178,7 @@ def _svg_path(path: Path, top: float) -> str:
     return svg_file.path(placed, FINE, fill=colour, fill_rule="evenodd")
 
 
-def pdf_content(page: Page) -> str:
+def pdf_content(page: PrintPage) -> str:
     """Drawing operators of a PDF page whose unit is the millimetre."""
     parts = []
     for path in page.paths:

@@ -1,4 +1,4 @@
-"""A certificate, in lines for a terminal."""
+"""Certificates, and the verdict of `pipeline verify`, in lines for a terminal."""
 
 from typing import Any
 
@@ -13,17 +13,23 @@ def lines(cameras: dict[str, Json]) -> list[str]:
     by distance from the cell's edge [px], where there are several.
     """
     text = []
-    for name, found in sorted(cameras.items()):
-        claim = "no claim" if found["claim_px"] is None else f"claim {found['claim_px']:g} px"
-        text.append(f"certificate of {name}: {_verdict(found)} ({claim})")
-        if not found["of"]:
+    for name, certificate in sorted(cameras.items()):
+        claim = "no claim" if certificate["claim_px"] is None else f"claim {certificate['claim_px']:g} px"
+        text.append(f"certificate of {name}: {_verdict(certificate)} ({claim})")
+        if not certificate["of"]:
             continue
-        kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in found["by_kind"] if part["rows"]]
-        edges = [(part, _distance(part)) for part in found["by_distance_from_cell_edge"] if part["rows"]]
-        own = "-" if found["own_sigma_px"] is None else f"{found['own_sigma_px']:.1e}"
-        whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own} px"
-        text += [_LEGEND, *(_row(*one) for one in ((found, whole), *kinds, *(edges if len(edges) > 1 else ())))]
+        kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in certificate["by_kind"] if part["rows"]]
+        edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
+        own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
+        whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
+        text += [_LEGEND, *(_row(*one) for one in ((certificate, whole), *kinds, *(edges if len(edges) > 1 else ())))]
     return text
+
+
+def lines_of_verdict(verdict: Json) -> list[str]:
+    """Certificates, what speaks against the build, and the verdict, from what `verify --json` prints."""
+    agreement = "agrees" if verdict["agrees"] else "DISAGREES"
+    return [*lines(verdict["cameras"]), *verdict["problems"], agreement]
 
 
 def _row(part: Json, name: str) -> str:
@@ -42,18 +48,18 @@ def _kept(part: Json) -> str:
 
 def failed(cameras: dict[str, Json] | None) -> bool:
     """Whether a camera cannot show the accuracy that it claims."""
-    return any(found["passed"] is False for found in (cameras or {}).values())
+    return any(certificate["passed"] is False for certificate in (cameras or {}).values())
 
 
-def _verdict(found: Json) -> Any:
-    if not found["of"]:
-        return found["reason"]
-    if found["passed"] is None:
-        return f"no verdict, {found['reason']}"
-    return "passed" if found["passed"] else f"FAILED, {found['reason']}"
+def _verdict(certificate: Json) -> Any:
+    if not certificate["of"]:
+        return certificate["reason"]
+    if certificate["passed"] is None:
+        return f"no verdict, {certificate['reason']}"
+    return "passed" if certificate["passed"] else f"FAILED, {certificate['reason']}"
 
 
-def _figures(found: Json) -> str:
+def _figures(part: Json) -> str:
     return "  ".join(
-        "      -  " if found[name] is None else f"{found[name]:.3e}" for name in ("mean_px", "rms_px", "max_px")
+        "      -  " if part[name] is None else f"{part[name]:.3e}" for name in ("mean_px", "rms_px", "max_px")
     )

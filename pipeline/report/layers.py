@@ -23,16 +23,10 @@ right and back: each sweep mends what the one before has moved, and the last one
 class Layout:
     """Places of things, in pixels from the left upper corner.
 
-    Attributes
-    ----------
-    boxes : dict
-        Name -> left upper corner.
-    lanes : list of Line
-        Level, across a column.
-    links, arrows : list of Line
-        Lines from one column to the next, in the gap between them; an arrow ends at a box.
-    width, height : float
-        Size of the whole drawing.
+    `boxes`: name -> left upper corner.
+    `lanes`: level, across a column.
+    `links`, `arrows`: lines from one column to the next, in the gap between them; an arrow ends at a box.
+    `width`, `height`: size of the whole drawing.
     """
 
     boxes: dict[str, Point]
@@ -96,10 +90,10 @@ class _Columns:
         step = 1 if start.column < end.column else -1
         way = [start, *(self._lane(source, step, c) for c in range(start.column + step, end.column, step)), end]
         self.arrows.append((way[-2], way[-1]))
-        for one, other in pairwise(way):
-            if one.column == other.column:
+        for here, other in pairwise(way):
+            if here.column == other.column:
                 continue
-            left, right = (one, other) if step > 0 else (other, one)
+            left, right = (here, other) if step > 0 else (other, here)
             if right not in left.right_ones:
                 left.right_ones.append(right)
                 right.left_ones.append(left)
@@ -116,27 +110,27 @@ def layout(reads: Mapping[str, Sequence[str]]) -> Layout:
 
     `reads` has the names that each reads, in an order in which sources come first; a line from a later name goes back.
     """
-    found = _Columns(reads)
-    for column in found.columns:
+    graph = _Columns(reads)
+    for column in graph.columns:
         _stack(column)
     for _ in range(_SWEEPS):
-        for column in found.columns[1:]:
+        for column in graph.columns[1:]:
             _sort(column, "left_ones")
-        for column in found.columns[-2::-1]:
+        for column in graph.columns[-2::-1]:
             _sort(column, "right_ones")
-    top = min((place.y - HEIGHT / 2 for column in found.columns for place in column), default=0.0)
-    for column in found.columns:
+    top = min((place.y - HEIGHT / 2 for column in graph.columns for place in column), default=0.0)
+    for column in graph.columns:
         for place in column:
             place.y -= top
-    places = [place for column in found.columns for place in column]
-    arrows = {_line(*pair) for pair in found.arrows}
+    places = [place for column in graph.columns for place in column]
+    arrows = {_line(*pair) for pair in graph.arrows}
     joined = {(one.right, other.left) for one in places for other in one.right_ones}
     return Layout(
-        boxes={name: (place.left[0], place.y - HEIGHT / 2) for name, place in found.boxes.items()},
+        boxes={name: (place.left[0], place.y - HEIGHT / 2) for name, place in graph.boxes.items()},
         lanes=[(place.left, place.right) for place in places if not place.is_box],
         links=sorted(joined - arrows - {(end, start) for start, end in arrows}),
         arrows=sorted(arrows),
-        width=max(len(found.columns) * (WIDTH + GAP) - GAP, 0.0),
+        width=max(len(graph.columns) * (WIDTH + GAP) - GAP, 0.0),
         height=max((place.y + HEIGHT / 2 for place in places), default=0.0),
     )
 

@@ -34,7 +34,7 @@ def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
     nyquist = 1 / (2 * pitch_mm)
     head = ("place", "position", "object", "Airy radius", "wavefront", "Strehl", "MTF", "saddle")
     under = ("", "px", "mm", "um    px", "rms    PV", "", f"at {nyquist / 2:.0f}   at {nyquist:.0f}", "px")
-    rows = [head, under, *(_row(one, pitch_mm) for one in images)]
+    rows = [head, under, *(_row(image, pitch_mm) for image in images)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     table = ["  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     light = f"images of points by diffraction at {images[0].wavelength_nm:.1f} nm"
@@ -45,44 +45,44 @@ def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
     return [light, *table, *notes]
 
 
-def _row(one: PointImage, pitch_mm: float) -> tuple[str, ...]:
-    x, y = one.x_px
-    transfers = (one.at(share / (2 * pitch_mm)) for share in (0.5, 1.0))
-    object_mm = "infinity" if math.isinf(one.object_mm) else f"{one.object_mm:.1f}"
+def _row(image: PointImage, pitch_mm: float) -> tuple[str, ...]:
+    x, y = image.x_px
+    transfers = (image.at(share / (2 * pitch_mm)) for share in (0.5, 1.0))
+    object_mm = "infinity" if math.isinf(image.object_mm) else f"{image.object_mm:.1f}"
     return (
-        one.place,
+        image.place,
         f"({x:.1f}, {y:.1f})",
         object_mm,
-        f"{one.airy_radius_um:.2f}  {one.airy_radius_um / (1e3 * pitch_mm):.2f}",
-        f"{one.rms_waves:.3f}  {one.extent_waves:.2f}",
-        f"{one.strehl_ratio:.3f}",
+        f"{image.airy_radius_um:.2f}  {image.airy_radius_um / (1e3 * pitch_mm):.2f}",
+        f"{image.rms_waves:.3f}  {image.extent_waves:.2f}",
+        f"{image.strehl_ratio:.3f}",
         "  ".join(f"{tangential:.2f}/{sagittal:.2f}" for tangential, sagittal in transfers),
-        _shift(one),
+        _shift(image),
     )
 
 
-def _shift(one: PointImage) -> str:
+def _shift(image: PointImage) -> str:
     """Shift of the saddle; adding 0 takes the sign of a rounded zero."""
-    x, y = np.round(one.saddle_shift_px, 4) + 0.0
+    x, y = np.round(image.saddle_shift_px, 4) + 0.0
     return f"({x:+.4f}, {y:+.4f})"
 
 
 def drawing(images: Sequence[tuple[str, PointImage]], title: str, pitch_mm: float) -> str:
     """The drawing as the text of an SVG file: a row for each image, which comes with words about its light."""
     items = [svg_file.words(title, (_MARGIN_PX, 24), font_size=14)]
-    for number, (light, one) in enumerate(images):
+    for number, (light, image) in enumerate(images):
         top = 40 + number * _ROW_PX
-        items += [*_photograph(one, (_MARGIN_PX, top), pitch_mm), *_curves(one, (330, top + 10), pitch_mm)]
-        items += _words(light, one, (800, top + 14), pitch_mm)
+        items += [*_photograph(image, (_MARGIN_PX, top), pitch_mm), *_curves(image, (330, top + 10), pitch_mm)]
+        items += _words(light, image, (800, top + 14), pitch_mm)
     height = 50 + len(images) * _ROW_PX
     return svg_file.document((_WIDTH_PX, height), *items, font_family="sans-serif", font_size=11)
 
 
-def _photograph(one: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
+def _photograph(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
     """The picture, the first dark ring of the Airy pattern, and the edges of a pixel."""
-    grey = np.round(255 * (1 - one.picture**_GAMMA)).astype(np.uint8)
+    grey = np.round(255 * (1 - image.picture**_GAMMA)).astype(np.uint8)
     data = "data:image/png;base64," + base64.b64encode(png_bytes(grey)).decode()
-    x, y, scale = *at, _EDGE_PX / one.picture_um
+    x, y, scale = *at, _EDGE_PX / image.picture_um
     middle, half = (x + _EDGE_PX / 2, y + _EDGE_PX / 2), 500 * pitch_mm * scale
     box = {"x": x, "y": y, "width": _EDGE_PX, "height": _EDGE_PX}
     place = {"cx": middle[0], "cy": middle[1]}
@@ -90,26 +90,26 @@ def _photograph(one: PointImage, at: svg_file.Point, pitch_mm: float) -> list[st
         svg_file.element("image", href=data, image_rendering="pixelated", **box),
         svg_file.element("rect", fill="none", stroke="#888888", **box),
         svg_file.element(
-            "circle", r=one.airy_radius_um * scale, fill="none", stroke="#c0392b", stroke_dasharray="3 3", **place
+            "circle", r=image.airy_radius_um * scale, fill="none", stroke="#c0392b", stroke_dasharray="3 3", **place
         ),
     ]
     if half < _EDGE_PX / 2:
         corners = [(middle[0] + i * half, middle[1] + j * half) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         items.append(svg_file.area(corners, fill="none", stroke="#1f5fa8"))
-    under = f"{one.picture_um:.1f} µm; blue: a pixel; red: Airy disc"
+    under = f"{image.picture_um:.1f} µm; blue: a pixel; red: Airy disc"
     return [*items, svg_file.words(under, (x, y + _EDGE_PX + 16))]
 
 
-def _curves(one: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
+def _curves(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
     """Modulation transfer over the spatial frequency."""
-    (left, top), (width, height), last = at, _PLOT_PX, float(one.per_mm[-1])
+    (left, top), (width, height), last = at, _PLOT_PX, float(image.per_mm[-1])
 
     def place(per_mm: float, value: float) -> svg_file.Point:
         return left + width * per_mm / last, top + height * (1 - value)
 
     items = [svg_file.area([place(0, 0), place(last, 0), place(last, 1), place(0, 1)], fill="none", stroke="#888888")]
     for name, colour, dashes, _ in _CURVES:
-        points = [place(*pair) for pair in zip(one.per_mm.tolist(), getattr(one, name).tolist(), strict=True)]
+        points = [place(*pair) for pair in zip(image.per_mm.tolist(), getattr(image, name).tolist(), strict=True)]
         items.append(svg_file.line(points, stroke=colour, stroke_width=1.5, stroke_dasharray=dashes))
     nyquist = 1 / (2 * pitch_mm)
     if nyquist < last:
@@ -127,15 +127,15 @@ def _curves(one: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
     return items
 
 
-def _words(light: str, one: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
-    where = "infinity" if math.isinf(one.object_mm) else f"{one.object_mm:.1f} mm"
+def _words(light: str, image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
+    where = "infinity" if math.isinf(image.object_mm) else f"{image.object_mm:.1f} mm"
     texts = (
-        f"{one.place}, ({one.x_px[0]:.1f}, {one.x_px[1]:.1f}) px",
+        f"{image.place}, ({image.x_px[0]:.1f}, {image.x_px[1]:.1f}) px",
         f"object at {where}, {light}",
-        f"aperture {one.numerical_aperture:.4f} = F/{1 / (2 * one.numerical_aperture):.2f}",
-        f"Airy radius {one.airy_radius_um:.2f} µm = {one.airy_radius_um / (1e3 * pitch_mm):.2f} px",
-        f"wavefront {one.rms_waves:.3f} waves rms, {one.extent_waves:.2f} PV",
-        f"Strehl ratio {one.strehl_ratio:.3f}",
-        f"saddle moves by {_shift(one)} px",
+        f"aperture {image.numerical_aperture:.4f} = F/{1 / (2 * image.numerical_aperture):.2f}",
+        f"Airy radius {image.airy_radius_um:.2f} µm = {image.airy_radius_um / (1e3 * pitch_mm):.2f} px",
+        f"wavefront {image.rms_waves:.3f} waves rms, {image.extent_waves:.2f} PV",
+        f"Strehl ratio {image.strehl_ratio:.3f}",
+        f"saddle moves by {_shift(image)} px",
     )
     return [svg_file.words(text, (at[0], at[1] + 18 * i)) for i, text in enumerate(texts)]

@@ -12,8 +12,8 @@ def lines(cameras: dict[str, Json]) -> list[str]:
 
     Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
-    columns = [(camera, target) for camera, found in sorted(cameras.items()) for target in sorted(found["of"])]
-    numbers = sorted({row["frame"] for found in cameras.values() for row in found["frames"]})
+    columns = [(camera, target) for camera, points in sorted(cameras.items()) for target in sorted(points["of"])]
+    numbers = sorted({row["frame"] for points in cameras.values() for row in points["frames"]})
     if not columns or not numbers:
         return []
     seen = {
@@ -56,8 +56,8 @@ def _summary(
 def _blank(cameras: dict[str, Json], numbers: list[int]) -> list[str]:
     """Frames in which a camera sees no point at all."""
     text = []
-    for camera, found in sorted(cameras.items()):
-        blank = [row["frame"] for row in found["frames"] if not row["rows"]]
+    for camera, points in sorted(cameras.items()):
+        blank = [row["frame"] for row in points["frames"] if not row["rows"]]
         if blank:
             which = "any frame" if len(blank) == len(numbers) else frames_in_words(blank)
             text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")

@@ -43,16 +43,16 @@ def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
 
 def figures(document: Json, curves: FieldCurves) -> list[Figures]:
     """The figures of a camera under their headings; parameters as of `page`."""
-    found = [Figures(heading="main lens", rows=tuple(_lens(document["lens"])))]
+    sections = [Figures(heading="main lens", rows=tuple(_lens(document["lens"])))]
     if curves.boresight_px is not None:
         x, y = curves.boresight_px
         heading = "surfaces off their places: all figures but those of real rays are of the centred lens"
         by = Figure("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray")
-        found.append(Figures(heading=heading, rows=(by,)))
-    found.append(Figures(heading="sensor", rows=(*_sensor(document), *_channels(document))))
+        sections.append(Figures(heading=heading, rows=(by,)))
+    sections.append(Figures(heading="sensor", rows=(*_sensor(document), *_channels(document))))
     if "mla" in document:
-        found.append(Figures(heading="microlenses", rows=tuple(_microlenses(document))))
-    return found
+        sections.append(Figures(heading="microlenses", rows=tuple(_microlenses(document))))
+    return sections
 
 
 def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:

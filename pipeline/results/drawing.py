@@ -121,12 +121,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
 def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
     """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
 
-    Parameters
-    ----------
-    field : float
-        0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
-    count : int
-        Rays, evenly over those that pass.
+    `field`: 0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
+    `count`: rays, evenly over those that pass.
     """
     height = _lit_height(camera, field)
     central = _central_ray(camera, height)
@@ -275,14 +271,14 @@ def _lit_height(camera: Camera, field: float) -> float:
 
 def profiles(prescription: Prescription) -> list[Points]:
     """Sections of all surfaces where they really stand, drawn as they look from the side."""
-    found = []
+    outlines = []
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex, motion in placed:
         heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
         points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
         points = points if motion is None else apply(motion, points)
-        found.append([(float(z), float(y)) for _, y, z in points])
-    return found
+        outlines.append([(float(z), float(y)) for _, y, z in points])
+    return outlines
 
 
 def elements(prescription: Prescription) -> list[Points]:

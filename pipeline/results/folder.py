@@ -17,14 +17,9 @@ _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json la
 class BuiltFolder:
     """A folder that a build finished.
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    stage : str
-        The stage that was built, as the manifest names it.
-    digests : dict of str to str
-        SHA-256 of every file, by its posix path below the folder.
+    `path`: the folder.
+    `stage`: the stage that was built, as the manifest names it.
+    `digests`: SHA-256 of every file, by its posix path below the folder.
     """
 
     path: Path
@@ -46,8 +41,8 @@ class BuiltFolder:
 
     def record(self, name: str) -> Json:
         """A JSON file of the build; raises as `table`."""
-        found: Json = read_json(self.present(name))
-        return found
+        content: Json = read_json(self.present(name))
+        return content
 
     def folders(self, below: str, holding: str) -> list[str]:
         """Names of the folders below a folder in which a file of that name lies, sorted."""
@@ -75,13 +70,13 @@ def finished_folder(out: str | Path) -> BuiltFolder:
         raise UsageError(f"{out} is a stage, and no output folder", hint=_BUILD)
     if not path.is_dir():
         raise UsageError(f"{out} is no folder", hint=_BUILD)
-    found = manifest.read(path)
-    if found.stage is None:
-        raise UsageError(f"{out} holds no finished build: {_reason(found.data)}", hint=_hint(path))
-    if not any(name.endswith("camera.json") for name in found.files):
+    listed = manifest.read(path)
+    if listed.stage is None:
+        raise UsageError(f"{out} holds no finished build: {_reason(listed.data)}", hint=_hint(path))
+    if not any(name.endswith("camera.json") for name in listed.files):
         raise UsageError(f"{out} holds a preview, without truth", hint="build the stage without --preview")
-    digests = {name: entry.sha256 for name, entry in found.files.items()}
-    return BuiltFolder(path=path, stage=str(found.stage), digests=digests)
+    digests = {name: entry.sha256 for name, entry in listed.files.items()}
+    return BuiltFolder(path=path, stage=str(listed.stage), digests=digests)
 
 
 def _reason(data: bytes | None) -> str:

@@ -20,20 +20,9 @@ _GLASS, _EDGE, _DARK, _ARRAY = "#cfe3f2", "#24506e", "#111111", "#8e44ad"
 def plot(camera: Camera, title: str, axes: Any = None) -> Any:
     """Plot lens, stop, sensor and rays of three object points in focus.
 
-    Parameters
-    ----------
-    axes : matplotlib Axes, optional
-        The axes to draw on; by default those of a new figure.
-
-    Returns
-    -------
-    Axes
-        x along the axis from the stop, + towards the sensor; y upwards [mm].
-
-    Raises
-    ------
-    UsageError
-        matplotlib is not installed.
+    `axes`: the axes to draw on; by default those of a new figure.
+    Returns Axes: x along the axis from the stop, + towards the sensor; y upwards [mm].
+    Raises UsageError: matplotlib is not installed.
     """
     sheet = new_axes(_WIDTH_IN, _HEIGHT_IN) if axes is None else axes
     lens, end = camera.prescription, camera.sensor_distance_mm

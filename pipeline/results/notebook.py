@@ -12,17 +12,9 @@ _INSTALL = 'python -m pip install "plenoptic-pipeline[plot]"'
 def axes(width_in: float, height_in: float, *, rows: int = 1, columns: int = 1) -> Any:
     """Empty axes in a figure of their own, which notebooks show below the cell.
 
-    Parameters
-    ----------
-    width_in, height_in : float
-        Size of the figure [inch].
-    rows, columns : int
-        Size of a grid of axes, which then are an array (rows, columns) with common scales.
-
-    Raises
-    ------
-    UsageError
-        matplotlib is not installed.
+    `width_in`, `height_in`: size of the figure [inch].
+    `rows`, `columns`: size of a grid of axes, which then are an array (rows, columns) with common scales.
+    Raises UsageError: matplotlib is not installed.
     """
     try:
         from matplotlib import pyplot

@@ -115,7 +115,7 @@ class Output:
             rows = sum(frame["rows"] for frame in facts[name]["frames"]) if name in facts else "-"
             kind = "plenoptic" if camera.is_plenoptic else "conventional"
             cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(self.frames), rows))
-        targets = [(one.name, one.kind, len(one.points_mm)) for one in self.targets.values()]
+        targets = [(target.name, target.kind, len(target.points_mm)) for target in self.targets.values()]
         names = ("camera", "kind", "lens", "image [px]", "frames", "rows of truth")
         return html_table(names, cameras, str(self.path)) + html_table(("target", "kind", "points"), targets)
 

@@ -54,8 +54,8 @@ class ReadyCamera:
 
     def __str__(self) -> str:
         sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
-        what = f"{sensor.width_px} x {sensor.height_px} px, f = {lens.efl_mm:.5g} mm, F/{lens.f_number:.3g}"
-        return f"{self.name or 'camera'}: {what}"
+        figures = f"{sensor.width_px} x {sensor.height_px} px, f = {lens.efl_mm:.5g} mm, F/{lens.f_number:.3g}"
+        return f"{self.name or 'camera'}: {figures}"
 
     @property
     def camera(self) -> Camera:
@@ -95,15 +95,15 @@ class ReadyCamera:
         open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
         guess, _ = guesses(self.rig, planes[open_])
         guess = Guess(open_[guess.point], guess.cell, guess.x_px)
-        found = solve(self.rig, guess, planes, self._accuracy(accuracy_px), 0.0)
-        is_lit = found.hit_fraction >= self.min_hit_fraction
+        truth = solve(self.rig, guess, planes, self._accuracy(accuracy_px), 0.0)
+        is_lit = truth.hit_fraction >= self.min_hit_fraction
         for points_there, fate in (
             (guess.point, Fate.OUTSIDE),
-            (found.solutions.point, Fate.DARK),
-            (found.solutions.point[is_lit], Fate.SEEN),
+            (truth.solutions.point, Fate.DARK),
+            (truth.solutions.point[is_lit], Fate.SEEN),
         ):
             fates[points_there] = fate
-        return self._projected(found.only(is_lit), tuple(fates))
+        return self._projected(truth.only(is_lit), tuple(fates))
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
         """Rays of image positions: the line of J(x) through all planes perpendicular to the axis.
@@ -123,8 +123,8 @@ class ReadyCamera:
             raise CameraError(f"{len(x)} x_px have {len(y)} y_px", hint="as many of both, or one for all")
         x, y = np.broadcast_arrays(x, y)
         near_mm, far_mm = self.planes_mm
-        found = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
-        near, far = found.crossings_mm[:, 0], found.crossings_mm[:, 1]
+        mean = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
+        near, far = mean.crossings_mm[:, 0], mean.crossings_mm[:, 1]
         slope = (far - near) / (far_mm - near_mm)
         direction = np.column_stack([slope, np.ones(len(x))])
         origin = np.column_stack([near - near_mm * slope, np.zeros(len(x))])
@@ -133,9 +133,9 @@ class ReadyCamera:
             y_px=y.copy(),
             origin_mm=np.where(np.isnan(near[:, :1]), np.nan, origin),
             direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
-            error_px=found.error_px,
-            hit_fraction=found.hit_fraction,
-            microlens=self.rig.axial[found.microlens] if self.is_plenoptic else None,
+            error_px=mean.error_px,
+            hit_fraction=mean.hit_fraction,
+            microlens=self.rig.axial[mean.microlens] if self.is_plenoptic else None,
         )
 
     def plot(self, *, axes: Any = None) -> Any:

@@ -177,9 +177,9 @@ class CorrespondenceRows(np.recarray):
         if camera is None and len(names) == 1:
             return self
         if camera not in names:
-            said = "rows are of several cameras" if camera is None else f"no row is of a camera {camera!r}"
+            mistake = "rows are of several cameras" if camera is None else f"no row is of a camera {camera!r}"
             hint = (did_you_mean(camera, names) if camera else None) or f"choose: {', '.join(names)}"
-            raise UsageError(said, hint=hint)
+            raise UsageError(mistake, hint=hint)
         return self[self.seen_by == camera]
 
     def _of_frame(self, frame: int | None) -> "CorrespondenceRows":
@@ -204,9 +204,9 @@ class CorrespondenceRows(np.recarray):
 
 def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:
     """The same rows, which know what they are drawn over."""
-    found = rows.view(CorrespondenceRows)
-    found.backdrop = backdrop
-    return found
+    over_backdrop = rows.view(CorrespondenceRows)
+    over_backdrop.backdrop = backdrop
+    return over_backdrop
 
 
 def all_of(rows: np.recarray, parts: Iterable[CorrespondenceRows]) -> CorrespondenceRows:

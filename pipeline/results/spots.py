@@ -63,7 +63,7 @@ class FieldBundle:
 
     def spot(self, distance_mm: float) -> np.ndarray:
         """Displacements in the image, (n, 2) [px]; NaN where the bundle is empty."""
-        left, right, above, below = (one.mean_at(distance_mm) for one in self.around)
+        left, right, above, below = (neighbour.mean_at(distance_mm) for neighbour in self.around)
         slope = np.stack([right - left, below - above], axis=1) / (2 * _STEP_PX)
         miss = self.bundle.at_distance(distance_mm) - self.bundle.mean_at(distance_mm)
         if not np.isfinite(slope).all() or abs(np.linalg.det(slope)) < 1e-12:
@@ -76,13 +76,13 @@ def field_bundles(camera: Camera) -> list[FieldBundle]:
     tracer, sensor = Tracer(camera), camera.sensor
     middle = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
     corner = np.where(tracer.pixels_at(sensor.farthest_corner_mm[None])[0] < middle, 0.0, 2 * middle)
-    found = []
+    bundles = []
     for share, place in _FIELDS:
         x_px, y_px, microlens = _nearest_light(tracer, middle + share * (corner - middle))
         shifts = ((0, 0), (-_STEP_PX, 0), (_STEP_PX, 0), (0, -_STEP_PX), (0, _STEP_PX))
-        own, *around = (bundle_behind(tracer, x_px + u, y_px + v, microlens, RAYS) for u, v in shifts)
-        found.append(FieldBundle(place, x_px, y_px, own, (around[0], around[1], around[2], around[3])))
-    return found
+        middle_bundle, *around = (bundle_behind(tracer, x_px + u, y_px + v, microlens, RAYS) for u, v in shifts)
+        bundles.append(FieldBundle(place, x_px, y_px, middle_bundle, (around[0], around[1], around[2], around[3])))
+    return bundles
 
 
 def _nearest_light(tracer: Tracer, position_px: np.ndarray) -> tuple[float, float, int]:
@@ -112,7 +112,7 @@ def spots(camera: Camera, bundles: list[FieldBundle]) -> tuple[Spot, ...]:
     middle = min(middle_focus(camera), FARTHEST_MM)
     depth = foci(camera)[_middle_type(camera)].depth_of_field_mm
     distances = [depth[0], middle, *([depth[1]] if depth[1] < FARTHEST_MM else [])]
-    return tuple(_spot(one, distance) for distance in distances for one in bundles)
+    return tuple(_spot(bundle, distance) for distance in distances for bundle in bundles)
 
 
 def _spot(field: FieldBundle, distance_mm: float) -> Spot:
@@ -154,13 +154,13 @@ class SpotDiagram:
     @property
     def rows(self) -> list[list[Spot]]:
         """The spots of each distance, from the centre to the corner."""
-        distances = dict.fromkeys(one.distance_mm for one in self.spots)
-        return [[one for one in self.spots if one.distance_mm == distance] for distance in distances]
+        distances = dict.fromkeys(spot.distance_mm for spot in self.spots)
+        return [[spot for spot in self.spots if spot.distance_mm == distance] for distance in distances]
 
     @property
     def reach_px(self) -> float:
         """Half width of the squares in which all spots are drawn [px]."""
-        parts = (value for one in self.spots for value in (*one.dx_px, *one.dy_px) if value is not None)
+        parts = (value for spot in self.spots for value in (*spot.dx_px, *spot.dy_px) if value is not None)
         return 1.1 * max(_LEAST_PX, *map(abs, parts), 0.0)
 
     def plot(self) -> Any:

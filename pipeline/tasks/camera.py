@@ -19,10 +19,19 @@ from pipeline.files.jsonfile import Json, write_json
 from pipeline.optics import first_order as paraxial
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
-from pipeline.tasks.params.cameras import CONVENTIONS, CameraLabels, FirstOrder, Focus, InChannel, Nothing, Planes, Stop
+from pipeline.tasks.params.cameras import (
+    CONVENTIONS,
+    AskedCamera,
+    CameraLabels,
+    CameraReport,
+    InChannel,
+    Nothing,
+    Planes,
+    Stop,
+)
 
 
-def focus(params: Focus, inputs: Inputs, out: Path) -> None:
+def focus(params: AskedCamera, inputs: Inputs, out: Path) -> None:
     """Place the sensor and set the stop: focused.json."""
     write_json(out / FOCUSED, to_plain(solved(params.asked)))
 
@@ -104,7 +113,7 @@ def _projection(projection: Projection, pitch_mm: float) -> Json:
     }
 
 
-def first_order(params: FirstOrder, inputs: Inputs, out: Path) -> None:
+def first_order(params: CameraReport, inputs: Inputs, out: Path) -> None:
     """The first-order report of a camera and its equivalent pinhole: camera.json."""
     camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
     write_json(out / "camera.json", document(params.labels, camera, pinhole_of(inputs)))

@@ -31,8 +31,8 @@ def run(params: Certificate, inputs: Inputs, out: Path) -> None:
     ]
     rig = rig_of(inputs, params.seed ^ _STREAM, params.square_px)
     of = sum(len(table.columns["x_px"]) for _, table in tables)
-    found = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of))
-    write_json(out / "certificate.json", found)
+    verdict = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of))
+    write_json(out / "certificate.json", verdict)
     numbers = [frame.number for frame in params.frames]
     write_json(out / "points.json", points_seen(numbers, tables))
 
@@ -48,8 +48,8 @@ def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget
     }
     frames = []
     for number, (_, table) in zip(numbers, tables, strict=True):
-        found = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
-        seen = Counter(target for target, _ in found)
+        points = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
+        seen = Counter(target for target, _ in points)
         frames.append(
             {"frame": number, "rows": len(table.columns["target"]), "seen": {name: seen[name] for name in of}}
         )
@@ -78,14 +78,14 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[tup
     x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
     is_direct = np.array(table.columns["method"]) == "direct"
     cell = cells_of(rig, table)
-    found: list[tuple[np.ndarray, ...]] = []
+    parts: list[tuple[np.ndarray, ...]] = []
     for entry in targets:
         target, pose = placed_target(entry)
         points = target.points()
         planes = tangent_planes(pose, points.position_mm, points.plane_axes)
         here = names == entry.name
-        found.append((planes[point[here]], cell[here], x[here], is_direct[here]))
-    return found
+        parts.append((planes[point[here]], cell[here], x[here], is_direct[here]))
+    return parts
 
 
 def cells_of(rig: Rig, table: Table) -> np.ndarray:

@@ -32,8 +32,8 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
     letters = [letter_of(channel.name) for channel in params.channels]
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        found = [image.rows(name, first, end)["Y"] for image in images]
-        return dict(zip(letters, found, strict=True))
+        bands = [image.rows(name, first, end)["Y"] for image in images]
+        return dict(zip(letters, bands, strict=True))
 
     shape = images[0].headers[name].shape
     attributes: dict[str, str | float | int] = {
@@ -59,16 +59,14 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
 def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -> None:
     """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
 
-    References
-    ----------
-    Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
+    Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
     """
     wavelengths = [repr(channel.wavelengths_nm[0]).replace(".", ",") for channel in params.channels]
     names = [f"T.{wavelength}nm" for wavelength in wavelengths]
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        found = [image.rows(params.name, first, end)["Y"] for image in images]
-        return dict(zip(names, found, strict=True))
+        bands = [image.rows(params.name, first, end)["Y"] for image in images]
+        return dict(zip(names, bands, strict=True))
 
     attributes: dict[str, str | float | int] = {
         "spectralLayoutVersion": "1.0",

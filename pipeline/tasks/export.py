@@ -52,12 +52,8 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
 class BuiltParts(BuiltFolder):
     """Some files of a build, wherever they are.
 
-    Attributes
-    ----------
-    places : mapping of str to Path
-        Path in the output folder -> the file.
-    records : mapping of str to dict
-        Path in the output folder -> content of a JSON file.
+    `places`: path in the output folder -> the file.
+    `records`: path in the output folder -> content of a JSON file.
     """
 
     places: Mapping[str, Path]
@@ -71,8 +67,8 @@ class BuiltParts(BuiltFolder):
         """Content of a JSON file."""
         if name not in self.records:
             return BuiltFolder.record(self, name)
-        found: Json = self.records[name]
-        return found
+        content: Json = self.records[name]
+        return content
 
     def present(self, name: str) -> Path:
         """Place of a file that the task was given."""

@@ -114,7 +114,7 @@ def image_tile(params: ImageTile, inputs: Inputs, out: Path) -> None:
 
 def image_tile_together(params: Sequence[ImageTile], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share their rays."""
-    views = [one.view for one in params]
+    views = [tile.view for tile in params]
     for pixels, out in zip(image_rows(params[0].exposure, views, inputs, params[0].rows), outs, strict=True):
         write_npy(out / PIXELS, pixels)
 
@@ -187,9 +187,9 @@ def image(params: Image, inputs: Inputs, out: Path) -> None:
 
 def image_together(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
     """Images without tiles of several frames, which share their rays."""
-    views = [one.view for one in params if one.view]
-    for pixels, one, out in zip(image_rows(params[0].exposure, views, inputs), params, outs, strict=True):
-        _write(out, Rendered(pixels), one, inputs)
+    views = [image.view for image in params if image.view]
+    for pixels, image, out in zip(image_rows(params[0].exposure, views, inputs), params, outs, strict=True):
+        _write(out, Rendered(pixels), image, inputs)
 
 
 def _write(out: Path, image: Rendered, params: Image, inputs: Inputs) -> None:
@@ -248,8 +248,8 @@ def noise_level(params: Nothing, inputs: Inputs, out: Path) -> None:
 
 def noise_check(params: NoiseCheck, inputs: Inputs, out: Path) -> None:
     """Whether some rows of an image need another pass: verdict.json; tells the noise to whoever watches the build."""
-    found, level = passes.facts_of(inputs, BEFORE), read_json(inputs["level"][passes.LEVEL])["mean"]
-    goes_on = found.noise > params.noise * level
+    facts, level = passes.facts_of(inputs, BEFORE), read_json(inputs["level"][passes.LEVEL])["mean"]
+    goes_on = facts.noise > params.noise * level
     write_json(out / passes.VERDICT, {"goes_on": goes_on})
     if level > 0:
-        work().news = f"noise {found.noise / level:.2g}, asked {params.noise:g}"
+        work().news = f"noise {facts.noise / level:.2g}, asked {params.noise:g}"

@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.npy import write_npy
 from pipeline.files.tables import write_table
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stacked
-from pipeline.tasks.params.cameras import MicroImages, MicroImagesTile
+from pipeline.tasks.params.cameras import MicroImagesTile, MicroImageTables
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (
@@ -40,19 +40,19 @@ _DECIMALS = 6
 """Decimals of the radii of outlines [px]: two more than the accuracy of their bisection."""
 
 
-def micro_images(params: MicroImages, inputs: Inputs, out: Path) -> None:
+def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
     """Both tables of the micro-images of a camera."""
     rig = rig_of(inputs, 0)
     tracer, images = rig.tracer, rig.images
     grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
-    found = _joined(inputs, params.tiles) if params.tiles else micro_light(tracer, images)
+    light = _joined(inputs, params.tiles) if params.tiles else micro_light(tracer, images)
     pitch = tracer.camera.sensor.pitch_mm
     centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
-    centroid[found.rows] = tracer.pixels_at(found.centroid_mm)
+    centroid[light.rows] = tracer.pixels_at(light.centroid_mm)
     area_radius, complete = np.full(len(grid.k), np.nan), np.zeros(len(grid.k), np.int64)
-    area_radius[found.rows] = np.sqrt(found.pupil_area_mm2 / np.pi) / pitch
-    complete[found.rows] = _is_inside(tracer, found)
+    area_radius[light.rows] = np.sqrt(light.pupil_area_mm2 / np.pi) / pitch
+    complete[light.rows] = _is_inside(tracer, light)
     columns = {
         "microlens_k": grid.k,
         "microlens_l": grid.l,
@@ -69,8 +69,8 @@ def micro_images(params: MicroImages, inputs: Inputs, out: Path) -> None:
         "complete": complete,
     }
     write_table(out / "micro_images.csv", HEADER, columns)
-    outlines = {name: values[found.rows] for name, values in columns.items() if name.startswith(("micro", "centroid"))}
-    for name, radii_mm in (("pupil", found.pupil_mm), ("light", found.light_mm)):
+    outlines = {name: values[light.rows] for name, values in columns.items() if name.startswith(("micro", "centroid"))}
+    for name, radii_mm in (("pupil", light.pupil_mm), ("light", light.light_mm)):
         # Bisected to about 1e-4 px: more digits would be meaningless.
         radii = np.round(radii_mm / pitch, _DECIMALS)
         outlines |= {f"{name}_{angle}_px": radii[:, i] for i, angle in enumerate(OUTLINE_DEG)}
@@ -82,11 +82,11 @@ def _joined(inputs: Inputs, tiles: int) -> MicroLight:
     return MicroLight(*(stacked(inputs, tiles, f"{field.name}.npy") for field in dataclasses.fields(MicroLight)))
 
 
-def _is_inside(tracer: Tracer, found: MicroLight) -> np.ndarray:
+def _is_inside(tracer: Tracer, light: MicroLight) -> np.ndarray:
     """Whether the whole outline of each micro-image lies in the image, (n,)."""
     sensor, angle = tracer.camera.sensor, np.deg2rad(OUTLINE_DEG)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outline = tracer.pixels_at(found.centroid_mm)[:, None] + found.light_mm[..., None] / sensor.pitch_mm * along
+    outline = tracer.pixels_at(light.centroid_mm)[:, None] + light.light_mm[..., None] / sensor.pitch_mm * along
     size = np.array([sensor.width_px, sensor.height_px])
     return ((outline >= -0.5) & (outline <= size - 0.5)).all(axis=(1, 2))
 
@@ -95,6 +95,6 @@ def micro_images_tile(params: MicroImagesTile, inputs: Inputs, out: Path) -> Non
     """The light of some of the microlenses: the fields of `MicroLight`, a file each."""
     rig = rig_of(inputs, 0)
     assert rig.images is not None
-    found = micro_light(rig.tracer, rig.images, params.tile, params.tiles)
-    for field in dataclasses.fields(found):
-        write_npy(out / f"{field.name}.npy", getattr(found, field.name))
+    light = micro_light(rig.tracer, rig.images, params.tile, params.tiles)
+    for field in dataclasses.fields(light):
+        write_npy(out / f"{field.name}.npy", getattr(light, field.name))

@@ -11,10 +11,10 @@ from pipeline.files.png import write_png
 from pipeline.targets.preview import preview_picture
 from pipeline.targets.target import Target, target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.placed import PICTURE, SHEET, Picture, Sheet, source_name
+from pipeline.tasks.params.placed import PICTURE, SHEET, PictureFile, Sheet, source_name
 
 
-def picture(params: Picture, inputs: Inputs, out: Path) -> None:
+def picture(params: PictureFile, inputs: Inputs, out: Path) -> None:
     """A picture on a surface or in the sky: picture.npy, (h, w, 4) float32 and linear, and the file as it is."""
     content = base64.b64decode(params.encoded)
     write_npy(out / PICTURE, decoded(content, params.suffix, params.space))

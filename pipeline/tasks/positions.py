@@ -57,9 +57,9 @@ def _rows(
 
 def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
     """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
-    found = candidates(rig, points_mm)
-    centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
-    room = np.ceil(found.reach_px * supersampling).astype(int) + 2
+    seen = candidates(rig, points_mm)
+    centre = np.rint(fine_from_image(seen.x_px, supersampling)).astype(int)
+    room = np.ceil(seen.reach_px * supersampling).astype(int) + 2
     return [
         (slice(max(row - far, 0), max(row + far + 1, 0)), slice(max(column - far, 0), max(column + far + 1, 0)))
         for (column, row), far in zip(centre.tolist(), room.tolist(), strict=True)

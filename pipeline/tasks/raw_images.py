@@ -22,7 +22,7 @@ from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import letter_of
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, FixedPattern, Transmission
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
@@ -43,9 +43,9 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
     )
 
     def light(first: int, end: int) -> dict[str, np.ndarray]:
-        pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
-        for name, one in lens.items():
-            pixels[letter_of(name)] *= one.relative_rows(first, end, shape[1])
+        pixels = {name: band.astype(float) for name, band in image.rows(_PART, first, end).items()}
+        for name, field in lens.items():
+            pixels[letter_of(name)] *= field.relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
@@ -65,8 +65,8 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     irradiation, response = params.irradiation, params.response
     if irradiation.channels:
         rates = {
-            one.channel: photon_rate(focused_camera(inputs, f"camera_{one.channel}"), one)
-            for one in irradiation.channels
+            channel.channel: photon_rate(focused_camera(inputs, f"camera_{channel.channel}"), channel)
+            for channel in irradiation.channels
         }
         return {name: irradiation.photons_at_one(response, rates[name]) for name in response.channels}
     radiance = irradiation.radiance
@@ -89,9 +89,9 @@ def _negative(params: Expose, photons_at_one: dict[str, float]) -> Negative:
     if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
         return negative
     of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / known[0].counted, {}
-    for one in known:
-        white = of_unit * one.counted
-        from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
+    for colours in known:
+        white = of_unit * colours.counted
+        from_xyz[colours.illuminant] = (white[:, None] / white.max() * np.linalg.inv(colours.xyz_from_rgb)).tolist()
     neutral = tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES)
     return replace(negative, neutral=neutral, from_xyz=from_xyz)
 
@@ -138,7 +138,7 @@ def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, f
         low, end = max(0, first - margin), min(len(numbers), first + _PREVIEW_ROWS)
         around = in_colour(numbers[low : min(len(numbers), end + margin)], response, low, photons)
         colours = around[first - low : end - low]
-        parts.append(np.stack([srgb_preview(one, 1.0)[..., 0] for one in np.moveaxis(colours, -1, 0)], axis=-1))
+        parts.append(np.stack([srgb_preview(channel, 1.0)[..., 0] for channel in np.moveaxis(colours, -1, 0)], axis=-1))
     return np.concatenate(parts)
 
 
@@ -148,11 +148,11 @@ _ALONE = "mono"
 
 def transmission(params: Transmission, inputs: Inputs, out: Path) -> None:
     """The share of light that the lens of a camera lets pass, over its image: transmission.json."""
-    found = {}
+    by_channel = {}
     for light in params.lights:
         camera = focused_camera(inputs, "camera" if light.channel is None else f"camera_{light.channel}")
-        found[light.channel or _ALONE] = field_transmission(camera, light.of_each)
-    write_json(out / TRANSMISSION, {name: to_plain(one) for name, one in found.items()})
+        by_channel[light.channel or _ALONE] = field_transmission(camera, light.of_each)
+    write_json(out / TRANSMISSION, {name: to_plain(field) for name, field in by_channel.items()})
 
 
 def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
@@ -160,13 +160,13 @@ def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
     if "transmission" not in inputs:
         return {}
     plain = read_json(inputs["transmission"][TRANSMISSION])
-    return {name: from_plain(FieldTransmission, one) for name, one in plain.items() if one is not None}
+    return {name: from_plain(FieldTransmission, field) for name, field in plain.items() if field is not None}
 
 
 _CHANNELS = ("dark_e", "hot_e_per_s", "response")
 
 
-def fixed_pattern(params: FixedPattern, inputs: Inputs, out: Path) -> None:
+def fixed_pattern(params: PatternMaps, inputs: Inputs, out: Path) -> None:
     """Differences from pixel to pixel of the sensor of a camera: fixed_pattern.exr."""
     width = params.shape[1]
 

@@ -12,7 +12,7 @@ from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VA
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches, tracer_alone
-from pipeline.tasks.params.cameras import Rays, RaysTile
+from pipeline.tasks.params.cameras import JoinedRays, RaysTile
 from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
@@ -66,7 +66,7 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 """Channel names of the part `moments`: upper triangle of the covariance of (x_near, y_near, x_far, y_far)."""
 
 
-def rays(params: Rays, inputs: Inputs, out: Path) -> None:
+def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     """All bundles of a camera, joined from tiles: rays.exr."""
     tracer = tracer_alone(inputs, params.sampling.seed)
     camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
@@ -117,8 +117,8 @@ class _Tiles:
     def error(self, first: int, end: int) -> np.ndarray:
         """Errors of J; differences reach one row beyond a band."""
         low, high = max(first - 1, 0), min(end + 1, self.bundles.shape[0])
-        found = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
-        return found[first - low : end - low]
+        errors = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
+        return errors[first - low : end - low]
 
     def part(
         self,

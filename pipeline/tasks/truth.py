@@ -20,7 +20,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
@@ -55,7 +55,7 @@ def truth(params: Truth, inputs: Inputs, out: Path) -> None:
 
 
 def target_rows(
-    table: TruthTable, view: View, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
+    table: TruthTable, view: PlacedView, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
 ) -> tuple[list[TargetNote], dict[str, list[Any]]]:
     """Notes about the targets, and the columns of the rows of all of them.
 
@@ -77,21 +77,21 @@ def target_rows(
         points = posed.points
         some = slice(*some_points[name]) if some_points is not None else slice(0, len(points.kinds))
         traced = functools.partial(_traced, positions, name, len(points.frames)) if positions else None
-        found = correspondences(rig, rays, settings, posed, traced, some)
-        if found is None:
+        truth = correspondences(rig, rays, settings, posed, traced, some)
+        if truth is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
         planes, sets = posed.planes, []
-        found, visibility = seen(rig, surroundings, number, found, planes)
-        rows = columns_of(table, posed, rig, found, visibility)
+        truth, visibility = seen(rig, surroundings, number, truth, planes)
+        rows = columns_of(table, posed, rig, truth, visibility)
         for extra in settings.column_sets:
-            positions_of = column_set(extra, rig, target, pose, planes, found.solutions)
+            positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
             sets.append(positions_of.note)
         for column, values in rows.items():
             columns[column].extend(values)
-        away, sag = int(np.sum(~faces_camera(planes[some]))), largest_sag_mm(found, points)
-        notes.append(TargetNote(target=name, counts=found.counts, away=away, sag_mm=sag, sets=tuple(sets)))
+        away, sag = int(np.sum(~faces_camera(planes[some]))), largest_sag_mm(truth, points)
+        notes.append(TargetNote(target=name, counts=truth.counts, away=away, sag_mm=sag, sets=tuple(sets)))
     return notes, columns
 
 
@@ -137,8 +137,8 @@ def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Corresponde
     """All rows by method `direct`."""
     assert settings.claim_px is not None
     guess, rays = guesses(rig, planes)
-    found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
-    return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
+    truth = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
+    return dataclasses.replace(truth, counts={**truth.counts, "rays": truth.counts["rays"] + rays})
 
 
 def unfiltered(settings: TruthSettings) -> TruthSettings:

@@ -19,7 +19,7 @@ from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.artefacts.ray_grid import RayFile
 from pipeline.tasks.micro_images import micro_images
-from pipeline.tasks.params.cameras import Light, MicroImages, Rays, RaysTile
+from pipeline.tasks.params.cameras import BundleLight, JoinedRays, MicroImageTables, RaysTile
 from pipeline.tasks.rays import rays, rays_tile
 from pipeline.truth.grid.ray_grid import RayGrid
 
@@ -131,10 +131,10 @@ def ray_grid(
     whole = RaysTile(first_row=0, end_row=sensor.height_px, sampling=sampling, square_px=square_px)
     rays_tile(whole, inputs, folder / "tile")
     inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
-    light = Light(weight="irradiance", footprint=footprint, wavelength_nm=587.56)
-    rays(Rays(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
+    light = BundleLight(weight="irradiance", footprint=footprint, wavelength_nm=587.56)
+    rays(JoinedRays(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
     inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
     if camera.microlenses:
-        micro_images(MicroImages(tiles=0), inputs, folder / "table")
+        micro_images(MicroImageTables(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
     return RayFile(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))

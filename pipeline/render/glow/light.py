@@ -35,14 +35,10 @@ Placed = Sequence[tuple[AnyTarget, np.ndarray]]
 class TargetLight:
     """Targets that radiate like their artwork, equally in all directions from their front; their back is black.
 
-    Parameters
-    ----------
-    targets : sequence of (Target or MeshTarget, (4, 4) float64)
-        Each with its pose vision_from_target.
-    background : float
-        Radiance of the background.
-    occluders : sequence of (Occluder, (4, 4) float64)
-        Each with its pose vision_from_occluder; they radiate equally from both sides.
+    `targets`, sequence of (Target or MeshTarget, (4, 4) float64): each with its pose vision_from_target.
+    `background`: radiance of the background.
+    `occluders`, sequence of (Occluder, (4, 4) float64): each with its pose vision_from_occluder; they radiate equally
+        from both sides.
     """
 
     def __init__(
@@ -82,10 +78,7 @@ class TargetLight:
     ) -> None:
         """Add the light of rays to their pixels (n,) of an image, if these are wanted.
 
-        Parameters
-        ----------
-        wanted, image : (m,) bool, (m,) float64
-            Selected pixels, and the image, by pixel.
+        `wanted`, `image`: selected pixels, and the image, by pixel.
         """
         rays = of_pixels.leaving
         if self._is_one_sheet:

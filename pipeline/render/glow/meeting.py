@@ -11,13 +11,9 @@ from pipeline.jit.decorators import kernel
 def may_meet(boxes, origin, direction, near):
     """Whether rays meet any box with edges along the axes, in front of their start.
 
-    Parameters
-    ----------
-    boxes : (k, 2, 3) float64
-        Lowest and highest corner.
-    origin, direction : (n, 3) float64
-    near : (n,) bool
-        Written; true also where a ray holds NaN.
+    `boxes`, (k, 2, 3) float64: lowest and highest corner.
+    `origin`, `direction`, (n, 3) float64.
+    `near`, (n,) bool: written; true also where a ray holds NaN.
     """
     for i in range(near.size):
         near[i] = False
@@ -35,15 +31,10 @@ def may_meet(boxes, origin, direction, near):
 def first_sheet(poses, half_sizes, origin, direction, first):
     """Nearest sheet in front of the start of each ray, in double precision.
 
-    Parameters
-    ----------
-    poses : (k, 4, 4) float64
-        vision_from_sheet; a sheet lies in z = 0 about the origin.
-    half_sizes : (k, 2) float64
-        Along x and y.
-    origin, direction : (n, 3) float64
-    first : (n,) int64
-        Written; -1 where the ray meets none or holds NaN.
+    `poses`, (k, 4, 4) float64: vision_from_sheet; a sheet lies in z = 0 about the origin.
+    `half_sizes`, (k, 2) float64: along x and y.
+    `origin`, `direction`, (n, 3) float64.
+    `first`, (n,) int64: written; -1 where the ray meets none or holds NaN.
     """
     for i in range(first.size):
         nearest, first[i] = 0.0, -1

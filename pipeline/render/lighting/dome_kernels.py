@@ -15,16 +15,10 @@ from pipeline.jit.decorators import inline
 class Dome(NamedTuple):
     """A picture of the sky in one light.
 
-    Attributes
-    ----------
-    texels : (h, w, 4) float32
-        Red, green and blue as factors of the lamp's radiance; (0, 0, 4): none.
-    raised : (3,) float64
-        Weights of red, green and blue in the light.
-    rows : (h + 1,) float64
-        Cumulated probability of the rows.
-    columns : (h, w + 1) float64
-        Cumulated probability of the columns of each row.
+    `texels`, (h, w, 4) float32: red, green and blue as factors of the lamp's radiance; (0, 0, 4): none.
+    `raised`, (3,) float64: weights of red, green and blue in the light.
+    `rows`, (h + 1,) float64: cumulated probability of the rows.
+    `columns`, (h, w + 1) float64: cumulated probability of the columns of each row.
     """
 
     texels: np.ndarray

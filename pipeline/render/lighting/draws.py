@@ -31,12 +31,8 @@ _BYTES = 4
 class Names(NamedTuple):
     """Keys and places, on which the random numbers of rays depend.
 
-    Attributes
-    ----------
-    key : (n,) uint32
-        The same for all rays of a pixel through a microlens.
-    place : (n,) int64
-        Place of each among them.
+    `key`, (n,) uint32: the same for all rays of a pixel through a microlens.
+    `place`, (n,) int64: place of each among them.
     """
 
     key: np.ndarray
@@ -73,17 +69,11 @@ def choose_slices(points, key, place, count, chosen):
 def name_rays(seed, light, squares, owner, key, place):
     """Name rays of some pixels; rays of one owner follow one another.
 
-    Parameters
-    ----------
-    seed : int
-        The same for all wavelengths.
-    light : (int, int)
-        The wavelength among all of the image, and their number.
-    squares : camera.tracing.records.Squares
-    owner : (n,) int64
-        Pixel times the number of microlenses, plus the microlens.
-    key, place : (n,) uint32, (n,) int64
-        Written.
+    `seed`, int: the same for all wavelengths.
+    `light`, (int, int): the wavelength among all of the image, and their number.
+    `squares`, camera.tracing.records.Squares.
+    `owner`, (n,) int64: pixel times the number of microlenses, plus the microlens.
+    `key`, `place`, (n,) uint32, (n,) int64: written.
     """
     number, lights = light
     microlenses = squares.skipped.shape[1]

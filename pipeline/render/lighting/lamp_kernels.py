@@ -32,15 +32,10 @@ TOUCHING = 1e-9
 class Lamps(NamedTuple):
     """All lamps of a scene.
 
-    Attributes
-    ----------
-    table : (k, COLUMNS) float64
-    dome : Dome
-        The picture of the textured dome; without texels there is none.
-    background : float
-        Radiance that the camera sees where nothing is, if there is no dome.
-    glow : Glow
-        Surfaces that shine by themselves.
+    `table`, (k, COLUMNS) float64.
+    `dome`: the picture of the textured dome; without texels there is none.
+    `background`: radiance that the camera sees where nothing is, if there is no dome.
+    `glow`: surfaces that shine by themselves.
     """
 
     table: np.ndarray

@@ -26,14 +26,9 @@ def lamps_of(
 ) -> Lamps:
     """The lamps of a view.
 
-    Parameters
-    ----------
-    sky : Dome
-        From `sky_of`, in any light.
-    raised : (3,) float64
-        Weights of red, green and blue in the light, from `spectra.weights_of_rgb`.
-    shining : Glow, float
-        Surfaces that shine, as `shapes.glow_of` finds them.
+    `sky`: from `sky_of`, in any light.
+    `raised`: weights of red, green and blue in the light, from `spectra.weights_of_rgb`.
+    `shining`: surfaces that shine, as `shapes.glow_of` finds them.
     """
     corners = shining[0].shapes.corners.reshape(-1, 3)
     # The middle of what is lit decides how often each lamp is asked.

@@ -48,19 +48,11 @@ _MOST_HOLES = 64
 class LitView:
     """Everything before a camera.
 
-    Attributes
-    ----------
-    targets, occluders : sequence
-        Each with its pose, as `light.TargetLight` takes them.
-    lighting : Lighting
-    pictures : mapping of (h, w, 4) arrays
-        Pictures of materials and domes, by name.
-    background : float
-        Radiance that the camera sees where there is nothing, if no dome is there.
-    lights : tuple of Slices
-        Light of each wavelength of the image, in the order of `Rig.in_each_light`.
-    colours : sequence of inks.Colours
-        Colours of each target; empty: all of them are neutral.
+    `targets`, `occluders`: each with its pose, as `light.TargetLight` takes them.
+    `pictures`, mapping of (h, w, 4) arrays: pictures of materials and domes, by name.
+    `background`: radiance that the camera sees where there is nothing, if no dome is there.
+    `lights`: light of each wavelength of the image, in the order of `Rig.in_each_light`.
+    `colours`: colours of each target; empty: all of them are neutral.
     """
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]

@@ -37,14 +37,10 @@ REPEAT, MIRROR, CLAMP, BLACK = range(4)
 class Materials(NamedTuple):
     """All materials in one light.
 
-    Attributes
-    ----------
-    inputs : (m, INPUTS, COLUMNS) float64
-    flags : (m, FLAGS) float64
-    pictures : (k, 3) int64
-        First texel, width and height of each texture.
-    texels : (n, 4) float32
-        Linear, the first row of a picture is its top.
+    `inputs`, (m, INPUTS, COLUMNS) float64.
+    `flags`, (m, FLAGS) float64.
+    `pictures`, (k, 3) int64: first texel, width and height of each texture.
+    `texels`, (n, 4) float32: linear, the first row of a picture is its top.
     """
 
     inputs: np.ndarray

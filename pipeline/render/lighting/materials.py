@@ -13,10 +13,7 @@ from pipeline.render.lighting.records import Coat, Input, Material
 class MaterialTable:
     """A list of materials that grows.
 
-    Parameters
-    ----------
-    pictures : mapping of (h, w, 4) arrays
-        Linear pictures by name; the first row is the top.
+    `pictures`, mapping of (h, w, 4) arrays: linear pictures by name; the first row is the top.
     """
 
     def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> None:

@@ -54,18 +54,12 @@ _LEAST = 0.05
 class Paths(NamedTuple):
     """Paths of a batch.
 
-    Attributes
-    ----------
-    origin, direction : (n, 3) float64
-        The ray on which each continues, away from the camera.
-    power : (n,) float64
-        Part of the light along this ray that reaches the camera.
-    density, cosine : (n,) float64
-        Density with which the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at the surface.
-    key, place : (n,) uint32, (n,) int64
-        Numbers on which random numbers depend.
-    ray : (n,) int64
-        The ray of the camera that it belongs to.
+    `origin`, `direction`, (n, 3) float64: the ray on which each continues, away from the camera.
+    `power`, (n,) float64: part of the light along this ray that reaches the camera.
+    `density`, `cosine`, (n,) float64: density with which the direction was chosen [1/sr], 0 for rays of the camera, and
+        its cosine at the surface.
+    `key`, `place`, (n,) uint32, (n,) int64: numbers on which random numbers depend.
+    `ray`, (n,) int64: the ray of the camera that it belongs to.
     """
 
     origin: np.ndarray
@@ -81,16 +75,12 @@ class Paths(NamedTuple):
 class Hits(NamedTuple):
     """Surfaces that paths meet.
 
-    Attributes
-    ----------
-    distance : (n,) float64
-        Infinite: nothing.
-    triangle : (n,) int64
-    point, flat, normal : (n, 3) float64
-        Place, and unit normals of the triangle and for shading, on the side that the ray comes from.
-    paint : (n, 3) float64
-        Fields of `reflection.Paint`.
-    emission : (n,) float64
+    `distance`, (n,) float64: infinite where there is nothing.
+    `triangle`, (n,) int64.
+    `point`, `flat`, `normal`, (n, 3) float64: place, and unit normals of the triangle and for shading, on the side that
+        the ray comes from.
+    `paint`, (n, 3) float64: fields of `reflection.Paint`.
+    `emission`, (n,) float64.
     """
 
     distance: np.ndarray
@@ -105,13 +95,9 @@ class Hits(NamedTuple):
 class Shadows(NamedTuple):
     """Rays towards lamps.
 
-    Attributes
-    ----------
-    origin, direction : (n, 3) float64
-    end : (n,) float64
-        Path to the lamp.
-    light : (n,) float64
-        Light that arrives if nothing is in between; 0: there is no such ray.
+    `origin`, `direction`, (n, 3) float64.
+    `end`, (n,) float64: path to the lamp.
+    `light`, (n,) float64: light that arrives if nothing is in between; 0: there is no such ray.
     """
 
     origin: np.ndarray
@@ -134,10 +120,7 @@ def reach_lamps(lamps, paths, reaches):
 def meet(shapes, materials, albedo, paths, hits):
     """Say what each path meets: `hits.triangle` is the first triangle of each ray, -1: none.
 
-    Parameters
-    ----------
-    albedo : (n,) float64
-        Reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
+    `albedo`, (n,) float64: reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
     """
     for i in range(hits.triangle.size):
         t = hits.triangle[i]
@@ -167,14 +150,9 @@ def meet(shapes, materials, albedo, paths, hits):
 def gather(lamps, asked, paths, hits, light):
     """Add the light that paths meet: lamps before or beyond surfaces, and surfaces that shine.
 
-    Parameters
-    ----------
-    asked : int
-        Points of lamps that were candidates where the paths come from, `candidates_at`.
-    light : (rays,) float64
-        Radiance of each ray of the camera, added to.
-    hits.distance :
-        Set to infinity where a path ends.
+    `asked`, int: points of lamps that were candidates where the paths come from, `candidates_at`.
+    `light`, (rays,) float64: radiance of each ray of the camera, added to.
+    `hits.distance`: set to infinity where a path ends.
     """
     for i in range(paths.power.size):
         start, way = row(paths.origin, i), row(paths.direction, i)
@@ -243,10 +221,7 @@ def send_to_lamps(lamps, scene, step, paths, hits, shadows):
     A few points are candidates. One of them is asked, the more often the more light it may send; if nothing is in
     between, the light of all of them arrives. So only shadows have the noise of a single point.
 
-    Parameters
-    ----------
-    step : (int, int)
-        The vertex, and `candidates_at` it.
+    `step`, (int, int): the vertex, and `candidates_at` it.
     """
     layers, points, gap_mm = scene
     vertex, asked = step
@@ -338,13 +313,9 @@ def _candidate(lamps, layers, asked, place, paint, pair):
 def arrive(corners, triangle, shadows, ray, gap_mm, light):
     """Add the light of rays to lamps that nothing stops.
 
-    Parameters
-    ----------
-    corners : (t, 3, 3) float64
-    triangle : (n,) int64
-        First triangle of each ray, -1: none.
-    ray, light : (n,) int64, (rays,) float64
-        As in `gather`.
+    `corners`, (t, 3, 3) float64.
+    `triangle`, (n,) int64: first triangle of each ray, -1: none.
+    `ray`, `light`, (n,) int64, (rays,) float64: as in `gather`.
     """
     for i in range(triangle.size):
         if triangle[i] >= 0:

@@ -13,17 +13,11 @@ Numbers = tuple[float, ...]
 class Lamp:
     """A lamp of UsdLux, in its own frame: x, y and z as USD has them.
 
-    Attributes
-    ----------
-    kind : str
-        `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`.
-    radiance : Rgb
-        Radiance that leaves it, relative; of a distant lamp without extent the irradiance across its light.
-    size : (float, float)
-        Rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant: half
-        its angle [rad], 0.
-    texture : str
-        Name of the task's input that holds the picture of a dome; empty: there is none.
+    `kind`: `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`.
+    `radiance`: radiance that leaves it, relative; of a distant lamp without extent the irradiance across its light.
+    `size`: rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant:
+        half its angle [rad], 0.
+    `texture`: name of the task's input that holds the picture of a dome; empty: there is none.
     """
 
     kind: str
@@ -50,18 +44,11 @@ class Lamp:
 class Texture:
     """A picture on a surface.
 
-    Attributes
-    ----------
-    name : str
-        Name of the task's input that holds the picture.
-    channel : str
-        `rgb`, or `r`, `g`, `b`, `a` for an input that is one number.
-    scale, bias : tuple of four floats
-        value = scale * texel + bias, by component.
-    wrap : (str, str)
-        `repeat`, `mirror`, `clamp` or `black`, along s and t.
-    st_from_primvar : tuple of six floats
-        Rows of the affine map from the primvar to s and t.
+    `name`: name of the task's input that holds the picture.
+    `channel`: `rgb`, or `r`, `g`, `b`, `a` for an input that is one number.
+    `scale`, `bias`: value = scale * texel + bias, by component.
+    `wrap`: `repeat`, `mirror`, `clamp` or `black`, along s and t.
+    `st_from_primvar`: rows of the affine map from the primvar to s and t.
     """
 
     name: str
@@ -99,15 +86,9 @@ class Material:
 class Finish:
     """Materials of the triangles of a mesh, with normals and texture coordinates.
 
-    Attributes
-    ----------
-    materials : tuple of Material
-    material_of : tuple of int
-        Index of the material of each triangle; empty: all have the first.
-    normals : tuple of nine floats each
-        Normals at the corners of each triangle, frame of the mesh; empty: flat ones.
-    st : tuple of six floats each
-        Texture coordinates at the corners of each triangle; empty: none.
+    `material_of`: index of the material of each triangle; empty: all have the first.
+    `normals`: normals at the corners of each triangle, frame of the mesh; empty: flat ones.
+    `st`: texture coordinates at the corners of each triangle; empty: none.
     """
 
     materials: tuple[Material, ...]
@@ -136,15 +117,9 @@ class PlacedLamp:
 class Lighting:
     """Everything that a lit view has besides shapes.
 
-    Attributes
-    ----------
-    lamps : tuple of PlacedLamp
-    coats : tuple of Coat or None
-        Coat of each target of the view.
-    finishes : tuple of dict
-        Finish of each occluder of the view, plain `Finish`.
-    bounces : int
-        Reflections of a path beyond the surface that the camera sees and direct light reaches.
+    `coats`: coat of each target of the view.
+    `finishes`: finish of each occluder of the view, plain `Finish`.
+    `bounces`: reflections of a path beyond the surface that the camera sees and direct light reaches.
     """
 
     lamps: tuple[PlacedLamp, ...]

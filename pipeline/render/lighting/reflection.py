@@ -28,14 +28,11 @@ _STAYING = 0.77
 class Layers(NamedTuple):
     """Tables of the specular layer, from `albedo.layers`.
 
-    Attributes
-    ----------
-    sums : (NODES, NODES, 3) float64
-        By the roots of alpha and of the cosine, light that single reflections return where the Fresnel term is 1, and
-        where it is (1 - cos)^5; and the root of the share of other light that returns if facets reflect (1 - cos)^5.
-    means : (NODES, NODES, 2) float64
-        Means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of alpha and by
-        `Paint.facing`.
+    `sums`, (NODES, NODES, 3) float64: by the roots of alpha and of the cosine, light that single reflections return
+        where the Fresnel term is 1, and where it is (1 - cos)^5; and the root of the share of other light that returns
+        if facets reflect (1 - cos)^5.
+    `means`, (NODES, NODES, 2) float64: means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by
+        root of alpha and by `Paint.facing`.
     """
 
     sums: np.ndarray
@@ -45,14 +42,9 @@ class Layers(NamedTuple):
 class Paint(NamedTuple):
     """A surface at a point and one wavelength.
 
-    Attributes
-    ----------
-    diffuse : float
-        Reflectance of the paint; 0 below a metal.
-    facing : float
-        Reflectance of a facet seen face on.
-    alpha : float
-        Width of the distribution of facets; 0: there is no specular layer.
+    `diffuse`: reflectance of the paint; 0 below a metal.
+    `facing`: reflectance of a facet seen face on.
+    `alpha`: width of the distribution of facets; 0: there is no specular layer.
     """
 
     diffuse: float
@@ -63,12 +55,8 @@ class Paint(NamedTuple):
 class Layer(NamedTuple):
     """The specular layer of a surface in one direction.
 
-    Attributes
-    ----------
-    many : float
-        Light that it returns after two and more reflections.
-    returned : float
-        Light that the layer returns, all reflections together.
+    `many`: light that it returns after two and more reflections.
+    `returned`: light that the layer returns, all reflections together.
     """
 
     many: float
@@ -78,15 +66,9 @@ class Layer(NamedTuple):
 class SeenSurface(NamedTuple):
     """A surface as it is seen along a direction: what does not depend on where light comes from.
 
-    Attributes
-    ----------
-    direction : (float, float, float)
-    layer : Layer
-        In this direction.
-    many, kept : float
-        Means over a hemisphere of `Layer.many`, and of the light that the layer lets through to the paint.
-    chance : float
-        Probability with which `scattered` follows the layer.
+    `layer`: in this direction.
+    `many`, `kept`: means over a hemisphere of `Layer.many`, and of the light that the layer lets through to the paint.
+    `chance`: probability with which `scattered` follows the layer.
     """
 
     direction: tuple[float, float, float]

@@ -24,13 +24,9 @@ from pipeline.render.lighting.vectors import along, cross, dot, minus, row, time
 class Shapes(NamedTuple):
     """All triangles of a scene, vision frame.
 
-    Attributes
-    ----------
-    corners, normals : (t, 3, 3) float64
-        Corners and normals of each triangle, anticlockwise as seen from the front.
-    st : (t, 3, 2) float64
-        Texture coordinates at the corners.
-    material : (t,) int64
+    `corners`, `normals`, (t, 3, 3) float64: corners and normals of each triangle, anticlockwise as seen from the front.
+    `st`, (t, 3, 2) float64: texture coordinates at the corners.
+    `material`, (t,) int64.
     """
 
     corners: np.ndarray
@@ -42,18 +38,12 @@ class Shapes(NamedTuple):
 class Glow(NamedTuple):
     """Triangles that shine by themselves, as one more lamp beside those of the table.
 
-    Attributes
-    ----------
-    chance : float
-        Probability with which they are asked for light, and not a lamp.
-    triangle : (k,) int64
-        Triangles that shine.
-    cumulated : (k,) float64
-        Cumulated probability of each among them.
-    per_mm2 : (t,) float64
-        Density with which a point of any triangle is asked, the chance included [1/mm^2]; 0 where it does not shine.
-    shapes, materials : Shapes, Materials
-        Shapes and materials of all triangles.
+    `chance`: probability with which they are asked for light, and not a lamp.
+    `triangle`, (k,) int64: triangles that shine.
+    `cumulated`, (k,) float64: cumulated probability of each among them.
+    `per_mm2`, (t,) float64: density with which a point of any triangle is asked, the chance included [1/mm^2]; 0 where
+        it does not shine.
+    `shapes`, `materials`: shapes and materials of all triangles.
     """
 
     chance: float

@@ -17,14 +17,10 @@ DAYLIGHT = "D65"
 class Colorimetry:
     """A sensor beside the standard observer.
 
-    Attributes
-    ----------
-    illuminant : str
-        Light of the scene, by its name in `spectra.illuminant`.
-    xyz_from_rgb : tuple of 3 rows
-        CIE 1931 X, Y and Z of relative irradiances of red, green and blue; white has Y = 1, and 1 in each channel.
-    counted : (float, float, float)
-        What red, green and blue count of white, in a unit that is the same for all lights of a sensor.
+    `illuminant`: light of the scene, by its name in `spectra.illuminant`.
+    `xyz_from_rgb`: CIE 1931 X, Y and Z of relative irradiances of red, green and blue; white has Y = 1, and 1 in each
+        channel.
+    `counted`: what red, green and blue count of white, in a unit that is the same for all lights of a sensor.
     """
 
     illuminant: str

@@ -23,14 +23,9 @@ def in_colour(
     Missing values are means of those of the same channel less than a period away, by a triangle of distances. Channels
     are divided by their quantum efficiencies, relative to the best, so that a white scene is grey.
 
-    Parameters
-    ----------
-    numbers : (h, w) uint16
-        Digital numbers.
-    first_row : int
-        Index in the image of the first of these rows, which decides where the mosaic begins.
-    photons : mapping of str to float, optional
-        Photons of white in each channel, if they differ.
+    `numbers`: digital numbers.
+    `first_row`: index in the image of the first of these rows, which decides where the mosaic begins.
+    `photons`: photons of white in each channel, if they differ.
     """
     period, height, width = response.period_px, *numbers.shape
     light = (numbers - response.black_level_dn) / max(response.white_dn - response.black_level_dn, 1.0)

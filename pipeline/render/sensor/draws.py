@@ -29,10 +29,8 @@ def poisson(keys, row, column, stage, mean):
     Small means by inversion of the distribution function, others by transformed rejection with squeeze (PTRS): both
     are exact but for rounding.
 
-    References
-    ----------
-    W. Hormann, The transformed rejection method for generating Poisson random variables, Insurance: Mathematics and
-    Economics 12 (1993) 39-45.
+    Source: W. Hormann, The transformed rejection method for generating Poisson random variables, Insurance: Mathematics
+    and Economics 12 (1993) 39-45.
     """
     if mean <= 0.0:
         return 0.0

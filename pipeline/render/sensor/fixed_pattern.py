@@ -14,14 +14,9 @@ from pipeline.render.sensor.response import PatternSpread
 class FixedPattern(NamedTuple):
     """Maps of some pixels, (h, w) float64 each.
 
-    Attributes
-    ----------
-    dark_e : array
-        Difference of the dark signal from its mean, DSNU [e-].
-    response : array
-        Photo response over its mean, PRNU; 0 of dead pixels.
-    hot_e_per_s : array
-        Dark current of hot pixels beyond that of the others, 0 elsewhere [e-/s].
+    `dark_e`, array: difference of the dark signal from its mean, DSNU [e-].
+    `response`, array: photo response over its mean, PRNU; 0 of dead pixels.
+    `hot_e_per_s`, array: dark current of hot pixels beyond that of the others, 0 elsewhere [e-/s].
     """
 
     dark_e: np.ndarray
@@ -42,10 +37,7 @@ class Spread(NamedTuple):
 def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
     """Maps of a window of the sensor of a camera, by its name.
 
-    Parameters
-    ----------
-    corner, shape : (int, int)
-        Row and column of the first pixel; height and width [px].
+    `corner`, `shape`: row and column of the first pixel; height and width [px].
     """
     numbers = Spread(spread.dark_e, spread.response, spread.hot_share, spread.hot_current_e_per_s, spread.dead_share)
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))

@@ -19,13 +19,8 @@ def _photons(energy_j: float, wavelength_nm: float) -> float:
 class Radiance:
     """Light before a lens, of one wavelength.
 
-    Attributes
-    ----------
-    w_per_m2_sr : float
-        Radiance of what the linear image calls 1 [W m^-2 sr^-1].
-    wavelength_nm : float
-    losses : Losses or None
-        None: the lens takes no light but what its apertures stop.
+    `w_per_m2_sr`: radiance of what the linear image calls 1 [W m^-2 sr^-1].
+    `losses`: None: the lens takes no light but what its apertures stop.
     """
 
     w_per_m2_sr: float
@@ -51,16 +46,10 @@ class Radiance:
 class ChannelRadiance:
     """Light before a lens, as a channel of a sensor counts it.
 
-    Attributes
-    ----------
-    channel : str
-    w_per_m2_sr : float
-        Radiance of what the linear image calls 1, between 380 and 780 nm [W m^-2 sr^-1].
-    effective_nm : float
-        Wavelength of light of which a joule has as many photons as count in the channel for a joule of that radiance:
-        each counts by the channel's response at its wavelength over the highest one [nm].
-    losses : tuple of Losses or None
-        Losses at each wavelength that stands for the channel.
+    `w_per_m2_sr`: radiance of what the linear image calls 1, between 380 and 780 nm [W m^-2 sr^-1].
+    `effective_nm`: wavelength of light of which a joule has as many photons as count in the channel for a joule of that
+        radiance: each counts by the channel's response at its wavelength over the highest one [nm].
+    `losses`: losses at each wavelength that stands for the channel.
     """
 
     channel: str
@@ -87,19 +76,12 @@ class ChannelRadiance:
 class Irradiation:
     """Exposure of a frame: by its result, by its photons, or by the radiance of the scene.
 
-    Attributes
-    ----------
-    exposure_time_s : float
-        For how long light and dark current are collected [s].
-    white_level : float or None
-        Share of saturation that the light of relative irradiance 1 fills, in the channel of the highest quantum
-        efficiency, without dark signal.
-    photon_rate : float or None
-        Photons that hit a pixel in a second at relative irradiance 1 [1/s].
-    radiance : Radiance or None
-        Radiance that has the relative irradiance 1; the camera then determines the photon rate.
-    channels : tuple of ChannelRadiance
-        The same for a sensor with channels, one for each.
+    `exposure_time_s`: for how long light and dark current are collected [s].
+    `white_level`: share of saturation that the light of relative irradiance 1 fills, in the channel of the highest
+        quantum efficiency, without dark signal.
+    `photon_rate`: photons that hit a pixel in a second at relative irradiance 1 [1/s].
+    `radiance`: radiance that has the relative irradiance 1; the camera then determines the photon rate.
+    `channels`: the same for a sensor with channels, one for each.
     """
 
     exposure_time_s: float

@@ -12,21 +12,10 @@ from pipeline.render.sensor.response import SensorError, SensorResponse
 def mosaic(response: SensorResponse, photons: Mapping[str, np.ndarray], corner: tuple[int, int]) -> np.ndarray:
     """Expected electrons of every pixel behind its own filter, before crosstalk.
 
-    Parameters
-    ----------
-    photons : mapping of str to (h, w) array
-        Mean number of photons in a pixel, of every channel.
-    corner : (int, int)
-        Row and column of the first pixel on the sensor; they may be negative.
-
-    Returns
-    -------
-    (h, w) float64
-
-    Raises
-    ------
-    SensorError
-        If the channels are not those of the filters.
+    `photons`, mapping of str to (h, w) array: mean number of photons in a pixel, of every channel.
+    `corner`: row and column of the first pixel on the sensor; they may be negative.
+    Returns (h, w) float64.
+    Raises SensorError: the channels are not those of the filters.
     """
     if photons.keys() != set(response.channels):
         raise SensorError(f"images of the channels {sorted(photons)} for filters of {sorted(response.channels)}")
@@ -50,16 +39,9 @@ def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, 
 
     Counts that scatter independently stay Poisson-distributed and independent, so that the mean alone has to be spread.
 
-    Parameters
-    ----------
-    electrons : (h + 2 m, w + 2 m) float64
-        With a margin of m pixels all around, m half the edge of the kernel, rounded down.
-    kernel : tuple of float
-        Row by row, the share of a pixel's electrons that the pixel there collects.
-
-    Returns
-    -------
-    (h, w) float64
+    `electrons`: with a margin of m pixels all around, m half the edge of the kernel, rounded down.
+    `kernel`: row by row, the share of a pixel's electrons that the pixel there collects.
+    Returns (h, w) float64.
     """
     edge = math.isqrt(len(kernel))
     if edge <= 1:

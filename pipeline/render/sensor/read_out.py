@@ -19,14 +19,8 @@ from pipeline.render.sensor.response import SensorResponse
 class Shot:
     """One exposure of a camera: what its noise is a function of, and for how long it lasts.
 
-    Attributes
-    ----------
-    seed : int
-        Seed of the temporal noise.
-    camera : str
-        Name of the camera: two cameras of a dataset share no noise.
-    frame : int
-    exposure_time_s : float
+    `seed`: seed of the temporal noise.
+    `camera`: name of the camera: two cameras of a dataset share no noise.
     """
 
     seed: int
@@ -38,14 +32,9 @@ class Shot:
 class Chain(NamedTuple):
     """Numbers of the read-out of one frame.
 
-    Attributes
-    ----------
-    dark_s_and_current : (float, float)
-        Exposure time [s] and mean dark current [e-/s].
-    temporal_e : (float, float, float)
-        Noise of pixel, row and column [e-].
-    scale : (float, float, float)
-        Black level [DN], gain [DN/e-], largest digital number [DN].
+    `dark_s_and_current`: exposure time [s] and mean dark current [e-/s].
+    `temporal_e`: noise of pixel, row and column [e-].
+    `scale`: black level [DN], gain [DN/e-], largest digital number [DN].
     """
 
     counts: bool
@@ -62,18 +51,10 @@ def digital_numbers(
 ) -> np.ndarray:
     """Raw image of a window of the sensor: that window of the raw image of the whole, bit for bit.
 
-    Parameters
-    ----------
-    photons : mapping of str to (h + 2 m, w + 2 m) array
-        Mean number of photons in a pixel during the exposure, of every channel; with a margin of
-        `response.margin_px` pixels around the window.
-    corner : (int, int)
-        Row and column of the first pixel of the window.
-
-    Returns
-    -------
-    (h, w) uint16
-        [DN]
+    `photons`, mapping of str to (h + 2 m, w + 2 m) array: mean number of photons in a pixel during the exposure, of
+        every channel; with a margin of `response.margin_px` pixels around the window.
+    `corner`: row and column of the first pixel of the window.
+    Returns (h, w) uint16 [DN].
     """
     margin = response.margin_px
     electrons = mosaic(response, photons, (corner[0] - margin, corner[1] - margin))

@@ -30,12 +30,8 @@ _NOT_NEGATIVE = (
 class PatternSpread:
     """Part of a response that makes the fixed pattern of a specimen.
 
-    Attributes
-    ----------
-    dark_e, response : (float, float, float)
-        Standard deviations over pixels, rows and columns: DSNU [e-] and PRNU.
-    hot_share, hot_current_e_per_s, dead_share, specimen
-        As of `SensorResponse`.
+    `dark_e`, `response`: standard deviations over pixels, rows and columns: DSNU [e-] and PRNU.
+    `hot_share`, `hot_current_e_per_s`, `dead_share`, `specimen`: as of `SensorResponse`.
     """
 
     dark_e: tuple[float, float, float]
@@ -50,52 +46,33 @@ class PatternSpread:
 class SensorResponse:
     """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
 
-    Attributes
-    ----------
-    quantum_efficiency : tuple of float
-        Electrons per photon, one for each channel.
-    full_well_e : float
-        Electrons that a pixel holds at most [e-].
-    gain_dn_per_e : float
-        Overall system gain K [DN/e-].
-    bit_depth : int
-        Digital numbers run from 0 to 2^bit_depth - 1.
-    black_level_dn : float
-        Digital number of no electron [DN].
-    filters : tuple of str
-        Colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over the
-        sensor. The channels are these names in the order in which they first occur.
-    shot_noise : bool
-        Whether electrons are counted (Poisson), or arrive as their expected number.
-    dark_noise_e : float
-        Temporal dark noise sigma_d0 without that of the dark current [e-].
-    row_noise_e, column_noise_e : float
-        Temporal noise that all pixels of a row or column share, new in each frame [e-].
-    dark_current_e_per_s : float
-        Mean of what a pixel collects without light [e-/s].
-    temperature_degc, dark_current_at_degc, doubling_k : float or None
-        All or none: temperature of the sensor, the one at which the dark current is as said, and the difference that
-        doubles it [degC, degC, K].
-    dsnu_e, dsnu_row_e, dsnu_column_e : float
-        Standard deviations of the dark signal over pixels, rows and columns, the same in every frame [e-].
-    prnu, prnu_row, prnu_column : float
-        Standard deviations of the photo response over pixels, rows and columns, relative to its mean.
-    hot_share, hot_current_e_per_s : float
-        Share of the pixels with a further dark current, exponentially distributed with this mean [e-/s].
-    dead_share : float
-        Share of the pixels that no light reaches.
-    nonlinearity : tuple of (float, float)
-        Deviation from the straight line, relative to the signal, at shares of the full well in ascending order; linear
-        in between, constant beyond.
-    crosstalk : tuple of float
-        Kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
-        its neighbours, itself in the middle. Empty: none is lost.
-    specimen : int
-        Number of its fixed pattern: one of all sensors that were made alike.
+    `quantum_efficiency`: electrons per photon, one for each channel.
+    `full_well_e`: electrons that a pixel holds at most [e-].
+    `gain_dn_per_e`: overall system gain K [DN/e-].
+    `bit_depth`: digital numbers run from 0 to 2^bit_depth - 1.
+    `black_level_dn`: digital number of no electron [DN].
+    `filters`: colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over
+        the sensor. The channels are these names in the order in which they first occur.
+    `shot_noise`: whether electrons are counted (Poisson), or arrive as their expected number.
+    `dark_noise_e`: temporal dark noise sigma_d0 without that of the dark current [e-].
+    `row_noise_e`, `column_noise_e`: temporal noise that all pixels of a row or column share, new in each frame [e-].
+    `dark_current_e_per_s`: mean of what a pixel collects without light [e-/s].
+    `temperature_degc`, `dark_current_at_degc`, `doubling_k`: all or none: temperature of the sensor, the one at which
+        the dark current is as said, and the difference that doubles it [degC, degC, K].
+    `dsnu_e`, `dsnu_row_e`, `dsnu_column_e`: standard deviations of the dark signal over pixels, rows and columns, the
+        same in every frame [e-].
+    `prnu`, `prnu_row`, `prnu_column`: standard deviations of the photo response over pixels, rows and columns, relative
+        to its mean.
+    `hot_share`, `hot_current_e_per_s`: share of the pixels with a further dark current, exponentially distributed with
+        this mean [e-/s].
+    `dead_share`: share of the pixels that no light reaches.
+    `nonlinearity`: deviation from the straight line, relative to the signal, at shares of the full well in ascending
+        order; linear in between, constant beyond.
+    `crosstalk`: kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by
+        each of its neighbours, itself in the middle. Empty: none is lost.
+    `specimen`: number of its fixed pattern: one of all sensors that were made alike.
 
-    References
-    ----------
-    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
+    Source: EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
     """
 
     quantum_efficiency: tuple[float, ...]

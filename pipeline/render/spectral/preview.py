@@ -11,9 +11,7 @@ def srgb_encoded(linear: Float64[np.ndarray, "..."]) -> np.ndarray:
     colour-science has the same function, with the same bits. Importing it takes a second and a half of processor time
     in each worker process, and most images need nothing else of it.
 
-    References
-    ----------
-    IEC 61966-2-1:1999, sRGB.
+    Source: IEC 61966-2-1:1999, sRGB.
     """
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -21,22 +19,10 @@ def srgb_encoded(linear: Float64[np.ndarray, "..."]) -> np.ndarray:
 def srgb_preview(irradiance: Num[np.ndarray, "h w"], white: float) -> np.ndarray:
     """A neutral picture of a monochromatic image, encoded with the transfer function of sRGB.
 
-    Parameters
-    ----------
-    irradiance : (h, w) float
-        Linear and relative, finite.
-    white : float
-        The irradiance that is shown as white; more is clipped, and so is less than 0.
-
-    Returns
-    -------
-    (h, w, 3) uint8
-        The three components are equal.
-
-    Raises
-    ------
-    ValueError
-        If a pixel is not finite or `white` is not a positive number.
+    `irradiance`: linear and relative, finite.
+    `white`: the irradiance that is shown as white; more is clipped, and so is less than 0.
+    Returns (h, w, 3) uint8: the three components are equal.
+    Raises ValueError: a pixel is not finite or `white` is not a positive number.
     """
     if not (np.isfinite(white) and white > 0):
         raise ValueError(f"white must be a positive irradiance, not {white}")

@@ -31,15 +31,8 @@ VISIBLE_NM = (380.0, 780.0)
 def illuminant(name: str) -> Table:
     """Power of an illuminant per wavelength, relative.
 
-    Parameters
-    ----------
-    name : str
-        `E`, a temperature such as `2856 K`, or a name of `colour.SDS_ILLUMINANTS`.
-
-    Raises
-    ------
-    SpectrumError
-        There is no such illuminant.
+    `name`: `E`, a temperature such as `2856 K`, or a name of `colour.SDS_ILLUMINANTS`.
+    Raises SpectrumError: there is no such illuminant.
     """
     if name == EQUAL_ENERGY:
         return _BLACK_BODY_NM, np.ones_like(_BLACK_BODY_NM)
@@ -57,10 +50,7 @@ def sensitivity(camera: str, component: str) -> Table:
     """Relative response to energy of a component, `red`, `green` or `blue`, of a camera in
     `colour.MSDS_CAMERA_SENSITIVITIES`.
 
-    Raises
-    ------
-    SpectrumError
-        There is no such camera.
+    Raises SpectrumError: there is no such camera.
     """
     cameras = [name for name, curves in MSDS_CAMERA_SENSITIVITIES.items() if component in curves.labels]
     table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
@@ -72,10 +62,7 @@ def sensitivity(camera: str, component: str) -> Table:
 def reflectance(patch: str) -> Table:
     """Reflectance of a patch of the ColorChecker as N. Ohta measured it, from 380 to 780 nm in steps of 5 nm.
 
-    Raises
-    ------
-    SpectrumError
-        There is no such patch.
+    Raises SpectrumError: there is no such patch.
     """
     patches = SDS_COLOURCHECKERS[_COLOURCHECKER]
     spectrum = patches[_known(patch, list(patches), "patch")]
@@ -87,17 +74,10 @@ def effective_nm(response: Table, light: Table, counts_photons: bool = True) -> 
 
     The joule is counted between `VISIBLE_NM`: the result is the integral of S r lambda over that of S.
 
-    Parameters
-    ----------
-    response, light : Table
-        Response, whose highest quantum efficiency counts as 1, and power per wavelength, relative.
-    counts_photons : bool
-        Whether the response is the quantum efficiency; else one to energy.
-
-    Raises
-    ------
-    SpectrumError
-        One of them is no spectrum, they have no wavelength in common, or the light has no visible part.
+    `response`, `light`: response, whose highest quantum efficiency counts as 1, and power per wavelength, relative.
+    `counts_photons`: whether the response is the quantum efficiency; else one to energy.
+    Raises SpectrumError: one of them is no spectrum, they have no wavelength in common, or the light has no visible
+        part.
     """
     highest = np.max(response[1] if counts_photons else response[1] / response[0])
     _, photons = points_of(response, light, counts_photons=counts_photons)
@@ -111,9 +91,7 @@ def weights_of_rgb(light: Slice) -> np.ndarray:
 
     Beyond 380 and 780 nm they stay as they are there.
 
-    References
-    ----------
-    Mallett and Yuksel, "Spectral Primary Decomposition for Rendering with sRGB Reflectance", EGSR 2019.
+    Source: Mallett and Yuksel, "Spectral Primary Decomposition for Rendering with sRGB Reflectance", EGSR 2019.
     """
     basis = MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
     curves = np.asarray(basis.values).T
@@ -126,7 +104,7 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
     table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
     patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
-    sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
+    sampled = [np.array([np.interp(wavelengths_nm, *curve) for curve in some]) for some in (patches, curves)]
     return sampled[0], sampled[1]
 
 

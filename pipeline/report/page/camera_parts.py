@@ -67,8 +67,8 @@ def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> PartMesh:
 
 def _stop(shapes: tuple[SurfaceShape, ...]) -> PartMesh:
     """A dark ring around the opening."""
-    stop = next(one for one in shapes if one.is_stop)
-    widest = 1.05 * max(one.height_mm[-1] for one in shapes)
+    stop = next(shape for shape in shapes if shape.is_stop)
+    widest = 1.05 * max(shape.height_mm[-1] for shape in shapes)
     angle = np.linspace(0.0, 2 * math.pi, _AROUND, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_AROUND)])
     opening, rim = stop.height_mm[-1] * circle, max(widest, 1.3 * stop.height_mm[-1]) * circle

@@ -7,13 +7,8 @@ from pipeline.report.page.records import TaskRun
 class Diary:
     """Notes about the tasks of one build.
 
-    Attributes
-    ----------
-    runs : dict of str to TaskRun
-        Runs by task name, in the order in which they ended; times are from the first event.
-    seconds : float
-        Time of the last event.
-    workers : int
+    `runs`: runs by task name, in the order in which they ended; times are from the first event.
+    `seconds`: time of the last event.
     """
 
     def __init__(self) -> None:

@@ -49,9 +49,9 @@ def optics(camera: Camera, name: str, record: Json) -> Optics:
 def _with_infinities(value: Any) -> Any:
     """A record of a JSON file with infinities as numbers, which are words there."""
     if isinstance(value, dict):
-        return {name: _with_infinities(one) for name, one in value.items()}
+        return {name: _with_infinities(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [_with_infinities(one) for one in value]
+        return [_with_infinities(item) for item in value]
     return float(value) if value in ("inf", "-inf") else value
 
 
@@ -114,10 +114,10 @@ def field_curvature(camera: Camera) -> Chart:
     reach_mm = float(np.hypot(*sensor.farthest_corner_mm))
     heights = np.linspace(0.0, reach_mm, _HEIGHTS)
     positions = tracer.pixels_at(np.column_stack([heights, np.zeros(_HEIGHTS)]))
-    found = [bundle_behind(tracer, x, y, NO_MICROLENS, 4 * RAYS) for x, y in positions.tolist()]
+    bundles = [bundle_behind(tracer, x, y, NO_MICROLENS, 4 * RAYS) for x, y in positions.tolist()]
     names = ("tangential: along the radius", "sagittal: across it")
     lines = tuple(
-        Line(name=name, y=drawn(np.array([_thinnest_mm(one, axis) for one in found])), is_dashed=axis == 1)
+        Line(name=name, y=drawn(np.array([_thinnest_mm(bundle, axis) for bundle in bundles])), is_dashed=axis == 1)
         for axis, name in enumerate(names)
     )
     return Chart(

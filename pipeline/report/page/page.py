@@ -17,7 +17,7 @@ from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.records.plain import to_plain
 from pipeline.report.page.optics import optics
-from pipeline.report.page.parts import Source, camera_part, target_part
+from pipeline.report.page.parts import ReportedBuild, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, Page
 from pipeline.report.page.scripts import Scripts, replace
 from pipeline.results.folder import finished_folder
@@ -77,7 +77,7 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
     replace(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
     (report / "made_of").unlink(missing_ok=True)
     manifest, scripts = read_json(out / "manifest.json"), Scripts(report)
-    source = Source(
+    source = ReportedBuild(
         output=output, folder=folder, points=manifest["points"], certificate=manifest["certificate"], scripts=scripts
     )
     entries = _entries(loaded)
@@ -98,15 +98,15 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
     """Remove images of earlier builds."""
-    shown = [picture for one in cameras for picture in one.pictures]
-    shown += [picture for one in cameras for view in one.views for picture in view.pictures]
+    shown = [picture for camera in cameras for picture in camera.pictures]
+    shown += [picture for camera in cameras for view in camera.views for picture in view.pictures]
     used = {Path(picture.path).name for picture in shown}
     for path in (report / "images").iterdir():
         if path.name not in used:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _page(source: Source, manifest: Json, cameras: list[CameraPart], targets: Any, history: str) -> Page:
+def _page(source: ReportedBuild, manifest: Json, cameras: list[CameraPart], targets: Any, history: str) -> Page:
     return Page(
         title=source.output.path.absolute().name,
         stage=manifest["stage"],
@@ -125,10 +125,10 @@ def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
     """Cameras of the stage, each channel by itself."""
     if loaded is None or loaded.dataset is None:
         return {}
-    return {one.full_name: one for entry in loaded.dataset.cameras for one in entry.in_channels}
+    return {seen.full_name: seen for entry in loaded.dataset.cameras for seen in entry.in_channels}
 
 
-def _optics(source: Source, entry: CameraEntry | None, record: Json) -> str | None:
+def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> str | None:
     """Script of the optical part of a camera; traced only if no earlier report has it."""
     if entry is None:
         return None
@@ -145,7 +145,7 @@ def _optics_code() -> str:
     return hashlib.sha256(b"".join((package / name).read_bytes() for name in _OPTICS)).hexdigest()
 
 
-def _targets(source: Source, loaded: Loaded | None) -> tuple[Any, ...]:
+def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:
     known = {entry.name: entry.target for entry in loaded.targets} if loaded else {}
     return tuple(
         target_part(name, target.kind, len(target.points_mm), known.get(name))

@@ -27,7 +27,7 @@ _MOST_FACES = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class ReportedBuild:
     """A build that is reported, and where the report is written; `points` and `certificate` are the manifest's."""
 
     output: Output
@@ -42,7 +42,7 @@ class Source:
         return self.scripts.report
 
 
-def camera_part(source: Source, camera: BuiltCamera, optics: str | None) -> CameraPart:
+def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) -> CameraPart:
     """A camera with its views; writes the scripts of its tables, and puts its images into the report."""
     record, (width, height) = camera.record, camera.size_px
     certificate = source.certificate.get(camera.name)
@@ -74,14 +74,14 @@ def _key_figures(camera: BuiltCamera) -> tuple[Figure, ...]:
     )
 
 
-def _micro_images(source: Source, camera: BuiltCamera) -> str | None:
+def _micro_images(source: ReportedBuild, camera: BuiltCamera) -> str | None:
     images, outlines = camera.micro_images, camera.micro_image_outlines
     if images is None or outlines is None:
         return None
     return source.scripts.write(f"micro_images.{camera.name}", micro_image_data(images, outlines))
 
 
-def _view(source: Source, camera: BuiltCamera, view: BuiltView) -> View:
+def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
     place = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
     facts = source.points[camera.name]
     seen = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
@@ -102,10 +102,10 @@ def _view(source: Source, camera: BuiltCamera, view: BuiltView) -> View:
     )
 
 
-def _pictures(source: Source, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
+def _pictures(source: ReportedBuild, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
     folder = source.folder
-    found = [(kind, f"{place}/{kind}.png") for kind in kinds if folder.file(f"{place}/{kind}.png")]
-    return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in found)
+    files = [(kind, f"{place}/{kind}.png") for kind in kinds if folder.file(f"{place}/{kind}.png")]
+    return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in files)
 
 
 def target_part(name: str, kind: str, count: int, target: AnyTarget | None) -> TargetPart:
@@ -138,8 +138,8 @@ def table_data(rows: np.recarray) -> TableData:
 def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageData:
     """Micro-images that light reaches, with the outline of all of their light."""
     names = [name for name in outlines.dtype.names or () if name.startswith(_OUTER)]
-    own = {key: row for row, key in enumerate(_keys(images))}
-    shown = images[[own[key] for key in _keys(outlines)]].view(np.recarray)
+    row_of = {key: row for row, key in enumerate(_keys(images))}
+    shown = images[[row_of[key] for key in _keys(outlines)]].view(np.recarray)
     return MicroImageData(
         k=tuple(shown.microlens_k.tolist()),
         l=tuple(shown.microlens_l.tolist()),
@@ -149,7 +149,9 @@ def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageDa
         radius_px=drawn(shown.radius_px),
         outline_x_px=drawn(outlines.centroid_x_px),
         outline_y_px=drawn(outlines.centroid_y_px),
-        outline_radius_px=tuple(drawn(np.array(one)) for one in zip(*(outlines[name] for name in names), strict=True)),
+        outline_radius_px=tuple(
+            drawn(np.array(radii)) for radii in zip(*(outlines[name] for name in names), strict=True)
+        ),
     )
 
 

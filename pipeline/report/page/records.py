@@ -17,14 +17,9 @@ Matrix = tuple[tuple[float, ...], ...]
 class Picture:
     """An image for the viewer.
 
-    Attributes
-    ----------
-    kind : str
-        `image`, `raw` or `white`, with the name of a channel where there are some.
-    path : str
-        One PNG below the report, or a folder of tiles `LEVEL/X_Y.png`, level 0 being the smallest.
-    tile_px : int or None
-        Edge of the tiles; None: one file.
+    `kind`: `image`, `raw` or `white`, with the name of a channel where there are some.
+    `path`: one PNG below the report, or a folder of tiles `LEVEL/X_Y.png`, level 0 being the smallest.
+    `tile_px`: edge of the tiles; None: one file.
     """
 
     kind: str
@@ -54,7 +49,7 @@ class TableData:
     """The rows of a table by column; `same` holds the columns in which all rows are equal."""
 
     rows: int
-    same: dict[str, Any]
+    same: Json
     columns: dict[str, tuple[Any, ...]]
 
 
@@ -90,12 +85,8 @@ class Histogram:
 class Residuals:
     """Statistics of all rows of a camera; points are at most some thousands of them, evenly taken.
 
-    Attributes
-    ----------
-    x_px, y_px, rho_px : numbers
-        Positions and signed blur radii.
-    dx_px, dy_px : numbers
-        Position minus that of the equivalent pinhole with distortion; empty where there is none.
+    `x_px`, `y_px`, `rho_px`: positions and signed blur radii.
+    `dx_px`, `dy_px`: position minus that of the equivalent pinhole with distortion; empty where there is none.
     """
 
     histograms: tuple[Histogram, ...]
@@ -131,14 +122,9 @@ class Chart:
 class SurfaceShape:
     """A surface of the lens for the 3-D view, vision frame.
 
-    Attributes
-    ----------
-    height_mm, z_mm : numbers
-        Its profile from the axis to the rim.
-    has_glass_behind : bool
-        Whether glass follows towards the sensor.
-    moved : matrix
-        Transform of a displaced surface, else the identity.
+    `height_mm`, `z_mm`: its profile from the axis to the rim.
+    `has_glass_behind`: whether glass follows towards the sensor.
+    `moved`: transform of a displaced surface, else the identity.
     """
 
     height_mm: tuple[float, ...]
@@ -207,12 +193,8 @@ class TargetPart:
 class TaskRun:
     """A task: how it ended in the last build, and the run that made its result.
 
-    Attributes
-    ----------
-    state : str
-        `executed`, `cached` or `made before`, where the last build is not known.
-    start_s, end_s : float or None
-        Times of the run, from the beginning of the last build; None if it did not run.
+    `state`: `executed`, `cached` or `made before`, where the last build is not known.
+    `start_s`, `end_s`: times of the run, from the beginning of the last build; None if it did not run.
     """
 
     name: str

@@ -27,7 +27,7 @@ def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Res
         return Residuals(histograms=(), **dict.fromkeys(("x_px", "y_px", "rho_px", "dx_px", "dy_px"), ()))
     off = _off_pinhole(camera)
     sigma = np.hypot(rows.sigma_x_px, rows.sigma_y_px)
-    found = [
+    histograms = [
         _logarithmic(f"Differences that the certificate found, {len(apart)} of {len(rows):,} rows", apart, claim_px),
         _logarithmic("Stated standard error of a row", sigma, claim_px),
         _linear("Signed blur radius", "px", rows.rho_px),
@@ -36,11 +36,11 @@ def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Res
     if off is not None:
         pinhole = camera.pinhole_with_distortion
         rms = None if pinhole is None else pinhole.rms_px
-        found.append(_logarithmic("Left by the pinhole with distortion", np.hypot(*off.T), rms, "its rms"))
+        histograms.append(_logarithmic("Left by the pinhole with distortion", np.hypot(*off.T), rms, "its rms"))
     chosen = np.unique(np.linspace(0, len(rows) - 1, min(_POINTS, len(rows))).astype(int))
     dx, dy = (empty, empty) if off is None else off[chosen].T
     return Residuals(
-        histograms=tuple(one for one in found if one is not None),
+        histograms=tuple(histogram for histogram in histograms if histogram is not None),
         x_px=drawn(rows.x_px[chosen]),
         y_px=drawn(rows.y_px[chosen]),
         rho_px=drawn(rows.rho_px[chosen]),
@@ -61,9 +61,10 @@ def _off_pinhole(camera: BuiltCamera) -> np.ndarray | None:
 def _off_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
     rows, off = view.correspondences, np.full((len(view.correspondences), 2), np.nan)
     for name, pose in view.poses.pinhole_from_target.items():
-        own = rows.target == name
-        points = np.column_stack([rows[f"target_{axis}_mm"][own] for axis in "xyz"])
-        off[own] = np.column_stack([rows.x_px[own], rows.y_px[own]]) - pinhole.projected(apply(pose, points))
+        on_target = rows.target == name
+        points = np.column_stack([rows[f"target_{axis}_mm"][on_target] for axis in "xyz"])
+        seen_px = np.column_stack([rows.x_px[on_target], rows.y_px[on_target]])
+        off[on_target] = seen_px - pinhole.projected(apply(pose, points))
     return off
 
 
@@ -90,13 +91,13 @@ def _logarithmic(
 def _histogram(
     title: str,
     unit: str,
-    found: tuple[np.ndarray, np.ndarray],
+    bins: tuple[np.ndarray, np.ndarray],
     *,
     is_logarithmic: bool,
     mark: float | None = None,
     mark_name: str = "",
 ) -> Histogram:
-    edges, counts = found
+    edges, counts = bins
     return Histogram(
         title=title,
         unit=unit,

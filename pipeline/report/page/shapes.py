@@ -24,11 +24,11 @@ _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
     """All surfaces from the scene to the sensor."""
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
-    found = []
+    shapes = []
     for surface, vertex, motion in placed:
         heights = np.linspace(0.0, surface.semi_diameter_mm, _PROFILE).tolist()
         moved = np.eye(4) if motion is None else _TURN @ motion @ _TURN
-        found.append(
+        shapes.append(
             SurfaceShape(
                 height_mm=tuple(heights),
                 z_mm=tuple(-(vertex + float(surface.sag_mm(height))) for height in heights),
@@ -37,7 +37,7 @@ def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
                 moved=matrix(moved),
             )
         )
-    return tuple(found)
+    return tuple(shapes)
 
 
 def matrix(transform: np.ndarray) -> Matrix:

@@ -84,16 +84,10 @@ def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
 class Stretch:
     """Some positions of the fine grid, row by row.
 
-    Attributes
-    ----------
-    index : (n,) int64
-        Indices of the positions, counted from the first position of the band.
-    pixels : (n, 2) int64
-        Column and row in the whole grid.
-    positions_mm : (n, 2) float64
-        Positions on the sensor, vision frame.
-    microlens : (n,) int64
-        Index of the microlens in whose cell each position lies.
+    `index`, (n,) int64: indices of the positions, counted from the first position of the band.
+    `pixels`, (n, 2) int64: column and row in the whole grid.
+    `positions_mm`, (n, 2) float64: positions on the sensor, vision frame.
+    `microlens`, (n,) int64: index of the microlens in whose cell each position lies.
     """
 
     index: np.ndarray

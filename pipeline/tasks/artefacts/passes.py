@@ -91,9 +91,9 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
     facts, level = [facts_of(inputs, f"{STRIP}{strip}") for strip in strips], read_json(inputs["level"][LEVEL])["mean"]
     labels = {
         "noise_asked": asked,
-        "noise": max(one.noise for one in facts) / level if level > 0 else 0.0,
-        "passes_least": min(one.passes for one in facts),
-        "passes_most": max(one.passes for one in facts),
+        "noise": max(strip_facts.noise for strip_facts in facts) / level if level > 0 else 0.0,
+        "passes_least": min(strip_facts.passes for strip_facts in facts),
+        "passes_most": max(strip_facts.passes for strip_facts in facts),
     }
     if labels["noise"] > asked:
         work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {asked:g}"

@@ -73,21 +73,21 @@ def columns_of(
     table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray
 ) -> dict[str, Any]:
     """Columns of one target, but those of the sets that the stage asks for besides."""
-    found, lattice = truth.solutions, rig.tracer.lattice
-    rows = len(found.point)
+    solutions, lattice = truth.solutions, rig.tracer.lattice
+    rows = len(solutions.point)
     microlens = [[None] * rows] * 3
     if lattice is not None:
-        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
-    point = posed.points.position_mm[found.point]
+        microlens = [column[solutions.cell] for column in (lattice.k, lattice.l, lattice.type)]
+    point = posed.points.position_mm[solutions.point]
     blur = truth.blur_px2
     values = (
         [table.frame] * rows,
         [table.camera] * rows,
         [posed.target] * rows,
-        found.point,
+        solutions.point,
         *microlens,
-        found.x_px,
-        found.y_px,
+        solutions.x_px,
+        solutions.y_px,
         *truth.sigma_px.T,
         *point.T,
         *apply(posed.vision_from_target, point).T,
@@ -123,12 +123,12 @@ class TargetNote:
         """Text for the header of a table."""
         if self.counts is None:
             return f"{self.target}: no rows, because the camera sees its back"
-        said = [f"{name} {count}" for name, count in self.counts.items()]
+        remarks = [f"{name} {count}" for name, count in self.counts.items()]
         if self.away:
-            said.append(f"points_facing_away {self.away}")
+            remarks.append(f"points_facing_away {self.away}")
         if self.sag_mm:
-            said.append(f"largest sag of the surface from its tangent plane over the blur {self.sag_mm:.2g} mm")
-        return "; ".join([f"{self.target}: {', '.join(said)}", *(one.text for one in self.sets)])
+            remarks.append(f"largest sag of the surface from its tangent plane over the blur {self.sag_mm:.2g} mm")
+        return "; ".join([f"{self.target}: {', '.join(remarks)}", *(note.text for note in self.sets)])
 
     def joined(self, other: "TargetNote") -> "TargetNote":
         """The note about the points of both, which must be different points."""

@@ -13,14 +13,14 @@ class Nothing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Focus:
+class AskedCamera:
     """A camera, or a request for a focus; without near and far planes and without names."""
 
     camera: Camera | None
     request: FocusRequest | None
 
     @classmethod
-    def of(cls, asked: Camera | FocusRequest) -> "Focus":
+    def of(cls, asked: Camera | FocusRequest) -> "AskedCamera":
         """What a stage asks for, with numbers for names of lens groups, and without what only `planes` reads."""
         groups = asked.prescription.groups
         numbered = tuple(replace(group, name=str(number)) for number, group in enumerate(groups))
@@ -88,7 +88,7 @@ CONVENTIONS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Light:
+class BundleLight:
     """Light of a camera's bundles: the weight of their rays, their footprint, and the wavelength."""
 
     weight: str
@@ -113,13 +113,13 @@ class CameraLabels:
 
     lens_name: str
     index_source: str
-    light: Light
+    light: BundleLight
     focus_request: FocusLabels | None
     channels: tuple[Channel, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FirstOrder:
+class CameraReport:
     """Labels of camera.json besides its figures."""
 
     labels: CameraLabels
@@ -141,12 +141,12 @@ class RaysTile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rays:
+class JoinedRays:
     """The bundles of a camera, from a number of tiles."""
 
     tiles: int
     sampling: Sampling
-    light: Light
+    light: BundleLight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,7 +158,7 @@ class MicroImagesTile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MicroImages:
+class MicroImageTables:
     """The micro-images from a number of tiles; 0: the task does the work itself."""
 
     tiles: int

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import Json
-from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.placed import PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,31 +25,20 @@ class SeenFrame:
 
     camera: str
     number: int
-    view: View
+    view: PlacedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
     """An export of one format.
 
-    Attributes
-    ----------
-    format, position : str
-    code : str
-        Digest of the code that writes the format, which no import of the task names.
-    noise : Noise
-    stage : str
-        Name of the dataset, which the files mention.
-    files : dict
-        Path in the output folder -> role and output of the task that makes the file.
-    records : dict
-        Path in the output folder -> content of a JSON file that is written from the stage itself.
-    numbers : tuple of int
-        The frames.
-    sights : dict
-        Name of each camera whose rays the format reads.
-    views : tuple of SeenFrame
-        Views for formats that read the scene.
+    `code`: digest of the code that writes the format, which no import of the task names.
+    `stage`: name of the dataset, which the files mention.
+    `files`: path in the output folder -> role and output of the task that makes the file.
+    `records`: path in the output folder -> content of a JSON file that is written from the stage itself.
+    `numbers`: the frames.
+    `sights`: name of each camera whose rays the format reads.
+    `views`: views for formats that read the scene.
     """
 
     format: str

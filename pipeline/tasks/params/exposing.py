@@ -25,7 +25,7 @@ class Expose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FixedPattern:
+class PatternMaps:
     """The sensor of a camera, which is named: its pattern is a function of the name and the specimen."""
 
     camera: str

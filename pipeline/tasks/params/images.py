@@ -104,5 +104,5 @@ class ColourImage:
     @property
     def is_spectral(self) -> bool:
         """Whether it is the image of a frame in which each channel is one wavelength, another one for each."""
-        found = [channel.wavelengths_nm for channel in self.channels]
-        return self.name == "image" and len(set(found)) == len(found) and all(len(one) == 1 for one in found)
+        lights = [channel.wavelengths_nm for channel in self.channels]
+        return self.name == "image" and len(set(lights)) == len(lights) and set(map(len, lights)) == {1}

@@ -1,9 +1,9 @@
 """Targets, occluders and pictures, as parameters of the tasks that see them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from pipeline.camera.parts.spectrum import Slices
+from pipeline.files.jsonfile import Json
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.prints import Colours
 
@@ -16,7 +16,7 @@ class PlacedTarget:
     """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it."""
 
     name: str
-    target: dict[str, Any]
+    target: Json
     vision_from_target: Matrix
 
 
@@ -24,12 +24,12 @@ class PlacedTarget:
 class PlacedOccluder:
     """An occluder in a frame; `occluder` is a plain `targets.occluder.Occluder`."""
 
-    occluder: dict[str, Any]
+    occluder: Json
     vision_from_occluder: Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class PlacedView:
     """Everything in a frame, in the vision frame of a camera."""
 
     targets: tuple[PlacedTarget, ...]
@@ -37,7 +37,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PaintedView(View):
+class PaintedView(PlacedView):
     """A view with the radiance of everything and of the background, or with the lamps that light it.
 
     `colours` are those of each target, empty for a neutral one; `lights` is the light of each wavelength of the image
@@ -59,7 +59,7 @@ def source_name(suffix: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class PictureFile:
     """A picture file: its kind by the end of its name, its bytes in base 64, and its colour space."""
 
     suffix: str
@@ -74,4 +74,4 @@ SHEET = "sheet.png"
 class Sheet:
     """A target whose pattern viewers show."""
 
-    target: dict[str, Any]
+    target: Json

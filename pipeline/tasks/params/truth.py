@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from pipeline.camera.parts.camera import Sampling
-from pipeline.tasks.params.cameras import ChannelLabel, Light
-from pipeline.tasks.params.placed import Matrix, PlacedTarget, View
+from pipeline.tasks.params.cameras import BundleLight, ChannelLabel
+from pipeline.tasks.params.placed import Matrix, PlacedTarget, PlacedView
 from pipeline.truth.settings import TruthSettings
 
 
@@ -24,7 +24,7 @@ class Positions:
     planes: tuple[PlaneAsked, ...]
     extent: str
     sampling: Sampling
-    light: Light
+    light: BundleLight
     square_px: float
 
 
@@ -32,7 +32,7 @@ class Positions:
 class TableLabels:
     """Labels of a table of correspondences; no samples without position images."""
 
-    light: Light
+    light: BundleLight
     index_source: str
     seed: int
     samples: int | None
@@ -54,7 +54,7 @@ class TruthTile:
     """Rows of some points: first and end index of the points of each target, by its name."""
 
     table: TruthTable
-    view: View
+    view: PlacedView
     square_px: float
     points: dict[str, tuple[int, int]]
 
@@ -65,7 +65,7 @@ class Truth:
 
     table: TruthTable
     tiles: int
-    view: View | None
+    view: PlacedView | None
     square_px: float
 
 
