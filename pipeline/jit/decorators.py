@@ -153,7 +153,8 @@ class Kernel:
                     dispatcher.compile(tuple(map(_numba().typeof, arguments)))
                     seal_kernels()
             result = dispatcher(*arguments)
-            driver.seal()  # types may have been new
+            if len(dispatcher.overloads) != driver._sealed:  # types were new, for what it calls, too
+                seal_kernels()
             return result
 
     @functools.cached_property

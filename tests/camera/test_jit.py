@@ -158,6 +158,15 @@ def test_a_kernel_of_other_types_is_kept_beside(folder, said):
     assert is_loaded() and is_loaded(4) and not said
 
 
+def test_what_a_kernel_of_other_types_calls_is_closed_too(folder, monkeypatch, said):
+    monkeypatch.setitem(globals(), "sum_of_squares", Kernel(sum_of_squares.function, "unit"))
+    driver = Kernel(with_literals.function, "kernel")
+    driver(np.array([3.0, 4.0]))
+    driver(np.array([3.0, 4.0], np.float32))
+    assert len(driver.compiled.overloads) == 2
+    assert all(files.is_whole(path) for path in folder.iterdir()) and not said
+
+
 DAMAGE = {
     "empty": lambda path: path.write_bytes(b""),
     "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),

@@ -32,8 +32,9 @@ def damaged_kernels(bench: Workbench) -> Row:
     called = _called(bench)  # compiles what is missing, before the copy
     folder = bench.new_place() / "jit" / cache_folder().name
     shutil.copytree(cache_folder(), folder)
-    files_there = (path for path in folder.rglob("*") if path.is_file() and path.parent != folder)
-    kernels = sorted(path for path in files_there if path.stat().st_size)  # a folder may be closed with nothing in it
+    closed = [kernel for kernel in folder.iterdir() if files.is_whole(kernel)]  # others may be compiling now
+    kernels = sorted(path for kernel in closed for path in kernel.rglob("*") if path.is_file() and path.stat().st_size)
+    assert len(kernels) > len(called)
     for number, path in enumerate(kernels):
         whole, kernel = path.read_bytes(), folder / path.relative_to(folder).parts[0]
         flips = [_flipped(bench, whole) for _ in range(24 if bench.whole else 2)]
