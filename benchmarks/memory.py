@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import typing
 from pathlib import Path
 from typing import Any
 
@@ -179,8 +180,10 @@ def main() -> None:
 def work(spec: dict[str, Any]) -> None:
     """Run a task here, and print what it took."""
     inputs = {role: {name: Path(file) for name, file in files.items()} for role, files in spec["inputs"].items()}
-    module, meter, start = importlib.import_module(spec["kind"]), PeakMeter(), time.process_time()
-    module.run(from_plain(module.Params, spec["params"]), inputs, Path(spec["out"]))
+    module, _, name = spec["kind"].partition(":")
+    task = getattr(importlib.import_module(module), name or "run")
+    meter, start = PeakMeter(), time.process_time()
+    task(from_plain(typing.get_type_hints(task)["params"], spec["params"]), inputs, Path(spec["out"]))
     print(json.dumps({"peak_bytes": meter.read_bytes(), "cpu_s": round(time.process_time() - start, 2)}))
 
 
