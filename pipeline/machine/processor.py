@@ -24,9 +24,10 @@ NUMPY_FEATURES = ("NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
 _PRECISION = {"COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE": "float64", "COLOUR_SCIENCE__DEFAULT_INT_DTYPE": "int64"}
 """Defaults of the library that encodes previews, set explicitly because it reads others from the environment."""
 
-_USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
-"""Numba's own defaults, set explicitly because it reads others from a file in the working directory, which may be
-anybody's.
+_USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 1, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
+"""Set explicitly because Numba reads others from a file in the working directory, which may be anybody's.
+
+Its defaults, but for OPT = 1: kernels compile sooner, have the same bits, and run as fast as by 3.
 """
 
 
