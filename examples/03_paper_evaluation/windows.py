@@ -14,9 +14,8 @@ from sampling import means
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.truth.grid.correspond import find
-from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
-from pipeline.truth.grid.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 
 METHODS = ("image", "two-plane")

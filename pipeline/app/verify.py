@@ -42,7 +42,7 @@ from pipeline.tasks.certificate import certificate, points_seen, rows_of
 from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
 from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
-from pipeline.truth.judging.judged import sample
+from pipeline.truth.judging.judges import sample
 from pipeline.truth.visibility import visibility
 
 _STAGE = "dataset.usda"
@@ -281,7 +281,7 @@ def _labels(rig: Rig, frame: _FrameTable) -> Iterator[tuple[tuple[str, ...], set
 
 
 def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed: int) -> list[str]:
-    """Faults in the visibility of up to `judging.judged.ROWS` rows of a camera, determined again with other rays."""
+    """Faults in the visibility of up to `judging.judges.ROWS` rows of a camera, determined again with other rays."""
     faults, first = [], 0
     drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for _, table in tables), bool), seed)
     for frame, table in tables:

@@ -17,7 +17,7 @@ from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.params.placed import PlacedTarget
 from pipeline.tasks.params.truth import Certificate
 from pipeline.truth.judging.certificate import certify
-from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
+from pipeline.truth.judging.judges import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes
 
 _STREAM = 0x5EA1

@@ -13,7 +13,7 @@ from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches, tracer_alone
 from pipeline.tasks.params.cameras import JoinedRays, RaysTile
-from pipeline.truth.grid.sampling_error import in_pixels, jacobian
+from pipeline.truth.grid.position_image import in_pixels, jacobian
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last value is their number."""

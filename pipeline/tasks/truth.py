@@ -24,9 +24,8 @@ from pipeline.tasks.params.placed import PlacedView
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
-from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
-from pipeline.truth.grid.second_order import corrected
 from pipeline.truth.planes import faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences

@@ -8,21 +8,11 @@ from pipeline.records.shapes import Float64
 def deviations(
     covariance: Float64[np.ndarray, "n 4 4"], share: Float64[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances of a bundle at the distance of the target plane, ignoring the tilt of the plane.
+    """Cov(u, u) and Cov(u, v), (n, 2, 2) [mm^2], of bundles at the distance of a target plane, ignoring its tilt.
 
-    With delta_n and delta_f the deviations at the near and far plane, u = (1 - t) delta_n + t delta_f is the deviation
-    at the target and v = delta_f - delta_n that of the direction.
-
-    Parameters
-    ----------
-    covariance : (n, 4, 4) float64
-    share : (n,) float64
-        t of `position_image.crossing_share`.
-
-    Returns
-    -------
-    uu, uv : (n, 2, 2) float64
-        Cov(u, u) and Cov(u, v) [mm^2].
+    With delta_n and delta_f the deviations at the near and far plane and t the share of
+    `position_image.crossing_share`, u = (1 - t) delta_n + t delta_f is the deviation at the target and v = delta_f -
+    delta_n that of the direction.
     """
     t = share[:, None, None]
     nn, nf, ff = covariance[:, :2, :2], covariance[:, :2, 2:], covariance[:, 2:, 2:]
@@ -37,10 +27,7 @@ def on_plane(
 ) -> np.ndarray:
     """Covariance of the hits in the target's x and y: u projected along the mean ray onto the plane, (n, 2, 2) [mm^2].
 
-    Parameters
-    ----------
-    way : (n, 3) float64
-        Direction of the mean ray, any length.
+    `way` is the direction of the mean ray, of any length.
     """
     axes, normal = vision_from_target[:3, :2], vision_from_target[:3, 2]
     along = way @ normal

@@ -10,12 +10,9 @@ def tangent_planes(
     points_mm: Float64[np.ndarray, "p 3"],
     axes: Float64[np.ndarray, "p 3 3"] | None = None,
 ) -> np.ndarray:
-    """Tangent planes at points of a target (p, 3), for the kernels, (p, 4, 3).
+    """Tangent planes at points of a target, for the kernels, (p, 4, 3).
 
-    Parameters
-    ----------
-    axes : (p, 3, 3) float64, optional
-        Columns: x and y of each plane and its normal, target frame; by default the axes of a flat target.
+    The columns of `axes` are x and y of each plane and its normal, target frame; by default those of a flat target.
     """
     planes = np.empty((len(points_mm), 4, 3))
     planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]

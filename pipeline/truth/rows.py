@@ -14,16 +14,9 @@ from pipeline.records.shapes import Bool, Float64, Int64, Shaped
 class Solutions:
     """Raw solutions of a search, one row each.
 
-    Attributes
-    ----------
-    point, cell : (n,) int64
-    x_px, y_px : (n,) float64
-    jacobian : (n, 2, 2) float64
-        Derivative of J by image position: mm on the target per px; columns are x and y.
-    noise_gain : (n,) float64
-        Standard error of the solution over that of a single position of the grid.
-    error_px : (n,) float64
-        Expected error from noise and from the assumptions of the search; NaN if unknown.
+    `jacobian`: derivative of J by image position, mm on the target per px; columns are x and y.
+    `noise_gain`: standard error of the solution over that of a single position of the grid.
+    `error_px`: expected error from noise and from the assumptions of the search; NaN if unknown.
     """
 
     point: Int64[np.ndarray, "n"]
@@ -47,18 +40,10 @@ class Solutions:
 class Correspondences:
     """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
 
-    Attributes
-    ----------
-    solutions : Solutions
-    sigma_px : (n, 2) float64
-        Standard error from the ray sampling.
-    hit_fraction, rho_px : (n,) float64
-    blur_px2 : (n, 2, 2) float64
-        Blur; NaN if the second moments are unknown.
-    counts : dict
-        Numbers of solutions found, rejected and dropped, by reason.
-    method : (n,) str
-        Method by which each row was found.
+    `sigma_px`: standard error from the ray sampling.
+    `blur_px2`: NaN if the second moments are unknown.
+    `counts`: numbers of solutions found, rejected and dropped, by reason.
+    `method`: that by which each row was found.
     """
 
     solutions: Solutions
@@ -84,7 +69,7 @@ class Correspondences:
         return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), **columns)
 
     def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
-        """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
+        """The same rows in the order of the table; `axial` holds k and l of all cells."""
         return self.only(np.lexsort((*axial[self.solutions.cell].T, self.solutions.point)))
 
 
@@ -99,7 +84,7 @@ class Whereabouts(Protocol):
         """k and l of every cell, (m, 2)."""
 
     def in_image(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Whether positions (n, 2) lie in the image."""
+        """Whether positions lie in the image."""
 
     def in_cell(self, x_px: Float64[np.ndarray, "n 2"], cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Whether positions lie in their own cell."""
@@ -111,16 +96,9 @@ def which_exist(
     cell: Int64[np.ndarray, "n"],
     is_lit: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, dict[str, int]]:
-    """Indices of the rows that lie inside the image and their own cell and have enough light; counts of the others
-    by reason.
+    """Indices of the rows inside the image and their own cell that have enough light; counts of the others by reason.
 
-    Parameters
-    ----------
-    x_px : (n, 2) float64
-    cell : (n,) int64
-    is_lit : callable
-        Function that tells whether rows, given by index, have enough light; called only for rows inside image and
-        cell.
+    `is_lit` tells whether rows, given by index, have enough light; it is asked only about rows inside image and cell.
     """
     counts, rows = {}, np.arange(len(cell))
     tests: dict[str, Callable[[np.ndarray], np.ndarray]] = {

@@ -9,30 +9,7 @@ CLAIM_PX = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthSettings:
-    """The authored `plen:truth:*` values of a camera that decide its rows.
-
-    Attributes
-    ----------
-    method : str
-        `direct` (J(x) = p solved for each point), `two-plane` (J from J_near and J_far), `moments` (corrected to second
-        order, rows that miss the accuracy solved directly) or `image` (J rendered per pose).
-    search : str
-        `quad` (cell of four neighbours and a local linear solve) or `nearest` (the paper's naive search).
-    filter : str
-        `lengths-and-angles` or `none`.
-    lambda_d : float
-        Largest relative deviation of a neighbour distance from its mean.
-    lambda_alpha_deg : float
-        Largest deviation of a grid angle from its mean.
-    nearest_threshold_mm : float
-        Largest distance on the target that the nearest search accepts.
-    min_hit_fraction : float
-        Correspondences below this hit fraction are dropped.
-    accuracy_px : float or None
-        Claimed accuracy of rows; None: that of the method, see `claim_px`.
-    columns : tuple of str
-        Sets of columns beside those that every table has, see `column_sets`.
-    """
+    """The authored `plen:truth:*` values of a camera that decide its rows; the schema says what each means."""
 
     method: str = "direct"
     search: str = "quad"
@@ -51,9 +28,7 @@ class TruthSettings:
 
     @property
     def claim_px(self) -> float | None:
-        """The accuracy that rows claim [px]; None if nothing is authored and the method, `two-plane` or `image`, has
-        no default claim.
-        """
+        """The accuracy that rows claim [px]; None: nothing is authored, and the method has no default claim."""
         default = CLAIM_PX if self.method in ("direct", "moments") else None
         return default if self.accuracy_px is None else self.accuracy_px
 

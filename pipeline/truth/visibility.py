@@ -35,17 +35,7 @@ _RAYS_PER_CHUNK = 1 << 19
 
 
 class PointBundles(NamedTuple):
-    """Bundles that look at target points.
-
-    Attributes
-    ----------
-    microlens : (n,) int64
-        Index of the microlens of each, or NO_MICROLENS.
-    x_px : (n, 2) float64
-        Image positions.
-    planes : (n, 4, 3) float64
-        Tangent planes at the points.
-    """
+    """Bundles that look at target points: microlenses or NO_MICROLENS, positions, and tangent planes there."""
 
     microlens: np.ndarray
     x_px: np.ndarray
@@ -59,18 +49,9 @@ class PointBundles(NamedTuple):
 def seen(
     rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"]
 ) -> tuple[Correspondences, np.ndarray]:
-    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility.
+    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility, (n,).
 
-    Parameters
-    ----------
-    target : int
-        Index of the target in the surroundings.
-    planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `direct_rows.solve`.
-
-    Returns
-    -------
-    Correspondences, (n,) float64
+    `target` is the index of the target in the surroundings; `planes` are the tangent planes at its points.
     """
     solutions = rows.solutions
     x_px = np.stack([solutions.x_px, solutions.y_px], axis=1)
@@ -93,18 +74,10 @@ def visibility(
     x_px: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Visible share of the bundles at image positions (n, 2), and its standard error, (n,) each.
+    """Visible share of the bundles at image positions, and its standard error, (n,) each.
 
-    No ray is traced if nothing stands before the tangent plane: the share is 1.
-
-    Parameters
-    ----------
-    target : int
-        Index of the target to which the points belong.
-    microlens : (n,) int64
-        Index of the microlens of each position.
-    planes : (n, 4, 3) float64
-        The tangent plane of each row's point.
+    No ray is traced if nothing stands before the tangent plane: the share is 1. `target` is the index of the target to
+    which the points belong; `planes` are the tangent planes of each row's point.
     """
     share, error, bundles = np.ones(len(x_px)), np.zeros(len(x_px)), PointBundles(microlens, x_px, planes)
     rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))

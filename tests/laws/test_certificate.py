@@ -12,7 +12,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.judging import judges
 from pipeline.truth.judging.certificate import _verdict, certify
-from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build, sample
+from pipeline.truth.judging.judges import ROWS, Rows, rows_of_build, sample
 from pipeline.truth.planes import tangent_planes
 
 CLAIM_PX = 1e-4

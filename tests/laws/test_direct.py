@@ -29,8 +29,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.report.certificate import failed, lines
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.grid.position_image import crossing_share, on_target
-from pipeline.truth.grid.second_order import correction
+from pipeline.truth.grid.position_image import correction, crossing_share, on_target
 from pipeline.truth.judging.certificate import Rows, certify
 from pipeline.truth.planes import tangent_planes
 
@@ -186,7 +185,7 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
     """
     from pipeline.tasks.positions import position_image
     from pipeline.truth.grid.correspond import correspond
-    from pipeline.truth.grid.second_order import corrected
+    from pipeline.truth.grid.position_image import corrected
     from pipeline.truth.settings import TruthSettings
 
     camera, board, pose = (

@@ -19,8 +19,7 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
 from pipeline.truth.direct.direct_rows import polished
 from pipeline.truth.grid.correspond import correspond
-from pipeline.truth.grid.position_image import on_target
-from pipeline.truth.grid.second_order import corrected
+from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.judging.certificate import Rows, certify
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.rows import Correspondences

@@ -25,9 +25,8 @@ from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
 from pipeline.truth.grid import per_plane
 from pipeline.truth.grid.per_plane import correspond_points
-from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.grid.second_order import corrected, correction
 from pipeline.truth.judging.certificate import WITHIN, WORST, Rows, certify
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.rows import Correspondences

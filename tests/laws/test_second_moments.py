@@ -9,9 +9,8 @@ from laws.oblique import MEAN, OBLIQUE, turned
 from tolerances import ORDER, ROUNDING_MM
 
 from pipeline.truth import blur
-from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.position_image import crossing_share, in_pixels, jacobian, on_target
 from pipeline.truth.grid.ray_grid import matrix_4
-from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 
 SHEARED = np.array([[0.31, 0.12], [-0.05, -0.24]])
 """A derivative of J that is not symmetric [mm per px]."""

@@ -10,9 +10,8 @@ from tolerances import ORDER
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.grid.second_order import corrected, correction
 
 STEP_MM = 0.05
 

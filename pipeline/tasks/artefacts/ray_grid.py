@@ -6,10 +6,10 @@ from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.tables import read_table
 from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.rays import MOMENTS
-from pipeline.truth.grid.ray_grid import Cells, RayGrid
+from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 
 
-class RayFile(Cells):
+class RayFile(AnyRayGrid):
     """The rays of a camera in rays.exr and, of a plenoptic one, micro_images.csv; read window by window.
 
     Attributes are those of `RayGrid`.

@@ -52,15 +52,8 @@ _DIFFERENCE_PX = 0.05
 class Candidates:
     """Pairs of a point and a microlens, or of a point and NO_MICROLENS.
 
-    Attributes
-    ----------
-    point, microlens : (n,) int64
-    x_px : (n, 2) float64
-        Approximate image position of the point.
-    reach_px : (n,) float64
-        Radius around it in which the image position may lie.
-    rays : int
-        Number of rays traced to find the candidates.
+    `x_px`, `reach_px`: approximate image position of the point, and the radius around it in which the position may lie.
+    `rays`: number of rays traced to find the candidates.
     """
 
     point: Int64[np.ndarray, "n"]
@@ -71,7 +64,7 @@ class Candidates:
 
 
 def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
-    """All candidates of points (p, 3); a point whose light does not pass the lens has none."""
+    """All candidates of points; a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else Nearby(tracer.vertices_mm)
@@ -114,8 +107,7 @@ def _fans(tracer: Tracer) -> list[np.ndarray]:
 def _footprint(
     tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Crossings of a point's rays with the plane of the sensor or array, and slopes there; vision x and y, (n, 2)
-    each.
+    """Crossings with the plane of the sensor or array, slopes there, vision x and y, (n, 2) each, and the rays traced.
 
     Rays of the first fan of which any ray passes.
     """
@@ -161,26 +153,14 @@ def chief_points(
     x_px: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
-    """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN if there is none.
-
-    Parameters
-    ----------
-    microlens : (n,) int64
-    x_px : (n, 2) float64
-        Start positions.
-    planes : (n, 4, 3) float64
-        Tangent planes with their target points as origins.
-    """
+    """Positions whose chief ray meets the origin of a plane, (n, 2) [px], near start positions; NaN: there is none."""
     x = x_px.copy()
     miss = _chief_hits(tracer, microlens, x, planes)
-    jacobian = chief_jacobian(tracer, microlens, x, planes)
-    with np.errstate(invalid="ignore"):
-        regular = np.abs(np.linalg.det(jacobian)) > 0
-    inverse = np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
+    px_per_mm = inverse(chief_jacobian(tracer, microlens, x, planes))
     step = np.full(x.shape, np.nan)
     for _ in range(_STEPS):
         # The derivative hardly changes between two positions of one point.
-        step = -np.einsum("nij,nj->ni", inverse, miss)
+        step = -np.einsum("nij,nj->ni", px_per_mm, miss)
         x = x + step
         if not (np.abs(step) > _DONE_PX).any():
             break
@@ -194,9 +174,7 @@ def chief_jacobian(
     x_px: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
-    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN if there is no chief
-    ray.
-    """
+    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN without a chief ray."""
     change = [
         _chief_hits(tracer, microlens, x_px + step, planes) - _chief_hits(tracer, microlens, x_px - step, planes)
         for step in _DIFFERENCE_PX * np.eye(2)
@@ -219,3 +197,10 @@ def _chief_hits(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes:
     if len(known):
         hits[known] = single_hits(arrays, positions, microlens[known], aims, planes[known])
     return hits
+
+
+def inverse(jacobian: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
+    """Inverse matrices, (n, 2, 2); NaN if singular."""
+    with np.errstate(invalid="ignore"):
+        regular = np.abs(np.linalg.det(jacobian)) > 0
+    return np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))

@@ -48,9 +48,7 @@ class Guess:
 
 
 def guesses(rig: Rig, planes: Float64[np.ndarray, "n 4 3"]) -> tuple[Guess, int]:
-    """All pairs of a target point that faces the camera and a micro-image that may see it, and the number of traced
-    rays.
-    """
+    """Pairs of a point that faces the camera and a micro-image that may see it, and the number of traced rays."""
     facing = np.flatnonzero(faces_camera(planes))
     pairs = candidates(rig, planes[facing, 0])
     return Guess(facing[pairs.point], np.maximum(pairs.microlens, 0), pairs.x_px), pairs.rays
@@ -66,12 +64,8 @@ def solve(
 ) -> Correspondences:
     """Solve J(x) = p for pairs, and keep the rows that exist.
 
-    Parameters
-    ----------
-    jacobian : (n, 2, 2) float64, optional
-        Derivatives of J at the guesses, if these are rough solutions already.
-    planes : (p, 4, 3) float64
-        Per target point the tangent plane there, vision frame: rows point, first axis, second axis, normal.
+    `planes` are the tangent planes at the target points; `jacobian` are derivatives of J at guesses that are rough
+    solutions already.
     """
     where = guess.x_px, rig.home_px(guess.cell)
     search = Search(rig.tracer, rig.microlens(guess.cell), planes[guess.point], *where, rig.square_px)
@@ -129,17 +123,10 @@ def blur_of(
     jacobian: Float64[np.ndarray, "n 2 2"],
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the bundles of the rows themselves, and the number of
-    traced rays.
+    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the rows' own bundles, and the number of traced rays.
 
-    Parameters
-    ----------
-    planes : (n, 4, 3) float64
-        Tangent planes at the target point of each row.
-    jacobian : (n, 2, 2) float64
-        Derivative of J there [mm per px].
-    moments : (n, COLUMNS) float64
-        Moments of the bundles on those planes; bundles that start on squares are traced again from the positions.
+    `jacobian` is the derivative of J [mm per px] and `moments` are those of the bundles on the tangent planes of each
+    row's point; bundles that start on squares are traced again from the positions.
     """
     microlens, rays = rig.microlens(cell), 0
     if rig.square_px:
@@ -157,15 +144,9 @@ def blur_of(
 def with_own_bundles(
     rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
 ) -> Correspondences:
-    """The same rows with hit fraction and blur of their own bundles; rows with too little light are dropped and
-    counted.
+    """The same rows with light and blur of their own bundles; rows with too little light are dropped and counted.
 
-    Rows by `direct` have both already.
-
-    Parameters
-    ----------
-    planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `direct_rows.solve`.
+    Rows by `direct` have both already. `planes` are the tangent planes at the target points.
     """
     others = np.flatnonzero(rows.method != "direct")
     solutions = rows.solutions.only(others)
@@ -186,13 +167,7 @@ def with_own_bundles(
 def polished(
     rig: Rig, estimated: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
 ) -> Correspondences:
-    """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`.
-
-    Parameters
-    ----------
-    planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `direct_rows.solve`.
-    """
+    """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`."""
     assert settings.claim_px is not None
     rows = estimated.solutions
     trusted = _SIGMAS * rows.error_px <= settings.claim_px

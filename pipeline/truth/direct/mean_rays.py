@@ -13,7 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
-from pipeline.truth.direct.candidates import chief_jacobian
+from pipeline.truth.direct.candidates import chief_jacobian, inverse
 from pipeline.truth.direct.newton import errors_px
 
 _AT_ONCE = 1 << 14
@@ -26,15 +26,9 @@ _DIFFERENCE_PX = 0.25
 class MeanRays:
     """Mean rays of image positions, vision frame; NaN where no light leaves.
 
-    Attributes
-    ----------
-    microlens : (n,) int64
-        Row of the microlens whose bundle it is, or NO_MICROLENS.
-    crossings_mm : (n, 2, 2) float64
-        Crossings with two planes: x and y on the near one, then on the far one.
-    error_px : (n, 2) float64
-        Error of the integral on the near plane, mapped to the image.
-    hit_fraction : (n,) float64
+    `microlens`: row of the microlens whose bundle it is, or NO_MICROLENS.
+    `crossings_mm`: x and y on the near plane, then on the far one.
+    `error_px`: error of the integral on the near plane, mapped to the image.
     """
 
     microlens: Int64[np.ndarray, "n"]
@@ -48,10 +42,7 @@ def mean_rays(
 ) -> MeanRays:
     """Integrate the bundles of positions, each behind the microlens of its own cell, as finely as the accuracy asks.
 
-    Parameters
-    ----------
-    planes_mm : tuple of float
-        Vision z of the near and of the far plane.
+    `planes_mm`: vision z of the near and of the far plane.
     """
     microlens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
@@ -67,12 +58,12 @@ def _integrated(
     """Moments (n, COLUMNS) and errors (n, 2) [px]; levels of quadrature follow until the errors are small enough."""
     planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     bundles = Bundles(x_px, microlens, planes, rig.square_px)
-    inverse = _inverse_jacobian(rig, bundles)
+    px_per_mm = _inverse_jacobian(rig, bundles)
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
     rows = np.arange(len(x_px))
     for level in range(1, LEVELS):
         integral = integrals(rig.tracer, _some(bundles, rows), level)
-        moments[rows], error[rows] = integral.moments, errors_px(inverse[rows], integral)
+        moments[rows], error[rows] = integral.moments, errors_px(px_per_mm[rows], integral)
         is_done = np.isnan(integral.moments[:, 0]) | (np.hypot(*error[rows].T) < accuracy_px)
         rows = rows[~is_done]
         if not len(rows):
@@ -93,9 +84,7 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
         )
         plus, minus = (integral.moments[:, :2] for integral in ends)
         jacobian[lacking, :, axis] = (plus - minus) / (2 * _DIFFERENCE_PX)
-    with np.errstate(invalid="ignore"):
-        is_regular = np.abs(np.linalg.det(jacobian)) > 0
-    return np.linalg.inv(np.where(is_regular[:, None, None], jacobian, np.nan))
+    return inverse(jacobian)
 
 
 def _some(bundles: Bundles, rows: np.ndarray) -> Bundles:

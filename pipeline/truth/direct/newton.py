@@ -12,7 +12,7 @@ from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pool
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
-from pipeline.truth.direct.candidates import chief_jacobian
+from pipeline.truth.direct.candidates import chief_jacobian, inverse
 
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
@@ -56,36 +56,21 @@ exist at most so far from there, (m,) bool.
 class Search:
     """Newton's method for many candidates at once; finished rows drop out.
 
-    Parameters
-    ----------
-    microlens : (n,) int64
-    planes : (n, 4, 3) float64
-        Tangent planes whose origins are the target points: J(x) = 0 is solved.
-    x_px, home_px : (n, 2) float64
-        First guesses, and positions that certainly receive light, towards which a guess without light moves.
-    square_px : float
-        Edge of the square around a position on which its rays start; 0: they start at the position itself.
+    `planes` are tangent planes whose origins are the target points: J(x) = 0 is solved. `x_px` are first guesses,
+    `home_px` positions that certainly receive light, towards which a guess without light moves. `square_px` is the edge
+    of the square around a position on which its rays start; 0: they start at the position itself.
 
-    Attributes
-    ----------
-    x_px : (n, 2) float64
-        Solutions after `approach` and `refine`; NaN if there is none.
-    jacobian : (n, 2, 2) float64
-        Derivative of J by image position [mm per px]; columns are x and y.
-    sigma_px : (n, 2) float64
-        Error of the integral and remaining error of Newton's method, mapped to the image.
-    moments : (n, COLUMNS) float64
-        Moments of the bundle at the solution, on the tangent plane.
-    is_random, reached : (n,) bool
-        Whether random rays replaced the quadrature; whether the required accuracy was reached.
-    anchor_px : (n, 2) float64
-        Positions whose random numbers are also used at neighbouring positions: with others J would jump.
-    left_over : (n,) float64
-        Part of a step that remained after it, as last measured; infinite before.
-    random_mm : (n, 2) float64
-        Standard error of J from the last random rays; NaN without random rays.
-    rays : int
-        Number of rays traced so far.
+    Attributes, a row for each candidate:
+
+    `x_px`: solutions after `approach` and `refine`; NaN if there is none.
+    `jacobian`: derivative of J by image position [mm per px]; columns are x and y.
+    `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
+    `moments`: of the bundle at the solution, on the tangent plane.
+    `is_random`, `reached`: whether random rays replaced the quadrature; whether the accuracy was reached.
+    `anchor_px`: positions whose random numbers serve neighbouring positions, too: with others J would jump.
+    `left_over`: part of a step that remained after it, as last measured; infinite before.
+    `random_mm`: standard error of J from the last random rays; NaN without random rays.
+    `rays`: number of rays traced so far, of all.
     """
 
     def __init__(
@@ -108,14 +93,13 @@ class Search:
         self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
-        """Newton's method with rough integrals until steps are short; rows stop when they leave the region where
-        they may exist.
+        """Newton's method with rough integrals until steps are short; rows stop where they may no longer exist.
 
         It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
         """
         rows = self._leave_the_dark()
         self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], self.planes[rows, 0])
-        self.inverse[rows] = _inverse(self.jacobian[rows])
+        self.inverse[rows] = inverse(self.jacobian[rows])
         self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         self._step_nearer(rows, may_exist)
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
@@ -130,7 +114,7 @@ class Search:
 
     def begin_at(self, jacobian: Float64[np.ndarray, "n 2 2"]) -> None:
         """Accept the guesses as rough solutions, with known derivatives (n, 2, 2)."""
-        self.jacobian, self.inverse = jacobian.copy(), _inverse(jacobian)
+        self.jacobian, self.inverse = jacobian.copy(), inverse(jacobian)
 
     def refine(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
@@ -166,9 +150,7 @@ class Search:
                 break
 
     def _measure(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Measure the part of a step that remains to be made according to J, which shows the error of the
-        derivative.
-        """
+        """Measure the part of a step that remains to be made according to J: the error of the derivative."""
         with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
             share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
         self.left_over[rows] = np.fmax(share, _TRUST)
@@ -209,7 +191,7 @@ class Search:
             change = np.where(np.isnan(plus), here - minus, change)
             change = np.where(np.isnan(minus), plus - here, change)
             self.jacobian[rows, :, i] = change / half_px
-        self.inverse[rows] = _inverse(self.jacobian[rows])
+        self.inverse[rows] = inverse(self.jacobian[rows])
         return is_bent & ~self.is_random[rows]
 
     def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
@@ -271,13 +253,5 @@ def errors_px(inverse: Float64[np.ndarray, "n 2 2"], integral: Integral) -> np.n
     return np.where(integral.is_random[:, None], in_squares, directly)
 
 
-def _inverse(jacobian: np.ndarray) -> np.ndarray:
-    """Inverse matrices; NaN if singular."""
-    with np.errstate(invalid="ignore"):
-        regular = np.abs(np.linalg.det(jacobian)) > 0
-    return np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
-
-
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Products of matrices and vectors row by row, (n, 2)."""
     return np.einsum("nij,nj->ni", matrices, vectors)

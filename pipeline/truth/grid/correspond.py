@@ -17,16 +17,10 @@ from pipeline.truth.settings import TruthSettings
 
 @dataclass(frozen=True, slots=True)
 class RawSolutions:
-    """Solutions found by a search, before the best one of each point and cell is chosen.
+    """Solutions of a search in the order of the grid, before the best one of each point and cell is chosen.
 
-    Attributes
-    ----------
-    solutions : Solutions
-        Solutions in the order of the grid.
-    nearest_mm : (n,) float64
-        Distance of the nearest value from the point; the solution with the smallest is the best.
-    counts : dict
-        Counts of candidates, and of rejections by reason.
+    `nearest_mm`: distance of the nearest value from the point; the solution with the smallest is the best.
+    `counts`: of candidates, and of rejections by reason.
     """
 
     solutions: Solutions
@@ -37,21 +31,9 @@ class RawSolutions:
 def find(
     image: Float64[np.ndarray, "n m 2"], points_mm: Float64[np.ndarray, "p 3"], grid: RayGrid, settings: TruthSettings
 ) -> tuple[Solutions, dict]:
-    """Search target points in a position image.
+    """Search target points in a position image, both in the target frame; flat targets have z = 0.
 
-    Parameters
-    ----------
-    image : (K h, K w, 2) float64
-        J in the target frame.
-    points_mm : (p, 3) float64
-        Target points; flat targets have z = 0.
-
-    Returns
-    -------
-    Solutions
-        At most one row per point and cell.
-    dict
-        Counts of candidates, rejections by reason, and ambiguous rows.
+    Returns at most one row per point and cell, and counts of candidates, rejections by reason, and ambiguous rows.
     """
     seen = sightings(image, points_mm, grid, settings, slice(0, len(image)))
     best, ambiguous = best_of(seen.solutions, seen.nearest_mm, settings)
@@ -170,17 +152,7 @@ def correspond(
     settings: TruthSettings,
 ) -> Correspondences:
     """Ground truth of the points of one plane, in its frame: all rows that exist, with blur and error."""
-    return completed(*find(image, points_mm, grid, settings), grid, vision_from_target, settings)
-
-
-def completed(
-    solutions: Solutions,
-    counts: dict,
-    grid: RayGrid,
-    vision_from_target: Float64[np.ndarray, "4 4"],
-    settings: TruthSettings,
-) -> Correspondences:
-    """The rows that exist among the results of a search, sorted by point, l, k, with blur and error."""
+    solutions, counts = find(image, points_mm, grid, settings)
     rows = with_light(solutions, grid, vision_from_target, settings)
     return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
@@ -196,7 +168,7 @@ def with_light(
     return Correspondences(
         solutions,
         _sigma(solutions, grid, blurred, covariance),
-        _sampled(grid.hit_fraction, solutions, grid),
+        grid.hit_fraction[_nearest_fine(solutions, grid)],
         blurred,
         blur.signed_radius_px(blurred, uv),
         {},
@@ -212,10 +184,6 @@ def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.n
         for x, first in zip((solutions.x_px, solutions.y_px), grid.first_px, strict=True)
     )
     return row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
-
-
-def _sampled(values: np.ndarray, solutions: Solutions, grid: RayGrid) -> np.ndarray:
-    return values[_nearest_fine(solutions, grid)]
 
 
 def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

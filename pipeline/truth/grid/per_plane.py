@@ -66,8 +66,6 @@ def correspond_points(
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
-    """A tangent plane that faces the camera, its index among those of its target, and vision_from_plane."""
-
     number: int
     plane: TangentPlane
     pose: np.ndarray
@@ -135,8 +133,7 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
 
 
 def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
-    """Largest distance of the surface from its tangent plane within the blur of a row, over all rows; 0 for flat
-    targets.
+    """Largest distance of the surface from its tangent plane within the blur of a row; 0 for flat targets.
 
     Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """

@@ -21,9 +21,7 @@ shares of a step along both; the last one is their number.
 
 
 class Filter(NamedTuple):
-    """The paper's filters of quads: whether they are applied, and the largest deviations of lengths [1] and angles
-    [rad].
-    """
+    """The paper's filters of quads: largest deviations of lengths [1] and angles [rad]."""
 
     is_used: bool
     lambda_d: float
@@ -32,9 +30,7 @@ class Filter(NamedTuple):
 
 @inline
 def _holds(a, b, c, d, px, py):
-    """Whether the quadrilateral a b c d holds the point. Of two quads with a common edge only one does (even-odd
-    rule).
-    """
+    """Whether a quadrilateral holds the point. Of two quads with a common edge only one does (even-odd rule)."""
     inside = False
     for p, q in ((a, b), (b, c), (c, d), (d, a)):
         if (p[1] > py) != (q[1] > py) and px < (q[0] - p[0]) * (py - p[1]) / (q[1] - p[1]) + p[0]:
@@ -56,9 +52,7 @@ def _window_in_cell(image, cell, column, row):
 
 @inline
 def _lengths_ok(image, oi, oj, ei, ej, limit):
-    """Whether all 12 distances of neighbours in each direction deviate from their mean by at most `limit`,
-    relatively.
-    """
+    """Whether all 12 distances of neighbours in each direction deviate from their mean by at most `limit` [1]."""
     for along_i in (True, False):
         total = 0.0
         for attempt in range(2):
@@ -100,16 +94,8 @@ def _angles_ok(image, oi, oj, ei, ej, limit):
 def quads_that_hold(image, cell, points, quads):
     """List the quads that hold a point. Returns their number, and fills `quads` up to its length.
 
-    Parameters
-    ----------
-    image : (h, w, 2) float64
-        Position image in the target frame.
-    cell : (h, w) int64
-        Label of the micro-image; negative: none.
-    points : (p, 2) float64
-        Target points.
-    quads : (n, 3) int64
-        Written: point, column and row of the quad's top-left position.
+    `image` (h, w, 2) is in the target frame, `cell` (h, w) the label of the micro-image, negative: none. Of `quads` (n,
+    3) are written: point, column and row of the quad's top-left position.
     """
     count = 0
     for j in range(image.shape[0] - 1):
@@ -136,15 +122,7 @@ def quads_that_hold(image, cell, points, quads):
 def solve_quads(image, cell, points, quads, limits, status, solutions):
     """Filter quads and solve p = J(o) + s (J(o + e_i) - J(o)) + t (J(o + e_j) - J(o)) in each.
 
-    Parameters
-    ----------
-    quads : (n, 3) int64
-        Quads from `quads_that_hold`.
-    limits : Filter
-    status : (n,) int64
-        Written: ACCEPTED or the reason for the rejection.
-    solutions : (n, SOLUTION) float64
-        Written: column and row of the solution; distance of J(o) from the point; derivatives of J; s and t.
+    Writes `status` (n,): ACCEPTED or the reason for the rejection, and `solutions` (n, SOLUTION).
     """
     for n in range(quads.shape[0]):
         p, i, j = quads[n]
@@ -183,12 +161,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
 def nearest_positions(image, cell, points, best, where):
     """The paper's naive search: per point and cell the position whose value lies nearest.
 
-    Parameters
-    ----------
-    best : (p, c) float64
-        Distance of the nearest value so far, read and updated [mm].
-    where : (p, c, 2) int64
-        Written: its column and row.
+    Updates `best` (p, c), the distance of the nearest value so far [mm], and `where` (p, c, 2), its column and row.
     """
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):

@@ -22,16 +22,10 @@ _FREEDOM = 16 - 6
 class QuadSolutions:
     """Solutions J(x) = p of the fitted surfaces.
 
-    Attributes
-    ----------
-    x : (n, 2) float64
-        Column and row from the middle of the quad; NaN unless all 16 values exist and lie in one micro-image.
-    jacobian : (n, 2, 2) float64
-        Derivative of J per step of the grid; columns are along columns and rows.
-    noise_gain : (n,) float64
-        Standard error of the solution over that of a single value.
-    error : (n,) float64
-        Expected error of the solution by the fit's residuals, in steps of the grid.
+    `x`: column and row from the middle of the quad; NaN unless all 16 values exist and lie in one micro-image.
+    `jacobian`: derivative of J per step of the grid; columns are along columns and rows.
+    `noise_gain`: standard error of the solution over that of a single value.
+    `error`: expected error of the solution by the fit's residuals, in steps of the grid.
     """
 
     x: Float64[np.ndarray, "n 2"]
@@ -46,16 +40,7 @@ def solve(
     quads: Int64[np.ndarray, "n 2"],
     points: Float64[np.ndarray, "n 2"],
 ) -> QuadSolutions:
-    """Solve J(x) = p in the surfaces around quads.
-
-    Parameters
-    ----------
-    image, cell : (h, w, 2) float64, (h, w) int64
-    quads : (n, 2) int64
-        Column and row of each quad's top-left position.
-    points : (n, 2) float64
-        Target points.
-    """
+    """Solve J(x) = p in the surfaces around quads, which have column and row of their top-left position."""
     values, complete = _windows(image, cell, quads)
     v, u = (grid.ravel() for grid in np.meshgrid(_OFFSETS, _OFFSETS, indexing="ij"))
     design = _terms(u, v)

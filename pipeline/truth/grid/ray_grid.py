@@ -1,25 +1,21 @@
 """Position images of a camera, in the form that the ground truth reads."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from pipeline.camera.micro_images.centres import Nearby
 from pipeline.records.shapes import Float64, Int64, Num
-from pipeline.truth.rows import Whereabouts
 
 
-class Cells:
-    """Cells of an image by the centres of its micro-images; see the protocol `truth.rows.Whereabouts`.
+class AnyRayGrid:
+    """The bundles of a camera, in memory or in a file that is read by windows; fields as in `RayGrid`.
 
-    Attributes
-    ----------
-    size_px, microlenses, centres_px
-        Fields with the meaning they have in `RayGrid`.
+    Cells are those of the centres of micro-images; see the protocol `truth.rows.Whereabouts`.
     """
 
     __slots__ = ()
+    supersampling: int
     microlenses: Int64[np.ndarray, "m 3"]
     centres_px: Float64[np.ndarray, "m 2"] | None
 
@@ -28,13 +24,17 @@ class Cells:
         """Width and height of the image."""
         raise NotImplementedError
 
+    def window(self, rows: slice, columns: slice) -> "RayGrid":
+        """The bundles of some rows and columns of the image; all micro-images are kept."""
+        raise NotImplementedError
+
     @property
     def axial(self) -> np.ndarray:
         """k and l of every cell, (m, 2)."""
         return self.microlenses[:, :2]
 
     def in_image(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Whether positions (n, 2) lie in the image."""
+        """Whether positions lie in the image."""
         size = np.array(self.size_px)
         return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2, axis=1)
 
@@ -45,59 +45,22 @@ class Cells:
         return Nearby(self.centres_px).nearest(x_px)[1][:, 0] == cell
 
 
-class AnyRayGrid(Whereabouts, Protocol):
-    """The bundles of a camera, in memory or in a file that is read by windows; attributes as in `RayGrid`."""
-
-    @property
-    def supersampling(self) -> int:
-        """K."""
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height of the image."""
-
-    @property
-    def microlenses(self) -> np.ndarray:
-        """All microlenses, (m, 3)."""
-
-    @property
-    def centres_px(self) -> np.ndarray | None:
-        """All micro-image centres, (m, 2)."""
-
-    def window(self, rows: slice, columns: slice) -> "RayGrid":
-        """The bundles of some rows and columns of the image."""
-
-
 @dataclass(frozen=True, slots=True)
-class RayGrid(Cells):
+class RayGrid(AnyRayGrid):
     """Bundles of a camera, as the task `rays` stores them, on a grid K times finer than the image.
 
-    Attributes
-    ----------
-    supersampling : int
-        K.
-    near_mm, far_mm : float
-        Vision z of the two planes.
-    near, far : (K h, K w, 2) float64
-        J_near and J_far: mean crossings, vision frame [mm].
-    covariance : (h, w, 10) float64
-        Upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1, of rays that start at one point
-        [mm^2].
-    hit_fraction : (K h, K w) float64
-    error_px : (K h, K w, 2) float64
-        Standard error of J from the ray sampling, on the worse of the two planes [px].
-    cell : (K h, K w) int64
-        Index of the microlens in `microlenses`; 0 everywhere for a conventional camera.
-    microlenses : (m, 3) int64
-        k, l and type of the microlenses; one row of zeros for a conventional camera.
-    centres_px : (m, 2) float64 or None
-        Micro-image centres; None for a conventional camera.
-    square_steps : float
-        Edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the position
-        itself.
-    first_px : (int, int)
-        Column and row of the first pixel in the whole image. Image positions are always those of the whole image: in
-        another window a sum of the same numbers would be rounded elsewhere.
+    `near_mm`, `far_mm`: vision z of the two planes.
+    `near`, `far`: J_near and J_far: mean crossings, vision frame [mm].
+    `covariance`: upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1, of rays that start at one
+    point [mm^2].
+    `error_px`: standard error of J from the ray sampling, on the worse of the two planes.
+    `cell`: index of the microlens in `microlenses`; 0 everywhere for a conventional camera.
+    `microlenses`: k, l and type; one row of zeros for a conventional camera.
+    `centres_px`: micro-image centres; None for a conventional camera.
+    `square_steps`: edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the
+    position itself.
+    `first_px`: column and row of the first pixel in the whole image. Image positions are always those of the whole
+    image: in another window a sum of the same numbers would be rounded elsewhere.
     """
 
     supersampling: int
@@ -115,7 +78,6 @@ class RayGrid(Cells):
     first_px: tuple[int, int] = (0, 0)
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
-        """The bundles of some rows and columns of the image; all micro-images are kept."""
         k = self.supersampling
         fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
         names = ("near", "far", "hit_fraction", "error_px", "cell")
@@ -128,7 +90,6 @@ class RayGrid(Cells):
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height of the image."""
         return self.covariance.shape[1], self.covariance.shape[0]
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
-from pipeline.truth.judging.judged import Rows
-from pipeline.truth.judging.judges import SHARPER, differences, rms
+from pipeline.truth.judging.judges import SHARPER, Rows, differences, rms
 from pipeline.truth.settings import CLAIM_PX
 
 WITHIN = 0.95
@@ -33,12 +32,7 @@ pixels around a row, so rows nearer to a border have fewer of them.
 def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
     """Solve rows again and state the differences, as plain data for the manifest.
 
-    Parameters
-    ----------
-    of : int
-        Number of rows from which the sample was drawn.
-    claim_px : float or None
-        None: no claim, no verdict.
+    `of` is the number of rows from which the sample was drawn; without a claim there is no verdict.
     """
     apart, sigma = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
     length, sigma_length = np.hypot(*apart.T), np.hypot(*sigma.T)
@@ -84,10 +78,7 @@ def _verdict(
 ) -> tuple[bool | None, str | None]:
     """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided.
 
-    Parameters
-    ----------
-    length, own, weights : (n,) float64
-        Differences, their standard errors, and rows of the table that each stands for.
+    `own` are standard errors of the differences, `weights` the rows of the table that each stands for.
     """
     if not len(length):
         return None, NOTHING

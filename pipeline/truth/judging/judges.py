@@ -1,15 +1,21 @@
-"""Judging of rows: those of position images are solved again by quadrature, those by quadrature with random rays."""
+"""Samples of tables, and their judging: rows of position images are solved again by quadrature, those by quadrature
+with random rays.
+"""
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.camera.integrals import Bundles, pooled, random_integrals
 from pipeline.camera.rig import Rig
-from pipeline.records.shapes import Float64
+from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth.direct.newton import Search, errors_px
-from pipeline.truth.judging.judged import Rows
 
+ROWS = 64
+"""Most rows that are solved again for each camera, so that the cost does not grow with the build."""
+_FEWEST, _ONE_IN = 16, 8
+"""Rows that a build solves again: at least so many, else one in so many. More would cost more than the build itself."""
 SHARPER = 3.0
 """Ratio of claim to the judge's standard error above which a judgement is taken as exact. For a less exact one, the
 difference minus so many standard errors must refute a claim, and the difference plus so many must confirm it.
@@ -25,6 +31,51 @@ _ROUGH_PX = 0.01
 """Length of a step after which no further one with so many rays is needed [px]: the remaining error is far smaller."""
 _BATCHES = 6
 """Total number of batches with the largest number of rays, for rows that prevent a decision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of a table that are to be judged.
+
+    `planes`: tangent planes at their target points.
+    `cell`: index of their microlens; 0 for a conventional camera.
+    `is_direct`: whether they were found by quadrature.
+    `stands_for`: number of rows of the table that each one represents; None: one each.
+    """
+
+    planes: Float64[np.ndarray, "n 4 3"]
+    cell: Int64[np.ndarray, "n"]
+    x_px: Float64[np.ndarray, "n 2"]
+    is_direct: Bool[np.ndarray, "n"]
+    stands_for: Float64[np.ndarray, "n"] | None = None
+
+    def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
+        return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Number of rows of the table that each one represents, (n,)."""
+        return np.ones(len(self.cell)) if self.stands_for is None else self.stands_for
+
+    def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
+        """A sample of these rows with so many rows, which represents all of them."""
+        chosen = sample(self.is_direct, seed, rows)
+        of, drawn = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
+        kind = self.is_direct[chosen].astype(int)
+        return replace(self.only(chosen), stands_for=of[kind] / drawn[kind])
+
+
+def rows_of_build(of: int) -> int:
+    """Number of rows that the certificate of a build solves again if the tables have `of` rows."""
+    return min(ROWS, max(_FEWEST, of // _ONE_IN))
+
+
+def sample(is_direct: Bool[np.ndarray, "n"], seed: int, rows: int = ROWS) -> np.ndarray:
+    """Indices of up to so many rows, drawn without repetition, ascending; half of either kind if possible."""
+    order = np.random.default_rng(seed).permutation(len(is_direct))
+    others, direct = order[~is_direct[order]], order[is_direct[order]]
+    others = others[: max(rows // 2, rows - len(direct))]
+    return np.sort(np.concatenate([others, direct[: rows - len(others)]]))
 
 
 def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
@@ -61,10 +112,7 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, 
 class _RandomRays:
     """Rows that move to the positions where J is right according to random rays.
 
-    Attributes
-    ----------
-    apart_px, sigma_px : (n, 2) float64
-        Shift of each row and its standard error; NaN without light.
+    `apart_px`, `sigma_px`: shift of each row and its standard error; NaN without light.
     """
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
@@ -109,8 +157,7 @@ class _RandomRays:
     def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The remaining step from the present positions, and its standard error.
 
-        Random numbers are always those of the row's pixel, even if it moves: at a border other numbers would make J
-        jump.
+        Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
         """
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
         microlens = self.rig.microlens(self.rows.cell[here])

@@ -11,15 +11,7 @@ from pipeline.records.shapes import Float64
 
 
 class TracedGrid(NamedTuple):
-    """Positions that are traced for a bundle map.
-
-    Attributes
-    ----------
-    x_px, half_px : (2,) float64
-        Middle of the grid, and half its size along each axis.
-    order : int
-        Number of positions along each axis.
-    """
+    """Positions that are traced for a bundle map: middle of the grid, half its size, positions along each axis."""
 
     x_px: np.ndarray
     half_px: np.ndarray
@@ -30,17 +22,10 @@ class TracedGrid(NamedTuple):
 class BundleMap:
     """Polynomials of the image position for each node, through a grid of traced positions.
 
-    Attributes
-    ----------
-    x_px : (2,) float64
-        Middle of the grid.
-    half_px : (2,) float64
-        Half its size.
-    offsets : (k,) float64
-        Grid lines along each axis, from -1 to 1.
-    fields : (k k, a, r, 3) float64
-        Per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
-        area of the unit disc [sr].
+    `x_px`, `half_px`: middle of the grid, and half its size.
+    `offsets`: grid lines along each axis, from -1 to 1.
+    `fields`: per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and
+    weight per area of the unit disc [sr].
     """
 
     x_px: Float64[np.ndarray, "2"]
@@ -71,14 +56,7 @@ def bundle_map(
 ) -> BundleMap | None:
     """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped.
 
-    Parameters
-    ----------
-    microlens : int
-        Index of the microlens, or NO_MICROLENS.
-    plane : (4, 3) float64
-        Rows origin, first axis, second axis, normal; vision frame.
-    nodes : Polar
-        Polar nodes about the inner point of the middle position.
+    `nodes` are polar ones about the inner point of the middle position.
     """
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
     places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)

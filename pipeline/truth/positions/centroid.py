@@ -50,14 +50,7 @@ is about its square.
 
 @dataclass(frozen=True, slots=True)
 class Centroid:
-    """Centroid of the image of a disc; NaN unless the whole disc is seen.
-
-    Attributes
-    ----------
-    x_px : (2,) float64
-    error_px : float
-        Difference of the two integrals with different numbers of nodes.
-    """
+    """Centroid of the image of a disc, and the difference of two integrals; NaN unless the whole disc is seen."""
 
     x_px: Float64[np.ndarray, "2"]
     error_px: float
@@ -128,18 +121,14 @@ def _light_and_centroid(
 
 
 def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
-    """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised in the middle of a
-    map.
-    """
+    """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised in the map's middle."""
     middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
     apart = points_mm - _fields(look, middle)[..., :2]
     return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
 
 
 def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane, and density and px^2 per
-    mm^2 there.
-    """
+    """Positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane; density and px^2 per mm^2 there."""
     middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
     inverse = np.linalg.inv(_jacobian(around, middle))
     x = _linear(around, points_mm)

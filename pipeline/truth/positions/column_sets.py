@@ -29,17 +29,7 @@ SETS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetNote:
-    """Counts and remarks about a set.
-
-    Attributes
-    ----------
-    rows : int
-        Number of rows with a position.
-    empty : dict
-        Number of rows without a position, by reason.
-    error_px : float or None
-        Largest estimated error of the computation; None if unknown.
-    """
+    """Rows of a set with a position and, by reason, without; largest estimated error, None if unknown."""
 
     name: str
     rows: int
@@ -66,14 +56,7 @@ class SetNote:
 
 @dataclass(frozen=True, slots=True)
 class ColumnSet:
-    """One position per row of a target.
-
-    Attributes
-    ----------
-    x_px : (n, 2) float64
-        Positions; NaN for none.
-    note : SetNote
-    """
+    """One position per row of a target; NaN for none."""
 
     x_px: Float64[np.ndarray, "n 2"]
     note: SetNote
@@ -92,15 +75,7 @@ def column_set(
     planes: Float64[np.ndarray, "p 4 3"],
     rows: Solutions,
 ) -> ColumnSet:
-    """The positions of one set for the rows of a target.
-
-    Parameters
-    ----------
-    pose : (4, 4) float64
-        vision_from_target.
-    planes : (p, 4, 3) float64
-        Tangent planes at the points of the target, vision frame.
-    """
+    """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points."""
     make = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}[name]
     return make(rig, target, pose, planes[rows.point], rows)
 

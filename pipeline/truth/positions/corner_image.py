@@ -20,16 +20,7 @@ _SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[
 
 
 class CornerImage:
-    """The image of a corner as seen by the bundles of a map.
-
-    Parameters
-    ----------
-    around : BundleMap
-    ratio : float
-        (white + black) / (white - black).
-    step : int
-        Use only every `step`-th node of the map.
-    """
+    """The image of a corner as seen by every `step`-th node of a map; `ratio` is (white + black) / (white - black)."""
 
     def __init__(self, around: BundleMap, ratio: float, step: int = 1) -> None:
         self.around, self.ratio = around, ratio
@@ -48,8 +39,8 @@ class CornerImage:
     def _along(self, ends: np.ndarray) -> float:
         """Integral of the point image along a line of length 1 px.
 
-        If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes are
-        placed between the positions where the first and the last ray cross an edge.
+        If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes lie between
+        the positions where the first and the last ray cross an edge.
         """
         first, last = (self._extremes(end) for end in ends)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,15 +61,7 @@ class CornerImage:
 
 
 class CornerImages:
-    """The sum of the images that a corner has in the wavelengths of a camera's light.
-
-    Parameters
-    ----------
-    around : sequence of (float, BundleMap)
-        Share of each wavelength, and the bundles in its light.
-    ratio, step
-        As in `CornerImage`.
-    """
+    """The sum of the images that a corner has in the wavelengths of a camera's light, each with its share."""
 
     def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
         self.images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]

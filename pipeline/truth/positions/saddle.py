@@ -13,9 +13,8 @@ import numpy as np
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import TracedGrid, bundle_maps
-from pipeline.truth.positions.corner_image import CornerImages
-from pipeline.truth.positions.saddle_start import start_of
+from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map, bundle_maps
+from pipeline.truth.positions.corner_image import CornerImage, CornerImages
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the triangles of a bundle; the error falls with the square of these numbers."""
@@ -37,18 +36,23 @@ _LONGEST_PX = 1.0
 """Distance after which positions are traced anew [px], and half the longest step: the map spans a pixel and a half."""
 _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
+_START_NODES = Polar(np.arange(17) / 16, 64)
+"""Nodes of the bundle of a first guess: the coarsest level suffices."""
+_DIFFERENCE_PX = 0.25
+"""Half the step of difference quotients of a first guess [px]: within the traced positions."""
+_WIDE_PX = 1.0
+"""Standard deviation of a bundle above which its image may have several stationary points [px]; a narrower one is
+smoothed by the pixel.
+"""
+_SWEEPS = 3
+"""Number of times that both edges are followed in turn: each brings the guess nearer."""
+_ROUGH = 0.02
+"""Precision of a move along an edge over the standard deviation [1]: Newton's method improves it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Position of the saddle of a corner's image; NaN if none was found.
-
-    Attributes
-    ----------
-    x_px : (2,) float64
-    error_px : float
-        Error due to the approximation of the bundle by triangles.
-    """
+    """Position of the saddle of a corner's image, and its error due to the triangles; NaN if none was found."""
 
     x_px: Float64[np.ndarray, "2"]
     error_px: float
@@ -64,21 +68,14 @@ def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "
 def saddle(
     tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
 ) -> Saddle:
-    """Find the saddle near an image position.
+    """Find the saddle near the position of J.
 
-    Parameters
-    ----------
-    x_px : (2,) float64
-        Position of J, near which the search begins.
-    plane : (4, 3) float64
-        Plane from `corner_plane`, vision frame.
-    ratio : float
-        (white + black) / (white - black).
+    `plane` is that of `corner_plane`, vision frame; `ratio` is (white + black) / (white - black).
     """
-    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, microlens, x_px, plane, ratio)
+    lost, start = Saddle(np.full(2, np.nan), np.nan), _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
-    x_px, moved, apart, hessian = start.x_px, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
+    (x_px, spread_px), moved, apart, hessian = start, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
     for level, (rings, directions) in enumerate(_LEVELS):
         for _ in range(_ROUNDS):
             nodes = Polar(np.arange(rings + 1) / rings, directions)
@@ -97,10 +94,66 @@ def saddle(
         apart = (x_px - _newton(CornerImages(around, ratio, 2), x_px, hessian)[0]) / 3
         if np.hypot(*apart) < _GOOD_PX:
             break
-    near = np.hypot(*(x_px - start.x_px)) <= max(1.0, start.spread_px)
+    near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
         return lost
     return Saddle(x_px + apart, float(np.hypot(*apart)))
+
+
+def _start(
+    tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float
+) -> tuple[np.ndarray, float] | None:
+    """First guess, and the standard deviation of the bundle in the image [px]; None if bundles around J are cut.
+
+    With coma J is far off, and a wide image has other stationary points. The guess is where both edges halve the
+    bundle; of a wide bundle, where each edge halves it on the other edge.
+    """
+    half = np.full(2, _HALF_PX)
+    around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDER), _START_NODES)
+    if around is None:
+        return None
+    nodes = around.at(x_px)
+    weight = (nodes[..., 2] * np.linspace(0, 1, nodes.shape[1])).ravel()
+    weight, hits = weight / weight.sum(), nodes[..., :2].reshape(-1, 2)
+    px_per_mm = np.linalg.inv(_jacobian(around, weight))
+    x_px = x_px - px_per_mm @ [_median(values, weight) for values in hits.T]
+    spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
+    if spread < _WIDE_PX:
+        return x_px, spread
+    wide = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half + spread, _ORDER), _START_NODES)
+    if wide is None:
+        return None
+    return _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread), spread
+
+
+def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_px: float) -> np.ndarray:
+    """Move along both edges in turn to where the derivative along the other one vanishes and grows in its direction."""
+    from scipy.optimize import brentq
+
+    first, second = (px_per_mm / np.linalg.norm(px_per_mm, axis=0)).T
+    for along, across in ((first, second), (second, first)) * _SWEEPS:
+
+        def slope(s: float, x: np.ndarray = x_px, along: np.ndarray = along, across: np.ndarray = across) -> float:
+            return float(image.gradient(x + s * along) @ across)
+
+        reach = 2 * spread_px
+        if slope(-reach) * slope(reach) < 0:
+            x_px = x_px + brentq(slope, -reach, reach, xtol=_ROUGH * spread_px) * along
+    return x_px
+
+
+def _median(values: np.ndarray, weight: np.ndarray) -> float:
+    order = np.argsort(values)
+    return float(np.interp(0.5, np.cumsum(weight[order]) - weight[order] / 2, values[order]))
+
+
+def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
+    """Derivative of the mean hit by the position, (2, 2) [mm per px]."""
+    steps = _DIFFERENCE_PX * np.eye(2)
+    means = [
+        [weight @ around.at(around.x_px + sign * step)[..., :2].reshape(-1, 2) for sign in (1, -1)] for step in steps
+    ]
+    return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _DIFFERENCE_PX)
 
 
 def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

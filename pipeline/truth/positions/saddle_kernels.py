@@ -23,14 +23,10 @@ def blend(fields, basis, nodes):
 
 @kernel
 def corner_light(nodes, ratio):
-    """Integral of weight times (ratio + 1) on white and (ratio - 1) on black.
+    """Integral of weight times (ratio + 1) on white and (ratio - 1) on black, with `ratio` as of `saddle`.
 
-    Parameters
-    ----------
-    nodes : (a, r, 3) float64
-        Per direction and share 0, 1 / (r - 1), ..., 1 of the radius: both coordinates, and density on the unit disc.
-    ratio : float
-        (white + black) / (white - black).
+    `nodes` (a, r, 3): per direction and share 0, 1 / (r - 1), ..., 1 of the radius, both coordinates and the density on
+    the unit disc.
     """
     directions, rings = nodes.shape[0], nodes.shape[1] - 1
     total = 0.0
