@@ -10,7 +10,8 @@ from the target, whose frame has its origin in the middle, x right, y up, z towa
 """
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -159,32 +160,17 @@ OURS = Convention(origin=Origin.ZERO, board=Board.OURS, unit=Unit.MM, microlense
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format(Convention):
-    """A format: who reads it, its files, what it reads of a build, and what its numbers mean.
+    """A format: who reads it, its files, what it reads of a build, and what its numbers mean."""
 
-    Attributes
-    ----------
-    consumer : str
-        Who reads it.
-    source : str
-        How we know: programs that are run on files, in every test or in a proof, and what was only read.
-    note : str
-        Facts that a reader of its files has to know, beside their names.
-    files : tuple of str
-        Paths in its folder. `<camera>`, `<plenoptic camera>`, `<frame>` and `<pair>` (of cameras)
-        stand for as many files.
-    cameras, targets, reads
-    least_cameras : int
-        Fewest cameras, or channels of one, that it relates to each other.
-    """
-
-    consumer: str
-    source: str = ""
-    note: str = ""
+    consumer: str  # who reads it
+    source: str = ""  # how we know: programs that are run on files, in every test or in a proof, and what was only read
+    note: str = ""  # facts that a reader of its files has to know, beside their names
+    # Paths in its folder; <camera>, <plenoptic camera>, <frame> and <pair> (of cameras) stand for as many files
     files: tuple[str, ...]
     cameras: Cameras
     targets: Targets = Targets.ANY
     reads: frozenset[Reads] = frozenset({Reads.CORNERS})
-    least_cameras: int = 1
+    least_cameras: int = 1  # fewest cameras, or channels of one, that it relates to each other
 
     def takes(self, is_plenoptic: bool) -> bool:
         """Whether it can describe such a camera."""
@@ -193,29 +179,22 @@ class Format(Convention):
     def paths(self, cameras: Mapping[str, bool], frames: Iterable[int]) -> list[str]:
         """All files of an export, with its side-car, sorted.
 
-        Parameters
-        ----------
-        cameras : mapping of str to bool
-            Name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
-        frames : iterable of int
+        `cameras`: name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
         """
-        numbers = list(frames)
-        return sorted({SIDE_CAR, *(path for pattern in self.files for path in _filled(pattern, cameras, numbers))})
-
-
-def _filled(pattern: str, cameras: Mapping[str, bool], frames: list[int]) -> Iterator[str]:
-    """Paths for which a pattern stands."""
-    lists = {
-        "<camera>": list(cameras),
-        "<plenoptic camera>": [name for name, is_plenoptic in cameras.items() if is_plenoptic],
-        "<pair>": [f"{first}-{second}" for first, second in combinations(cameras, 2) if is_pair(first, second)],
-        "<frame>": [f"{frame:04d}" for frame in frames],
-    }
-    paths = [pattern]
-    for word, values in lists.items():
-        if word in pattern:
-            paths = [path.replace(word, value) for path in paths for value in values]
-    yield from paths
+        lists = {
+            "<camera>": list(cameras),
+            "<plenoptic camera>": [name for name, is_plenoptic in cameras.items() if is_plenoptic],
+            "<pair>": [f"{first}-{second}" for first, second in combinations(cameras, 2) if is_pair(first, second)],
+            "<frame>": [f"{frame:04d}" for frame in frames],
+        }
+        paths = {SIDE_CAR}
+        for pattern in self.files:
+            filled = [pattern]
+            for word, values in lists.items():
+                if word in pattern:
+                    filled = [path.replace(word, value) for path in filled for value in values]
+            paths.update(filled)
+        return sorted(paths)
 
 
 def is_pair(first: str, second: str) -> bool:
@@ -237,10 +216,7 @@ def names() -> list[str]:
 def format_of(name: str) -> Format:
     """The format of a name; its module is loaded.
 
-    Raises
-    ------
-    ExportError
-        There is none, two packages have one of that name, or its package is broken.
+    Raises ExportError: as `module_of`.
     """
     record: Format = module_of(name).FORMAT
     return record
@@ -250,37 +226,27 @@ def loadable() -> dict[str, Format]:
     """Name -> format, of those that load: what `pipeline export` can be asked for."""
     formats = {}
     for name in names():
-        try:
+        with suppress(ExportError):  # whoever asks for it is told
             formats[name] = format_of(name)
-        except ExportError:
-            continue  # whoever asks for it is told
     return formats
 
 
 def module_of(name: str) -> ModuleType:
     """The module of a format, which has `FORMAT` and `write`.
 
-    Raises
-    ------
-    ExportError
-        As `format_of`.
+    Raises ExportError: there is none, two packages have one of that name, or its package is broken.
     """
     entry = entry_of(name)
-    where = f"of the package {_package(entry)}"
+    broken = f'the export format "{name}" of the package {_package(entry)}'
     try:
         module: ModuleType = entry.load()
     except Exception as error:  # a stranger's code may fail in any way
-        raise ExportError(
-            f'the export format "{name}" {where} cannot be loaded: {type(error).__name__}: {error}',
-            hint="mend or remove that package",
-            code="broken-export",
-        ) from error
+        what = f"{broken} cannot be loaded: {type(error).__name__}: {error}"
+        raise ExportError(what, hint="mend or remove that package", code="broken-export") from error
     if not isinstance(getattr(module, "FORMAT", None), Format) or not callable(getattr(module, "write", None)):
-        raise ExportError(
-            f'the export format "{name}" {where} is {entry.value}, which has no FORMAT or no write',
-            hint="its entry point names a module with both: docs/export_format.md",
-            code="broken-export",
-        )
+        what = f"{broken} is {entry.value}, which has no FORMAT or no write"
+        hint = "its entry point names a module with both: docs/export_format.md"
+        raise ExportError(what, hint=hint, code="broken-export")
     return module
 
 
@@ -296,27 +262,18 @@ def _entries(path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
 def entry_of(name: str) -> EntryPoint:
     """The entry point of a format, which is not loaded.
 
-    Raises
-    ------
-    ExportError
-        There is none, or two packages have one of that name.
+    Raises ExportError: there is none, or two packages have one of that name.
     """
     offered = _entries(tuple(sys.path)).get(name, [])
     if len(offered) > 1:
         packages = " and ".join(sorted(map(_package, offered)))
-        raise ExportError(
-            f'the packages {packages} each have an export format "{name}"',
-            hint="remove one of them",
-            code="broken-export",
-        )
+        what = f'the packages {packages} each have an export format "{name}"'
+        raise ExportError(what, hint="remove one of them", code="broken-export")
     if not offered:
         known = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
         guess = did_you_mean(name, names())
-        raise ExportError(
-            f'there is no export format "{name}"',
-            hint=f"{guess} formats: {known}" if guess else f"formats: {known}",
-            code="unknown-export",
-        )
+        hint = f"{guess} formats: {known}" if guess else f"formats: {known}"
+        raise ExportError(f'there is no export format "{name}"', hint=hint, code="unknown-export")
     return offered[0]
 
 

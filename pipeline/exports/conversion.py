@@ -1,15 +1,22 @@
-"""A material in the conventions of a format: the only place where offsets, axes, units and numberings are applied."""
+"""A material in the conventions of a format, and in its folder, held to the files that the format states.
+
+Only here offsets, axes, units and numberings are applied.
+"""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
+from pipeline import formats
+from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose
 from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
+from pipeline.exports.noise import Noise
 from pipeline.exports.sights import positions
-from pipeline.formats import Board, Centre, Convention, Microlenses, Origin, Pose, Rotation, Unit
+from pipeline.files.jsonfile import write_json
+from pipeline.formats import Board, Centre, Convention, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
 _AXES = {
@@ -21,13 +28,45 @@ _AXES = {
 """Axes of the target frame of a format, by rows, in our target frame."""
 
 
+def write_format(name: str, material: Material, folder: Path, position: str, noise: Noise) -> None:
+    """Write the files of a format, and export.json, into an empty folder.
+
+    `position`: kind of position that the material holds, for the side-car; likewise `noise`, which it has already.
+    Raises ExportError: the format cannot hold this material.
+    """
+    module = formats.module_of(name)
+    record: Format = module.FORMAT
+    module.write(converted(material, record), folder)
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
+    if record.centre is Centre.ROWS:
+        facts["pinholes_of_rows"] = _row_pinholes(material)
+    noisy = None if noise.is_none else asdict(noise)
+    others = ("cameras", "least_cameras", "targets", "reads", "files")
+    conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
+    write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
+    stated = record.paths({camera.name: camera.built.is_plenoptic for camera in material.cameras}, material.frames)
+    if sorted([*files, formats.SIDE_CAR]) != stated:
+        raise ValueError(f"{name} states the files {stated}, and wrote {files}")
+
+
+def _row_pinholes(material: Material) -> dict[str, Any]:
+    """The pinholes of the rows in our conventions, by the keys of camera.json; null where rows determine none."""
+    pinholes: dict[str, Any] = {}
+    for camera in material.cameras:
+        pinhole = camera.row_pinhole
+        pinholes[camera.name] = None
+        if pinhole is not None:
+            record = asdict(pinhole)
+            residual_px = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
+            pinholes[camera.name] = {**record, "residual_px": residual_px}
+    return pinholes
+
+
 def converted(material: Material, convention: Convention) -> Material:
     """A material as a format counts it.
 
-    Raises
-    ------
-    ExportError
-        Microlenses cannot be numbered as the format does it.
+    Raises ExportError: microlenses cannot be numbered as the format does it.
     """
     if convention.centre is Centre.ROWS:
         material = _by_rows(material)
@@ -43,12 +82,7 @@ def converted(material: Material, convention: Convention) -> Material:
         ),
         targets=tuple(_target(target, convention, frames[target.name]) for target in material.targets),
         views=tuple(
-            replace(
-                _posed(view, cameras[view.camera], convention, frames[view.target]),
-                observations=_observations(
-                    view.observations, convention, cameras[view.camera].size_px, grids[view.camera]
-                ),
-            )
+            _view(view, cameras[view.camera], convention, frames[view.target], grids[view.camera])
             for view in material.views
         ),
     )
@@ -180,34 +214,28 @@ def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> 
     )
 
 
-def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Convention) -> np.ndarray | None:
-    """The pose to the point that the format counts from, (4, 4) [mm]; None where it is a pinhole and none fits."""
-    if convention.centre is not Centre.PRINCIPAL_POINT:
-        return view.camera_from_target
-    front_mm = camera.built.record["lens"]["principal_planes_mm"][0]
-    return rigid(np.eye(3), np.array([0.0, 0.0, -front_mm])) @ view.built.poses.camera_from_target[view.target]
-
-
-def _posed(view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray) -> ExportView:
-    scale = convention.scale
+def _view(
+    view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray, grid: MicroImageGrid | None
+) -> ExportView:
+    """A view with positions, microlenses and poses as the format counts them; `frame` is `board_from_target`."""
+    scale, observations = convention.scale, view.observations
+    observations = replace(observations, positions=positions(observations.positions, convention, camera.size_px))
+    if grid and observations.microlenses is not None and convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
+        observations = replace(observations, microlenses=grid.cells(observations.microlenses))
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
-    camera_from_target = _camera_from_target(view, camera, convention)
-    if camera_from_target is None:
-        return replace(view, camera_from_world=world)
+    view = replace(view, camera_from_world=world, observations=observations)
+    camera_from_target = view.camera_from_target
+    if convention.centre is Centre.PRINCIPAL_POINT:
+        front_mm = camera.built.record["lens"]["principal_planes_mm"][0]
+        to_front = rigid(np.eye(3), np.array([0.0, 0.0, -front_mm]))
+        camera_from_target = to_front @ view.built.poses.camera_from_target[view.target]
+    if camera_from_target is None:  # it is to a pinhole, and none fits
+        return view
     pose = _scaled(camera_from_target @ inverse(frame), scale)
     directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
-    own_form = None if directed is None else stated(directed, convention.rotation)
-    return replace(view, camera_from_world=world, camera_from_target=pose, pose=own_form)
+    stated_pose = None if directed is None else stated(directed, convention.rotation)
+    return replace(view, camera_from_target=pose, pose=stated_pose)
 
 
 def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
     return rigid(a_from_b[:3, :3], a_from_b[:3, 3] * scale)
-
-
-def _observations(
-    seen: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
-) -> Observations:
-    places = positions(seen.positions, convention, size_px)
-    if grid is None or seen.microlenses is None or convention.microlenses is not Microlenses.MICRO_IMAGE_GRID:
-        return replace(seen, positions=places)
-    return replace(seen, positions=places, microlenses=grid.cells(seen.microlenses))

@@ -3,14 +3,14 @@
 import shutil
 import tempfile
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
-from pipeline.exports.gathering import POSITIONS, Around, chosen, gather
+from pipeline.exports.conversion import write_format
+from pipeline.exports.gathering import POSITIONS, chosen, gather
 from pipeline.exports.material import Material, Scene
 from pipeline.exports.noise import Noise, with_noise
 from pipeline.exports.ray_patches import Sight
-from pipeline.exports.writing import write_format
 from pipeline.formats import EXACT, Cameras, ExportError, Format, folder_of, format_of, loadable
 from pipeline.results.output import Output
 from pipeline.spelling import did_you_mean
@@ -20,13 +20,8 @@ from pipeline.spelling import did_you_mean
 class Request:
     """A choice of what is exported.
 
-    Attributes
-    ----------
-    only : tuple of str
-        Names of cameras and targets; all cameras where it names none, likewise targets.
-    position : str
-        Kind of position of a point: a key of `POSITIONS`.
-    noise : Noise
+    `only`: names of cameras and targets; all cameras where it names none, likewise targets.
+    `position`: kind of position of a point: a key of `POSITIONS`.
     """
 
     only: tuple[str, ...] = ()
@@ -58,25 +53,14 @@ def scene_of(out: Path) -> Scene:
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
     """Write a build in several formats, each into a folder of its name; all or nothing of a format.
 
-    Parameters
-    ----------
-    formats : list of str
-        Names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
-
-    Returns
-    -------
-    list of Path
-        The folders.
-
-    Raises
-    ------
-    ExportError
-        A format is unknown, or cannot hold this build, or its folder is there.
+    `formats`: names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
+    Returns list of Path: the folders.
+    Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there.
     """
     asked = _asked(formats, folder, request or Request())
-    around = Around(sight=lambda name: sight_of(output.path, name), scene=lambda: scene_of(output.path))
+    sight, scene = partial(sight_of, output.path), partial(scene_of, output.path)
     materials = {
-        wish: with_noise(chosen(gather(output, wish.position, around), wish.only), wish.noise)
+        wish: with_noise(chosen(gather(output, sight, scene, wish.position), wish.only), wish.noise)
         for _, wish in asked.values()
     }
     for place, (name, wish) in asked.items():

@@ -1,7 +1,19 @@
-"""OpenCV's FileStorage, which several programs read. All of OpenCV that exports need enters here, when it is used."""
+"""Arrays of NumPy and OpenCV's FileStorage, which several programs read.
+
+All of OpenCV that exports need enters here, when it is used.
+"""
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+
+def write_npz(path: Path, remarks: Iterable[str], arrays: Mapping[str, Any]) -> None:
+    """Write arrays without pickles, after remarks; `np.load` opens them."""
+    with path.open("wb") as stream:
+        np.savez(stream, remarks=np.array(tuple(remarks)), **arrays)
 
 
 def yaml_text(remarks: Iterable[str], values: Mapping[str, Any]) -> str:

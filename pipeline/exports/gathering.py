@@ -1,15 +1,14 @@
 """The content of a build, gathered from its records into what writers take, in our conventions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from pipeline.camera.figures.pinhole_fit import Sightings
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
+from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Grid, Material, Observations, Scene
 from pipeline.exports.micro_images import MicroImages
 from pipeline.exports.ray_patches import Sight
 from pipeline.exports.row_pinhole import row_pinhole
@@ -26,32 +25,16 @@ POSITIONS = {EXACT: "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "cen
 """Which position of a point is exported -> its column; CONVENTIONS.md, Other positions of the same point."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Around:
-    """Everything that formats ask for beside the files of a build: it is made when it is asked for.
-
-    Attributes
-    ----------
-    sight : callable
-        Gives a camera made ready, by its name.
-    scene : callable
-        Gives what stands before the cameras.
-    """
-
-    sight: Callable[[str], Sight]
-    scene: Callable[[], Scene]
-
-
 _Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
 
 
-def gather(output: Output, position: str = EXACT, around: Around | None = None) -> Material:
+def gather(
+    output: Output, sight: Callable[[str], Sight], scene: Callable[[], Scene], position: str = EXACT
+) -> Material:
     """The content of a build in our conventions, unit mm.
 
-    Raises
-    ------
-    ExportError
-        The stage did not ask for that position.
+    `sight`: makes the camera of a name ready, when its rays are asked for.
+    Raises ExportError: the stage did not ask for that position.
     """
     views = [
         _view(output, view, target, position)
@@ -65,11 +48,11 @@ def gather(output: Output, position: str = EXACT, around: Around | None = None) 
     material = Material(
         stage=output.stage,
         remarks=remarks,
-        cameras=tuple(_camera(camera, around) for camera in output.cameras.values()),
+        cameras=tuple(_camera(camera, sight) for camera in output.cameras.values()),
         targets=tuple(map(_target, output.targets.values())),
         views=tuple(views),
         frames=output.frames,
-        scene=around.scene if around else None,
+        scene=scene,
     )
     return replace(material, cameras=tuple(_with_row_pinhole(camera, material) for camera in material.cameras))
 
@@ -89,10 +72,7 @@ def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
 def chosen(material: Material, names: tuple[str, ...]) -> Material:
     """A material of the cameras and targets of these names; all cameras where none is named, likewise targets.
 
-    Raises
-    ------
-    ExportError
-        There is neither of that name.
+    Raises ExportError: there is neither of that name.
     """
     known = [camera.name for camera in material.cameras] + [target.name for target in material.targets]
     for name in names:
@@ -126,14 +106,14 @@ def grid_of(nominal: np.ndarray) -> Grid | None:
     return Grid(columns=columns, rows=rows, column_step=across, row_step=down, step_mm=step_mm)
 
 
-def _camera(camera: BuiltCamera, around: Around | None) -> ExportCamera:
+def _camera(camera: BuiltCamera, sight: Callable[[str], Sight]) -> ExportCamera:
     return ExportCamera(
         name=camera.name,
         size_px=camera.size_px,
         pitch_mm=camera.pitch_mm,
         pinhole=camera.pinhole_with_distortion,
         axis=np.array(camera.record["optical_axis_px"]),
-        rays=CameraRays(built=camera, ready=partial(around.sight, camera.name) if around else None, convention=OURS),
+        rays=CameraRays(built=camera, ready=partial(sight, camera.name), convention=OURS),
         micro_images=_micro_images(camera),
         built=camera,
     )

@@ -1,50 +1,96 @@
 """Content of an export: cameras, targets, and what each camera observed of each target in each frame.
 
-`gathering` makes it of a build, in our conventions; `conversion` brings it into those of a format.
+`gathering` makes it of a build, in our conventions and mm; `conversion` brings it into those of a format.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera, StatedPose
+from pipeline.exports.micro_images import GridMesh, MicroImages
+from pipeline.exports.sights import CameraRays
 from pipeline.formats import ExportError
 from pipeline.frames import apply, inverse
-from pipeline.results.records import BuiltView
+from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grid:
-    """Points of a target that form a regular grid: id = row * columns + column, row 0 at the top.
+class StatedPose:
+    """A pose as a format states it: in its direction, its form of rotation and its unit."""
 
-    Attributes
-    ----------
-    columns, rows : int
-    column_step, row_step : float
-        Steps in the unit of the material.
-    step_mm : float or None
-        Side of its cells, whatever the unit; None where they are no squares.
-    """
+    rotation: np.ndarray  # (3,), (4,) or (3, 3), as the convention says
+    translation: np.ndarray  # (3,)
+
+    @property
+    def numbers(self) -> list[float]:
+        """Rotation, row by row, then translation."""
+        return [*self.rotation.ravel().tolist(), *self.translation.tolist()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportCamera:
+    """A camera, with what formats describe it by."""
+
+    name: str
+    size_px: tuple[int, int]
+    pitch_mm: float
+    # The equivalent pinhole with distortion; after the conversion that of the rows, if the format asks for it
+    pinhole: BuiltPinhole | None
+    axis: np.ndarray  # (2,), image position of the optical axis
+    micro_images: MicroImages | None = field(repr=False)  # None for a conventional camera
+    rays: CameraRays = field(repr=False)
+    built: BuiltCamera = field(repr=False)  # everything else that the build says, in our conventions
+    row_pinhole: BuiltPinhole | None = None  # None where rows determine none, and behind microlenses
+    mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
+    pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
+
+    @property
+    def model(self) -> BuiltPinhole:
+        """The pinhole, of formats that cannot do without one.
+
+        Raises ExportError: none fits.
+        """
+        if self.pinhole is None:
+            raise ExportError(
+                f"no pinhole fits {self.name}, and this format describes a camera by one",
+                hint="camera.json says how much of the image has light; choose other cameras with --only",
+            )
+        return self.pinhole
+
+    @property
+    def opencv(self) -> list[float]:
+        """fx, fy, cx, cy, k1, k2, p1, p2, k3 of `model`."""
+        f = self.model.principal_distance_px
+        return [f, f, *self.model.principal_point_px.tolist(), *self.model.distortion.tolist()]
+
+    @property
+    def array(self) -> tuple[MicroImages, GridMesh]:
+        """Micro-images and the mesh through them, of formats for plenoptic cameras."""
+        assert self.micro_images is not None and self.mesh is not None
+        return self.micro_images, self.mesh
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """Points of a target that form a regular grid: id = row * columns + column, row 0 at the top."""
 
     columns: int
     rows: int
-    column_step: float
+    column_step: float  # in the unit of the material, like `row_step`
     row_step: float
-    step_mm: float | None
+    step_mm: float | None  # side of its cells, whatever the unit; None where they are no squares
 
     @property
     def square_mm(self) -> float:
         """Side of its cells, of formats that know squares alone.
 
-        Raises
-        ------
-        ExportError
-            They are no squares.
+        Raises ExportError: they are no squares.
         """
         if self.step_mm is None:
             raise ExportError("this format knows boards with square cells, and columns and rows differ here")
@@ -53,48 +99,26 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportTarget:
-    """A target.
-
-    Attributes
-    ----------
-    points, nominal : (n, 3) float64
-        The row is the id.
-    grid : Grid or None
-        The regular grid whose points the ids count from the top; None where they do not.
-    """
+    """A target."""
 
     name: str
     kind: str
     parameters: dict[str, Any]
-    points: np.ndarray
-    nominal: np.ndarray
-    grid: Grid | None
+    points: np.ndarray  # (n, 3), the row is the id
+    nominal: np.ndarray  # (n, 3)
+    grid: Grid | None  # the regular grid whose points the ids count from the top; None where they do not
     is_flat: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observations:
-    """Image positions of target points in one view, a row each, sorted by point and microlens.
+    """Image positions of target points in one view, a row each, sorted by point and microlens."""
 
-    Attributes
-    ----------
-    rows : (n,) int64
-        Rows in the table of the view.
-    ids : (n,) int64
-        Ids of the points.
-    positions : (n, 2) float64
-        Image positions.
-    microlenses : (n, 2) int64 or None
-        None for a conventional camera.
-    rho_px : (n,) float64
-        Signed blur radius, positive: the target lies beyond best focus.
-    """
-
-    rows: np.ndarray
-    ids: np.ndarray
-    positions: np.ndarray
-    microlenses: np.ndarray | None
-    rho_px: np.ndarray
+    rows: np.ndarray  # (n,) int64, rows in the table of the view
+    ids: np.ndarray  # (n,) int64, ids of the points
+    positions: np.ndarray  # (n, 2)
+    microlenses: np.ndarray | None  # (n, 2) int64; None for a conventional camera
+    rho_px: np.ndarray  # (n,), signed blur radius, positive: the target lies beyond best focus
 
     def only(self, rows: np.ndarray) -> "Observations":
         """Some of the rows."""
@@ -109,31 +133,18 @@ class Observations:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportView:
-    """Everything that one camera sees of one target in one frame.
-
-    Attributes
-    ----------
-    camera, target : str
-    frame : int
-    image : str
-        Path of the preview below the output folder.
-    built : BuiltView
-    camera_from_target : (4, 4) float64 or None
-        Transform to the centre of projection, in the unit of the material; None where no pinhole fits.
-    camera_from_world : (4, 4) float64 or None
-    pose : StatedPose or None
-        Pose of the target as the format states it; None if it does not, and before the conversion.
-    """
+    """Everything that one camera sees of one target in one frame."""
 
     camera: str
     target: str
     frame: int
-    image: str
+    image: str  # path of the preview below the output folder
     built: BuiltView = field(repr=False)
+    # (4, 4), to the centre of projection, in the unit of the material; None where no pinhole fits
     camera_from_target: np.ndarray | None
     camera_from_world: np.ndarray | None
     observations: Observations
-    pose: StatedPose | None = None
+    pose: StatedPose | None = None  # of the target, as the format states it; None if not, and before the conversion
 
 
 class Scene(Protocol):
@@ -145,28 +156,19 @@ class Scene(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """All that is exported at once.
-
-    Attributes
-    ----------
-    stage : str
-        The stage that was built.
-    remarks : tuple of str
-        Lines that every file says which allows comments: what the numbers mean, and that noise was added.
-    views : tuple of ExportView
-        Sorted by camera, frame and target; one without observations is kept.
-    frames : tuple of int
-    scene : callable or None
-        Gives what stands before the cameras.
-    """
+    """All that is exported at once."""
 
     stage: str
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # for every file that allows comments: what the numbers mean, and that noise was added
     cameras: tuple[ExportCamera, ...]
     targets: tuple[ExportTarget, ...]
-    views: tuple[ExportView, ...]
-    frames: tuple[int, ...] = ()
-    scene: Callable[[], Scene] | None = field(default=None, repr=False)
+    views: tuple[ExportView, ...]  # sorted by camera, frame and target; one without observations is kept
+    frames: tuple[int, ...]
+    scene: Callable[[], Scene] = field(repr=False)  # made when it is asked for
+
+    def write_text(self, path: Path, lines: Iterable[str]) -> None:
+        """Write lines below the remarks, which begin with `# `."""
+        path.write_text("\n".join([*(f"# {line}" for line in self.remarks), *lines, ""]), encoding="utf-8")
 
     def of(self, camera: ExportCamera) -> tuple[ExportView, ...]:
         """Views of a camera."""
@@ -178,7 +180,7 @@ class Material:
 
     def residuals_px(self, view: ExportView) -> np.ndarray:
         """Distances of observations from where the pinhole of the camera projects their points, (n,)."""
-        (camera,) = (one for one in self.cameras if one.name == view.camera)
+        camera = next(camera for camera in self.cameras if camera.name == view.camera)
         points, pose = self.target(view.target).points[view.observations.ids], view.camera_from_target
         assert pose is not None
         return np.hypot(*(camera.model.projected(apply(pose, points)) - view.observations.positions).T)
@@ -187,10 +189,7 @@ class Material:
     def only_target(self) -> ExportTarget:
         """The target, of formats that know one.
 
-        Raises
-        ------
-        ExportError
-            There are several.
+        Raises ExportError: there are several.
         """
         if len(self.targets) != 1:
             names = ", ".join(target.name for target in self.targets)
@@ -204,10 +203,7 @@ class Material:
     def board(self) -> Grid:
         """Grid of the only target.
 
-        Raises
-        ------
-        ExportError
-            There are several, or its points form no regular grid.
+        Raises ExportError: there are several, or its points form no regular grid.
         """
         target = self.only_target
         if target.grid is None:
@@ -220,17 +216,13 @@ class Material:
     def between(self, first: ExportCamera, second: ExportCamera) -> np.ndarray:
         """The pose second_from_first, (4, 4).
 
-        Raises
-        ------
-        ExportError
-            It is not the same in all frames, or unknown.
+        Raises ExportError: it is not the same in all frames, or unknown.
         """
         if first.name == second.name:
             return np.eye(4)
-        pairs = zip(self.of(first), self.of(second), strict=True)
         poses = [
             b.camera_from_world @ inverse(a.camera_from_world)
-            for a, b in pairs
+            for a, b in zip(self.of(first), self.of(second), strict=True)
             if a.camera_from_world is not None and b.camera_from_world is not None
         ]
         if not poses:

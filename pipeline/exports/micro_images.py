@@ -18,57 +18,27 @@ _SIN_60 = math.sqrt(3) / 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicroImages:
-    """Micro-images of a plenoptic camera, a row each.
+    """Micro-images of a plenoptic camera, a row each."""
 
-    Attributes
-    ----------
-    layout : str
-        Layout as in camera.json.
-    microlenses : (n, 2) int64
-    types : (n,) int64
-    centres : (n, 2) float64
-        Image positions: the real ray through the centre of the stop and the vertex.
-    focal_lengths_mm : (types,) float64
-    own_types : (types,) int64
-        Our number of each type: where it stands in camera.json.
-    """
-
-    layout: str
-    microlenses: np.ndarray
-    types: np.ndarray
-    centres: np.ndarray
-    focal_lengths_mm: np.ndarray
-    own_types: np.ndarray
-
-    def in_image(self, size_px: tuple[int, int]) -> np.ndarray:
-        """Whether centres of ours lie in the image, (n,) bool."""
-        return np.asarray(((self.centres >= 0) & (self.centres <= np.array(size_px) - 1)).all(axis=1))
+    layout: str  # as in camera.json
+    microlenses: np.ndarray  # (n, 2) int64
+    types: np.ndarray  # (n,) int64
+    centres: np.ndarray  # (n, 2), image positions: the real ray through the centre of the stop and the vertex
+    focal_lengths_mm: np.ndarray  # (types,)
+    own_types: np.ndarray  # (types,) int64, our number of each type: where it stands in camera.json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridMesh:
-    """A regular mesh of micro-image centres: the node of column c and row r is origin + turned (x(c, r), y(c, r)).
+    """A regular mesh of micro-image centres: the node of column c and row r is origin + turned (x(c, r), y(c, r))."""
 
-    Attributes
-    ----------
-    layout : str
-        `square`, `hexagonal` or `hexagonal-columns`.
-    columns, rows : int
-    pitch_px : tuple of float
-        Along x and along y.
-    angle_rad : float
-        Rotation from +x towards +y.
-    origin, middle : (2,) float64
-        Image positions of the first node, and of the one nearest to the middle of the image.
-    """
-
-    layout: str
+    layout: str  # `square`, `hexagonal` or `hexagonal-columns`
     columns: int
     rows: int
-    pitch_px: tuple[float, float]
-    angle_rad: float
-    origin: np.ndarray
-    middle: np.ndarray
+    pitch_px: tuple[float, float]  # along x and along y
+    angle_rad: float  # from +x towards +y
+    origin: np.ndarray  # (2,), image position of the first node
+    middle: np.ndarray  # (2,), image position of the node nearest to the middle of the image
 
     @property
     def step_px(self) -> tuple[float, float]:
@@ -85,21 +55,12 @@ class GridMesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicroImageGrid:
-    """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point.
+    """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point."""
 
-    Attributes
-    ----------
-    layout : str
-        Layout as in camera.json; in hexagonal-columns lines run down, else across.
-    first : tuple of int
-        Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted.
-    rows : (n,) int64
-        Rows of the micro-images that count, sorted by row and column.
-    """
-
-    layout: str
+    layout: str  # as in camera.json; in hexagonal-columns lines run down, else across
+    # Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted
     first: tuple[int, int]
-    rows: np.ndarray
+    rows: np.ndarray  # (n,), rows of the micro-images that count, sorted by row and column
 
     @property
     def across(self) -> bool:
@@ -121,10 +82,7 @@ class MicroImageGrid:
     def renumbered(self, images: MicroImages) -> MicroImages:
         """The micro-images that matter with the numbers of the grid; focal lengths by its types.
 
-        Raises
-        ------
-        ExportError
-            Their types do not repeat as the grid counts them.
+        Raises ExportError: their types do not repeat as the grid counts them.
         """
         cells, ours = self.cells(images.microlenses[self.rows]), images.types[self.rows]
         types = self._types(cells, ours, len(images.focal_lengths_mm))
@@ -133,12 +91,8 @@ class MicroImageGrid:
     def mesh(self, images: MicroImages, central: int) -> GridMesh:
         """The regular mesh that fits centres best, by least squares.
 
-        Parameters
-        ----------
-        images : MicroImages
-            Micro-images with our numbers, and centres as the format counts them.
-        central : int
-            Row of the one nearest to the middle of the image.
+        `images`: micro-images with our numbers, and centres as the format counts them.
+        `central`: row of the one nearest to the middle of the image.
         """
         cells = self.cells(images.microlenses)
         (columns, rows), (x, y) = cells.T, cells.T.astype(float)
@@ -194,12 +148,9 @@ def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> Micr
 def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
     """The grid of micro-images, in our conventions: its smallest column and row are 0.
 
-    Parameters
-    ----------
-    seeing : (n, 2) int64
-        Microlenses that see a point.
+    `seeing`: (n, 2) int64, microlenses that see a point.
     """
-    matter = images.in_image(size_px)
+    matter = ((images.centres >= 0) & (images.centres <= np.array(size_px) - 1)).all(axis=1)  # in the image
     known = {tuple(pair) for pair in seeing.tolist()}
     matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
     rows = np.flatnonzero(matter)

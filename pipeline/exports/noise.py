@@ -5,7 +5,7 @@ exported. The mixing of 64 bits is the finaliser of SplitMix64: Steele, Lea, Flo
 """
 
 import hashlib
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,25 +27,12 @@ _KINDS: dict[str, type] = {"noise_px": float, "outliers": float, "outlier_px": f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Errors that a detector might make.
+    """Errors that a detector might make."""
 
-    Attributes
-    ----------
-    noise_px : float
-        Standard deviation of the Gaussian on each axis [px].
-    outliers : float
-        Share of the observations that are somewhere else.
-    outlier_px : float
-        Half the width of the square about its true position in which an outlier lies [px].
-    missed : float
-        Share of the observations that are left out.
-    seed : int
-    """
-
-    noise_px: float = 0.0
-    outliers: float = 0.0
-    outlier_px: float = 10.0
-    missed: float = 0.0
+    noise_px: float = 0.0  # standard deviation of the Gaussian on each axis
+    outliers: float = 0.0  # share of the observations that are somewhere else
+    outlier_px: float = 10.0  # half the width of the square about its true position in which an outlier lies
+    missed: float = 0.0  # share of the observations that are left out
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -53,33 +40,19 @@ class Noise:
             if not 0 <= getattr(self, name) < 1:
                 raise ExportError(f"{name} is a share from 0 to below 1, not {getattr(self, name)}")
         if not (self.noise_px >= 0 and self.outlier_px > 0):
-            raise ExportError(
-                f"noise_px is {self.noise_px} and outlier_px {self.outlier_px}",
-                hint="widths of noise are lengths in px: noise_px at least 0, outlier_px above 0",
-            )
+            hint = "widths of noise are lengths in px: noise_px at least 0, outlier_px above 0"
+            raise ExportError(f"noise_px is {self.noise_px} and outlier_px {self.outlier_px}", hint=hint)
 
     @property
     def is_none(self) -> bool:
         """Whether nothing is changed."""
         return not (self.noise_px or self.outliers or self.missed)
 
-    def remarks(self) -> tuple[str, ...]:
-        """The line that every file says which allows comments."""
-        gaussian = f"Gaussian {self.noise_px} px, {self.outliers} outliers within {self.outlier_px} px"
-        return (f"NOISE WAS ADDED: {gaussian}, {self.missed} missed, seed {self.seed}",)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
-
 
 def noise_of(text: str) -> Noise:
     """Noise as a person writes it: `0.1`, or `0.1,outliers=0.01,missed=0.02,seed=3`.
 
-    Raises
-    ------
-    ExportError
-        A part of it means nothing.
+    Raises ExportError: a part of it means nothing.
     """
     given: dict[str, Any] = {}
     for part in text.split(","):
@@ -100,7 +73,9 @@ def with_noise(material: "Material", noise: Noise) -> "Material":
     if noise.is_none:
         return material
     views = tuple(_noisy(view, noise) for view in material.views)
-    return replace(material, remarks=(*material.remarks, *noise.remarks()), views=views)
+    gaussian = f"Gaussian {noise.noise_px} px, {noise.outliers} outliers within {noise.outlier_px} px"
+    remark = f"NOISE WAS ADDED: {gaussian}, {noise.missed} missed, seed {noise.seed}"
+    return replace(material, remarks=(*material.remarks, remark), views=views)
 
 
 def _noisy(view: "ExportView", noise: Noise) -> "ExportView":

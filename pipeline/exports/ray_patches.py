@@ -22,6 +22,8 @@ _LEAST_PX = 16
 """Edge of the smallest patches [px]: 256 pixels, for which 76 rays are still fewer."""
 _NODES = 8
 """Nodes along each axis: degree 7."""
+_CHEBYSHEV = -np.cos((2 * np.arange(_NODES) + 1) * np.pi / (2 * _NODES))
+"""Nodes between -1 and 1."""
 _AGREES_PX = 1e-9
 """Difference from traced rays that patches may have in any case [px]; more only where these err more themselves."""
 _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
@@ -65,12 +67,8 @@ def rows_of_rays(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins (h, w, 3) and directions (h, w, 3) of the pixels of some rows, vision frame.
 
-    Parameters
-    ----------
-    rows : tuple of int
-        First and end. Where they are multiples of EDGE_PX, or the last, the rays do not depend on them.
-    planes_mm : tuple of float
-        Vision z of two planes on which rays are compared.
+    `rows`: first and end. Where they are multiples of EDGE_PX, or the last, the rays do not depend on them.
+    `planes_mm`: vision z of two planes on which rays are compared.
     """
     first, end = rows
     lines = np.full((end - first, width, 4), np.nan)  # x, y at z = 0, then slopes
@@ -88,25 +86,19 @@ def rows_of_rays(
         left = [patch for patch in quarters if min(patch.width, patch.height) >= _LEAST_PX]
         single += [patch for patch in quarters if min(patch.width, patch.height) < _LEAST_PX]
     if single:
-        _trace_each(sight, single, first, lines)
+        pixels = [np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1) for p in single]
+        y, x = np.concatenate(pixels, axis=1)
+        lines[y - first, x], _ = _lines(sight.rays(x.astype(float), y.astype(float)))
     direction = np.concatenate([lines[..., 2:], np.ones_like(lines[..., :1])], axis=-1)
     origin = np.concatenate([lines[..., :2], np.where(np.isnan(lines[..., :1]), np.nan, 0.0)], axis=-1)
     return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-
-
-def _trace_each(sight: Sight, patches: list[Patch], first: int, lines: np.ndarray) -> None:
-    """Fill in the lines of the pixels of patches."""
-    places = np.concatenate([np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1).T for p in patches])
-    traced, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
-    lines[places[:, 0] - first, places[:, 1]] = traced
 
 
 def _tried(
     sight: Sight, patches: list[Patch], planes_mm: tuple[float, float]
 ) -> tuple[list[tuple[Patch, np.ndarray]], list[Patch]]:
     """Patches with the lines (h, w, 4) of their pixels, and those that a polynomial does not hold."""
-    nodes = _chebyshev()
-    grid = np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(_CHEBYSHEV, _CHEBYSHEV), axis=-1).reshape(-1, 2)
     places = np.concatenate([grid, _JUDGES])
     x_px = np.concatenate([patch.positions(places) for patch in patches])
     lines, error_px = _lines(sight.rays(x_px[:, 0], x_px[:, 1]))
@@ -118,7 +110,8 @@ def _tried(
         apart = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[here][len(grid) :]
         allowed_px = max(_AGREES_PX, float(error_px[here].max(initial=0.0)))
         if _px(apart, values, patch, planes_mm) <= allowed_px:  # not of NaN
-            down, across = (_weights(tuple(_centres(count))) for count in (patch.height, patch.width))
+            centres = ((2 * np.arange(count) + 1) / count - 1 for count in (patch.height, patch.width))
+            down, across = (_weights(tuple(places)) for places in centres)
             kept.append((patch, np.einsum("yj,xi,jic->yxc", down, across, values, optimize=True)))
         else:
             odd.append(patch)
@@ -126,17 +119,14 @@ def _tried(
 
 
 def _px(apart: np.ndarray, values: np.ndarray, patch: Patch, planes_mm: tuple[float, float]) -> float:
-    """Largest difference of lines on two planes, as a distance of image positions."""
-    worst = 0.0
+    """Largest difference of lines on two planes, as a distance of image positions; NaN where one has no light."""
+    off_px = []
     for z_mm in planes_mm:
         points = values[..., :2] + z_mm * values[..., 2:]
         span_mm = np.linalg.norm(points[-1, -1] - points[0, 0])
         px_per_mm = np.hypot(patch.width, patch.height) / span_mm
-        off = np.linalg.norm(apart[:, :2] + z_mm * apart[:, 2:], axis=1).max() * px_per_mm
-        worst = max(worst, float(off)) if np.isfinite(off) else float("nan")
-        if np.isnan(worst):
-            break
-    return worst
+        off_px.append(np.linalg.norm(apart[:, :2] + z_mm * apart[:, 2:], axis=1).max() * px_per_mm)
+    return float(np.max(off_px))
 
 
 def _lines(rays: PixelRays) -> tuple[np.ndarray, np.ndarray]:
@@ -145,20 +135,10 @@ def _lines(rays: PixelRays) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([rays.origin_mm[:, :2], slopes], axis=1), np.hypot(*rays.error_px.T)
 
 
-def _chebyshev() -> np.ndarray:
-    """Nodes between -1 and 1."""
-    return -np.cos((2 * np.arange(_NODES) + 1) * np.pi / (2 * _NODES))
-
-
-def _centres(count: int) -> np.ndarray:
-    """Places of the centres of so many pixels, from -1 to 1."""
-    return (2 * np.arange(count) + 1) / count - 1
-
-
 @cache
 def _weights(places: tuple[float, ...]) -> np.ndarray:
     """Weights (k, nodes) of the values at the nodes, at some places."""
-    at_nodes = np.polynomial.chebyshev.chebvander(_chebyshev(), _NODES - 1)
+    at_nodes = np.polynomial.chebyshev.chebvander(_CHEBYSHEV, _NODES - 1)
     return np.asarray(np.polynomial.chebyshev.chebvander(np.array(places), _NODES - 1) @ np.linalg.inv(at_nodes))
 
 

@@ -12,19 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.camera.figures.pinhole_fit import (
-    CENTRE,
-    IMAGINARY,
-    NOTHING_LEFT_PX,
-    POINT,
-    RADIAL,
-    SETTLED,
-    STEPS,
-    TANGENTIAL,
-    WORTH_IT,
-    F,
-    Sightings,
-)
+from pipeline.camera.figures import pinhole_fit as fit
+from pipeline.camera.figures.pinhole_fit import F, Sightings
 from pipeline.frames import apply, inverse, rigid
 from pipeline.results.records import BuiltPinhole
 
@@ -39,28 +28,24 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     Principal distance and the radial coefficients of the pinhole of camera.json are fitted again; they are kept where
     others leave no tenth less. Without displaced surfaces the centre lies on the axis.
 
-    Parameters
-    ----------
-    image : BuiltPinhole
-        The pinhole with distortion of camera.json.
-    seen : sequence of Sightings
-        Rows of each target in each frame that shows some, where it truly is.
+    `image`: the pinhole with distortion of camera.json.
+    `seen`: rows of each target in each frame that shows some, where it truly is.
     """
     start = np.zeros(11)
-    start[[F, *CENTRE, *POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
-    start[[*RADIAL, *TANGENTIAL]] = image.distortion[[0, 1, 4, 2, 3]]
-    free = (F, *(number for number in RADIAL if start[number]))
+    start[[F, *fit.CENTRE, *fit.POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
+    start[[*fit.RADIAL, *fit.TANGENTIAL]] = image.distortion[[0, 1, 4, 2, 3]]
+    free = (F, *(number for number in fit.RADIAL if start[number]))
     if sum(sightings.x_px.size for sightings in seen) <= 6 * len(seen) + len(free):
         return None
     adjusted = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
-    if adjusted.together.rms_px(start) > NOTHING_LEFT_PX:
+    if adjusted.together.rms_px(start) > fit.NOTHING_LEFT_PX:
         try:
             nearer = adjusted.settled(free)
         except np.linalg.LinAlgError:  # it ran away
             return None
         if not nearer.error < _UNCERTAIN:
             return None
-        if nearer.together.rms_px(nearer.parameters) < WORTH_IT * adjusted.together.rms_px(start):
+        if nearer.together.rms_px(nearer.parameters) < fit.WORTH_IT * adjusted.together.rms_px(start):
             adjusted = nearer
     centres = np.array([apply(inverse(move), image.centre_mm) for move in adjusted.moves])
     centre_mm = np.average(centres, axis=0, weights=[len(sightings.x_px) for sightings in seen])
@@ -93,9 +78,9 @@ class _Adjusted:
     def settled(self, free: tuple[int, ...]) -> Self:
         """Targets and the parameters in `free` at least squares."""
         adjusted, size_px = self, float(np.linalg.norm(self.together.x_px))
-        for _ in range(STEPS):
+        for _ in range(fit.STEPS):
             adjusted, change_px = adjusted._nearer(free)
-            if not change_px > SETTLED * size_px:
+            if not change_px > fit.SETTLED * size_px:
                 break
         return adjusted
 
@@ -135,8 +120,8 @@ def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 def _by_move(sightings: Sightings, p: np.ndarray) -> np.ndarray:
     """Derivatives of residuals by a turn of a target about the middle of its points and by a shift, (2 n, 6)."""
-    steps = IMAGINARY * 1j * np.eye(3)
-    off = [replace(sightings, places_mm=sightings.places_mm + step).residuals(p).imag / IMAGINARY for step in steps]
+    steps = fit.IMAGINARY * 1j * np.eye(3)
+    off = [replace(sightings, places_mm=sightings.places_mm + step).residuals(p).imag / fit.IMAGINARY for step in steps]
     by_place = np.stack(off, axis=-1)
     arms = (sightings.places_mm - sightings.places_mm.mean(axis=0))[:, None]
     return np.concatenate([np.cross(arms, by_place), by_place], axis=2).reshape(-1, 6)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.exports.ray_patches import Sight, rows_of_rays
-from pipeline.formats import Convention, ExportError, ImageAxes, Origin
+from pipeline.formats import Convention, ImageAxes, Origin
 from pipeline.results.records import BuiltCamera
 
 _FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
@@ -28,62 +28,33 @@ def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int,
 
 
 @dataclass(frozen=True, kw_only=True)
-class PixelBand:
-    """Rays of the pixels of some rows, vision frame [mm], the top-left pixel first.
-
-    Attributes
-    ----------
-    origin_mm, direction : (rows, w, 3) float64
-        NaN where no light leaves.
-    microlenses : (rows, w, 2) int64 or None
-        None for a conventional camera.
-    """
-
-    origin_mm: np.ndarray
-    direction: np.ndarray
-    microlenses: np.ndarray | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class CameraRays:
-    """A camera made ready when its rays are asked for, and its positions as a format counts them.
-
-    Attributes
-    ----------
-    built : BuiltCamera
-        The camera as the build says.
-    ready : callable or None
-        Makes it ready.
-    convention : Convention
-    """
+    """A camera made ready when its rays are asked for, and its positions as a format counts them."""
 
     built: BuiltCamera = field(repr=False)
-    ready: Callable[[], Sight] | None = field(repr=False)
+    ready: Callable[[], Sight] = field(repr=False)
     convention: Convention
 
     @cached_property
     def sight(self) -> Sight:
         """The camera made ready, in our conventions."""
-        if self.ready is None:
-            raise ExportError(f"{self.built.name} has no lens to trace")
         return self.ready()
 
-    def band(self, first: int, end: int) -> PixelBand:
-        """Rays of rows of pixels: traced behind microlenses, else by patches."""
+    def band(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Rays (rows, w, 6) of the pixels of some rows, and the microlenses (rows, w, 2) of a plenoptic camera.
+
+        Origin [mm] and direction, vision frame, the top-left pixel first; NaN where no light leaves. Rays are traced
+        behind microlenses, else by patches.
+        """
         width, _ = self.built.size_px
         if not self.built.is_plenoptic:
             near_mm, far_mm = map(float, self.built.record["near_far_mm"])
-            origin, direction = rows_of_rays(self.sight, width, (first, end), (near_mm, far_mm))
-            return PixelBand(origin_mm=origin, direction=direction)
+            return np.concatenate(rows_of_rays(self.sight, width, (first, end), (near_mm, far_mm)), axis=-1), None
         y, x = np.mgrid[first:end, 0:width].reshape(2, -1).astype(float)
         rays = self.sight.rays(x, y)
         assert rays.microlens is not None
-        shape = (end - first, width, -1)
-        return PixelBand(
-            origin_mm=rays.origin_mm.reshape(shape),
-            direction=rays.direction.reshape(shape),
-            microlenses=rays.microlens.reshape(shape),
-        )
+        lines = np.concatenate([rays.origin_mm, rays.direction], axis=1)
+        return lines.reshape(end - first, width, 6), rays.microlens.reshape(end - first, width, 2)
 
     @property
     def ends(self) -> np.ndarray:

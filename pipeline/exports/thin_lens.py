@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import ExportCamera
 
 _INFINITE_MM = 1e8
 """Distance that libpleno takes for infinite [mm]."""
@@ -21,14 +21,9 @@ _SAME = 1e-6
 class ThinLens:
     """Thin lens and array.
 
-    Attributes
-    ----------
-    focal_mm, f_number : float
-        Focal length and f-number of the main lens.
-    main_lens_mm, sensor_mm : float
-        Distances of the array from the main lens, D, and from the sensor, d.
-    focal_lengths_mm : (types,) float64
-        Focal lengths of the microlenses.
+    `focal_mm`, `f_number`: focal length and f-number of the main lens.
+    `main_lens_mm`, `sensor_mm`: distances of the array from the main lens, D, and from the sensor, d.
+    `focal_lengths_mm`: (types,) float64, focal lengths of the microlenses.
     """
 
     focal_mm: float
@@ -60,19 +55,15 @@ class ThinLens:
 
 def thin_lens_of(camera: ExportCamera) -> ThinLens:
     """The thin-lens camera of an exported one; focal lengths in the order of its types."""
-    assert camera.micro_images is not None
-    return thin_lens(camera.built.record, camera.micro_images.focal_lengths_mm)
+    return thin_lens(camera.built.record, camera.array[0].focal_lengths_mm)
 
 
 def thin_lens(record: dict[str, Any], focal_lengths_mm: np.ndarray) -> ThinLens:
     """The thin-lens camera of a plenoptic camera.
 
-    Parameters
-    ----------
-    record : dict
-        Content of camera.json.
-    focal_lengths_mm : (types,) float64
-        Focal lengths of the microlenses, in the order that the thin-lens camera shall have.
+    `record`: content of camera.json.
+    `focal_lengths_mm`: (types,) float64, focal lengths of the microlenses, in the order that the thin-lens camera shall
+        have.
     """
     lens, types = record["lens"], record["mla"]["types"]
     front = sum(one["principal_planes_mm"][0] for one in types) / len(types)

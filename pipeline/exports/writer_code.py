@@ -15,10 +15,7 @@ def code_of_writer(name: str) -> str:
 def require_code(name: str, digest: str) -> None:
     """Refuse to write a format by other code than a plan has seen.
 
-    Raises
-    ------
-    EnvironmentFault
-        The code was edited since, or this is another machine with another version.
+    Raises EnvironmentFault: the code was edited since, or this is another machine with another version.
     """
     if code_of_writer(name) != digest or edited(entry_of(name).module):
         raise EnvironmentFault(

@@ -6,9 +6,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from pipeline.exports.gathering import Around, gather
+from pipeline.exports.conversion import write_format
+from pipeline.exports.gathering import gather
 from pipeline.exports.noise import with_noise
-from pipeline.exports.writing import write_format
 from pipeline.files.jsonfile import Json
 from pipeline.render.surroundings import Surroundings
 from pipeline.results.answers import SeenScene
@@ -43,8 +43,8 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
         view = views[frame, camera]
         return surroundings_of(view.targets, view.occluders)
 
-    around = Around(sight=sight, scene=lambda: SeenScene(before))
-    material = replace(gather(output_of(parts), params.position, around), frames=params.numbers)
+    material = gather(output_of(parts), sight, lambda: SeenScene(before), params.position)
+    material = replace(material, frames=params.numbers)
     write_format(params.format, with_noise(material, params.noise), out, params.position, params.noise)
 
 

@@ -11,7 +11,10 @@ import numpy as np
 import OpenEXR
 from exports.pretended import DISTORTION, same, write_camera, write_manifest
 
+from pipeline.exports.gathering import gather
+from pipeline.exports.material import Material
 from pipeline.results.answers import PixelRays
+from pipeline.results.output import Output
 
 SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
 MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
@@ -32,21 +35,20 @@ def point() -> np.ndarray:
     return np.append(undistorted(np.array([PIXEL]))[0], 1) * Z_MM
 
 
+def lit_rays(x_px: np.ndarray, y_px: np.ndarray, origin_mm: np.ndarray, ahead: np.ndarray) -> PixelRays:
+    """Rays from points along vectors (n, 3), without errors and in full light."""
+    direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+    more = {"error_px": np.zeros((len(ahead), 2)), "hit_fraction": np.ones(len(ahead)), "microlens": None}
+    return PixelRays(x_px=x_px, y_px=y_px, origin_mm=origin_mm, direction=direction, **more)
+
+
 class PinholeSight:
     """The camera made ready: all rays meet in its centre of projection."""
 
     def rays(self, x_px, y_px) -> PixelRays:
         x, y = np.broadcast_arrays(np.asarray(x_px, float), np.asarray(y_px, float))
         ahead = np.column_stack([undistorted(np.stack([x, y], 1)), np.ones(len(x))])
-        return PixelRays(
-            x_px=x,
-            y_px=y,
-            origin_mm=STOP_MM - STOP_MM[2] * ahead,
-            direction=ahead / np.linalg.norm(ahead, axis=1, keepdims=True),
-            error_px=np.zeros((len(x), 2)),
-            hit_fraction=np.ones(len(x)),
-            microlens=None,
-        )
+        return lit_rays(x, y, STOP_MM - STOP_MM[2] * ahead, ahead)
 
 
 PLANE, EDGE_MM = (np.array([0.3, -0.2, 1.0]), 410.0), 50.0
@@ -60,6 +62,11 @@ class SlantedScene:
         assert (frame, camera) == (1, "Left")
         along = (PLANE[1] - origin_mm @ PLANE[0]) / (direction @ PLANE[0])
         return np.where((origin_mm + along[:, None] * direction)[:, 0] < EDGE_MM, along, np.nan)
+
+
+def gathered(output: Output) -> Material:
+    """The content of a pretended build."""
+    return gather(output, lambda name: PinholeSight(), SlantedScene)
 
 
 def write_small_build(folder: Path) -> Path:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import yaml
 from exports.maps import CHECKS as MAPS
+from exports.maps import gathered
 from exports.pretended import Scene, write_build
 
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
-from pipeline.exports.gathering import gather, grid_of
+from pipeline.exports.gathering import grid_of
 from pipeline.exports.writers import kalibr
 from pipeline.formats import Cameras, format_of, loadable
 from pipeline.results.output import open_output
@@ -28,7 +29,7 @@ def aprilgrid(output):
     """The material of a build in which the board is an AprilGrid of 4 x 3 tags, nothing of it seen."""
     pattern = AprilGrid(columns=4, rows=3, tag_mm=TAG_MM, spacing=SPACING)
     places = np.pad(pattern.marks().xy_mm, [(0, 0), (0, 1)])
-    material = gather(output)
+    material = gathered(output)
     target = replace(
         material.targets[0],
         kind="aprilgrid",

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exports.maps import SlantedScene, gathered
 from exports.pretended import Scene, write_build
 from scipy import stats
 
 from pipeline.exports.export import Request, export
-from pipeline.exports.gathering import gather
 from pipeline.exports.material import ExportView, Material, Observations
 from pipeline.exports.noise import Noise, noise_of, with_noise
 from pipeline.formats import ExportError
@@ -31,7 +31,7 @@ def many(ids: np.ndarray, camera: str = "A") -> Material:
         camera=camera, target="T", frame=1, image="", built=None, camera_from_target=None, camera_from_world=None,
         observations=found,
     )  # fmt: skip
-    return Material(stage="", remarks=(), cameras=(), targets=(), views=(view,))
+    return Material(stage="", remarks=(), cameras=(), targets=(), views=(view,), frames=(1,), scene=SlantedScene)
 
 
 def drawn(noise: Noise, ids: np.ndarray | None = None, camera: str = "A") -> Observations:
@@ -84,7 +84,7 @@ def test_microlenses_of_a_point_have_noise_of_their_own():
 
 
 def test_no_noise_changes_nothing(output):
-    material = gather(output)
+    material = gathered(output)
     assert with_noise(material, Noise()) is material
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from exports.maps import lit_rays
 
 import pipeline
 from pipeline.exports.ray_patches import rows_of_rays
-from pipeline.results.answers import PixelRays
 
 PLANES_MM = (400.0, 500.0)
 
@@ -27,15 +27,7 @@ def made_up(bend):
     def rays(x, y):
         slope = np.stack([x - 60, y - 50], axis=1) / 200 + bend(x, y)
         ahead = np.column_stack([slope, np.ones(len(x))])
-        return PixelRays(
-            x_px=x,
-            y_px=y,
-            origin_mm=np.where(np.isnan(ahead[:, :1]), np.nan, np.zeros((len(x), 3))),
-            direction=ahead / np.linalg.norm(ahead, axis=1, keepdims=True),
-            error_px=np.zeros((len(x), 2)),
-            hit_fraction=np.ones(len(x)),
-            microlens=None,
-        )
+        return lit_rays(x, y, np.where(np.isnan(ahead[:, :1]), np.nan, np.zeros((len(x), 3))), ahead)
 
     return rays
 

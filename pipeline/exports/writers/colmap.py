@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import ExportTarget, ExportView, Material
+from pipeline.exports.material import ExportView, Material
 from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
 
 FORMAT = Format(
@@ -40,88 +39,46 @@ class _Image:
     camera: int
     view: ExportView
 
-    @property
-    def pose(self) -> list[float]:
-        """w, x, y, z, then the translation."""
-        pose = self.view.pose
-        assert pose is not None
-        return [*pose.rotation.tolist(), *pose.translation.tolist()]
-
 
 def write(material: Material, folder: Path) -> None:
-    """Write the three files of a model.
-
-    Raises
-    ------
-    ExportError
-        No pinhole fits a camera, or there are several targets.
-    """
-    target = material.only_target
+    """Write the three files of a model."""
     names = [camera.name for camera in material.cameras]
     images = [_Image(number, names.index(view.camera) + 1, view) for number, view in enumerate(material.views, 1)]
-    tracks = _tracks(images, len(target.points))
-    errors = _errors(material, images)
-    remarks = [f"# {line}" for line in material.remarks]
-    for name, lines in (
-        ("cameras", _camera_lines(material)),
-        ("images", _image_lines(images)),
-        ("points3D", _point_lines(target, tracks, errors)),
-    ):
-        (folder / f"{name}.txt").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
-
-
-def _parameters(camera: ExportCamera) -> tuple[str, list[float]]:
-    """Model and its parameters."""
-    model = camera.model
-    f = model.principal_distance_px
-    *four, k3 = model.distortion.tolist()
-    pinhole = [f, f, *model.principal_point_px.tolist(), *four]
-    return ("FULL_OPENCV", [*pinhole, k3, *([0.0] * 3)]) if k3 else ("OPENCV", pinhole)
-
-
-def _tracks(images: list[_Image], count: int) -> list[list[tuple[int, int]]]:
-    """Per point of the target the images that see it, and the row there."""
-    tracks: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for image in images:
-        for row, point in enumerate(image.view.observations.ids.tolist()):
-            tracks[point].append((image.number, row))
-    return tracks
-
-
-def _errors(material: Material, images: list[_Image]) -> list[float]:
-    """Mean residual of each point [px]; -1, as COLMAP has it: nothing sees it."""
-    total, count = np.zeros((2, len(material.only_target.points)))
-    for image in images:
-        np.add.at(total, image.view.observations.ids, material.residuals_px(image.view))
-        np.add.at(count, image.view.observations.ids, 1)
-    errors: list[float] = np.where(count > 0, total / np.maximum(count, 1), -1).tolist()
-    return errors
+    material.write_text(folder / "cameras.txt", _camera_lines(material))
+    material.write_text(folder / "images.txt", _image_lines(images))
+    material.write_text(folder / "points3D.txt", _point_lines(material, images))
 
 
 def _camera_lines(material: Material) -> Iterator[str]:
     yield "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"
     for number, camera in enumerate(material.cameras, 1):
-        model, parameters = _parameters(camera)
-        yield " ".join([str(number), model, *map(str, camera.size_px), *map(repr, parameters)])
+        *numbers, k3 = camera.opencv
+        name, more = ("FULL_OPENCV", [k3, 0.0, 0.0, 0.0]) if k3 else ("OPENCV", [])
+        yield " ".join([str(number), name, *map(str, camera.size_px), *map(repr, [*numbers, *more])])
 
 
 def _image_lines(images: list[_Image]) -> Iterator[str]:
     yield "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then POINTS2D[] as X, Y, POINT3D_ID"
     for image in images:
-        yield " ".join([str(image.number), *map(repr, image.pose), str(image.camera), image.view.image])
-        observations = image.view.observations
-        rows = zip(observations.positions.tolist(), _numbers(observations.ids), strict=True)
-        yield " ".join(f"{x!r} {y!r} {point}" for (x, y), point in rows)
+        pose, observations = image.view.pose, image.view.observations
+        assert pose is not None
+        yield " ".join([str(image.number), *map(repr, pose.numbers), str(image.camera), image.view.image])
+        rows = zip(observations.positions.tolist(), observations.ids.tolist(), strict=True)
+        yield " ".join(f"{x!r} {y!r} {point + 1}" for (x, y), point in rows)
 
 
-def _point_lines(target: ExportTarget, tracks: list[list[tuple[int, int]]], errors: list[float]) -> Iterator[str]:
+def _point_lines(material: Material, images: list[_Image]) -> Iterator[str]:
+    """Points with their mean residuals [px], -1, as COLMAP has it, where nothing sees them."""
     yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX"
-    points = zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, errors, strict=True)
-    for number, place, track, error in points:
-        seen = [str(value) for pair in track for value in pair]
-        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), repr(error), *seen])
-
-
-def _numbers(ids: np.ndarray) -> list[int]:
-    """Numbers of points in COLMAP."""
-    return [number + 1 for number in ids.tolist()]
+    points = material.only_target.points
+    tracks: list[list[int]] = [[] for _ in points]
+    total = np.zeros(len(points))
+    for image in images:
+        ids = image.view.observations.ids
+        np.add.at(total, ids, material.residuals_px(image.view))
+        for row, point in enumerate(ids.tolist()):
+            tracks[point] += [image.number, row]
+    count = np.array([len(track) // 2 for track in tracks])
+    errors = np.where(count > 0, total / np.maximum(count, 1), -1)
+    for number, (place, error, track) in enumerate(zip(points.tolist(), errors.tolist(), tracks, strict=True), 1):
+        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), repr(error), *map(str, track)])

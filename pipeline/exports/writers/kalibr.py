@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import ExportTarget, Material
+from pipeline.exports.material import ExportCamera, ExportTarget, Material
 from pipeline.files.tables import write_table
 from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
 
@@ -34,16 +33,9 @@ _LEAST = 3
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the three files.
-
-    Raises
-    ------
-    ExportError
-        The target is none of Kalibr's, or cameras move against each other.
-    """
-    remarks = [f"# {line}" for line in material.remarks]
-    for name, lines in (("target", _target(material)), ("camchain", _chain(material))):
-        (folder / f"{name}.yaml").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
+    """Write the three files."""
+    material.write_text(folder / "target.yaml", _target(material))
+    material.write_text(folder / "camchain.yaml", _chain(material))
     _write_corners(material, folder / "corners.csv")
 
 
@@ -87,15 +79,13 @@ def _chain(material: Material) -> Iterator[str]:
 
 
 def _camera(camera: ExportCamera) -> Iterator[str]:
-    model = camera.model
-    *radtan, k3 = model.distortion.tolist()
-    f, point = model.principal_distance_px, model.principal_point_px.tolist()
+    *intrinsics, k1, k2, p1, p2, k3 = camera.opencv
     yield "camera_model: pinhole"
     if k3:
         yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
     yield "distortion_model: radtan"
-    yield f"distortion_coeffs: [{', '.join(map(_real, radtan))}]"
-    yield f"intrinsics: [{', '.join(map(_real, [f, f, *point]))}]"
+    yield f"distortion_coeffs: [{', '.join(map(_real, [k1, k2, p1, p2]))}]"
+    yield f"intrinsics: [{', '.join(map(_real, intrinsics))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
 

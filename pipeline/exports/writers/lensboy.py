@@ -21,26 +21,18 @@ _COEFFICIENTS = 14
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        No pinhole fits a camera.
-    """
+    """Write a file per camera."""
     for camera in material.cameras:
-        model, (width, height) = camera.model, camera.size_px
-        known = model.distortion.tolist()
-        x, y = model.principal_point_px.tolist()
+        (width, height), (fx, fy, cx, cy, *known) = camera.size_px, camera.opencv
         record = {
             "type": "opencv",
             "about": list(material.remarks),
             "image_width": width,
             "image_height": height,
-            "fx": model.principal_distance_px,
-            "fy": model.principal_distance_px,
-            "cx": x,
-            "cy": y,
+            "fx": fx,
+            "fy": fy,
+            "cx": cx,
+            "cy": cy,
             "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],
         }
         write_json(folder / f"{camera.name}.json", record)

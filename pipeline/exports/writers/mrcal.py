@@ -7,8 +7,7 @@ per camera is `frames/*/<camera>/image.png`; the images need not be there when -
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import ExportView, Grid, Material
+from pipeline.exports.material import ExportCamera, ExportView, Grid, Material
 from pipeline.formats import Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
 
 FORMAT = Format(
@@ -30,27 +29,18 @@ _LEVEL = 0
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write both kinds of files.
-
-    Raises
-    ------
-    ExportError
-        The target is no grid, or cameras move against each other.
-    """
+    """Write both kinds of files."""
     board = material.board
-    lines = [f"# {line}" for line in (*material.remarks, *_call(board))]
-    lines += ["# filename x y level"]
+    lines = [
+        "# mrcal-calibrate-cameras --corners-cache corners.vnl --lensmodel LENSMODEL_OPENCV5 --focal PIXELS",
+        f"#   --object-spacing {board.column_step!r} --object-width-n {board.columns} --object-height-n {board.rows}",
+        "#   --imagersize WIDTH HEIGHT 'frames/*/CAMERA/image.png' (a glob per camera)",
+        "# filename x y level",
+    ]
     lines += [line for view in material.views for line in _corners(view, board)]
-    (folder / "corners.vnl").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    material.write_text(folder / "corners.vnl", lines)
     for camera in material.cameras:
-        text = "\n".join(_model(material, camera))
-        (folder / f"{camera.name}.cameramodel").write_text(text + "\n", encoding="utf-8")
-
-
-def _call(board: Grid) -> Iterator[str]:
-    yield "mrcal-calibrate-cameras --corners-cache corners.vnl --lensmodel LENSMODEL_OPENCV5 --focal PIXELS"
-    yield f"  --object-spacing {board.column_step!r} --object-width-n {board.columns} --object-height-n {board.rows}"
-    yield "  --imagersize WIDTH HEIGHT 'frames/*/CAMERA/image.png' (a glob per camera)"
+        material.write_text(folder / f"{camera.name}.cameramodel", _model(camera))
 
 
 def _corners(view: ExportView, board: Grid) -> Iterator[str]:
@@ -65,20 +55,15 @@ def _corners(view: ExportView, board: Grid) -> Iterator[str]:
         yield " ".join([view.image, *cells])
 
 
-def _model(material: Material, camera: ExportCamera) -> Iterator[str]:
+def _model(camera: ExportCamera) -> Iterator[str]:
     """A Python literal: the reader evaluates it."""
-    model = camera.model
-    f = model.principal_distance_px
-    numbers = [f, f, *model.principal_point_px.tolist(), *model.distortion.tolist()]
     assert camera.pose is not None
-    extrinsics = [*camera.pose.rotation.tolist(), *camera.pose.translation.tolist()]
-    yield from (f"# {line}" for line in material.remarks)
     yield "{"
     yield "    'lensmodel':  'LENSMODEL_OPENCV5',"
     yield "    # fx, fy, cx, cy, k1, k2, p1, p2, k3"
-    yield f"    'intrinsics': {numbers!r},"
+    yield f"    'intrinsics': {camera.opencv!r},"
     yield "    # camera from the first camera: Rodrigues vector, translation in m; both keys, for old and new versions"
-    yield f"    'rt_cam_ref': {extrinsics!r},"
-    yield f"    'extrinsics': {extrinsics!r},"
+    yield f"    'rt_cam_ref': {camera.pose.numbers!r},"
+    yield f"    'extrinsics': {camera.pose.numbers!r},"
     yield f"    'imagersize': {list(camera.size_px)!r},"
     yield "}"

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.filestorage import write_npz
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.formats import Board, Cameras, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.results.rows import joined
 
@@ -29,9 +28,8 @@ FORMAT = Format(
 def write(material: Material, folder: Path) -> None:
     """Write an array per column, and the remarks."""
     for name, rows in tables(material):
-        with (folder / f"{name}.npz").open("wb") as stream:
-            columns: dict[str, Any] = {column: rows[column] for column in rows.dtype.names or ()}
-            np.savez(stream, remarks=np.array(material.remarks), **columns)
+        columns = {column: rows[column] for column in rows.dtype.names or ()}
+        write_npz(folder / f"{name}.npz", material.remarks, columns)
 
 
 def tables(material: Material) -> Iterator[tuple[str, np.recarray]]:
@@ -61,7 +59,7 @@ def _poses(material: Material, camera: ExportCamera) -> np.recarray:
         "camera": np.array([view.camera for view in views], dtype=str),
         "target": np.array([view.target for view in views], dtype=str),
     }
-    numbers = np.array([[*view.pose.rotation, *view.pose.translation] for view in views if view.pose]).reshape(-1, 6)
+    numbers = np.array([view.pose.numbers for view in views if view.pose]).reshape(-1, 6)
     names = [f"rvec_{axis}_rad" for axis in "xyz"] + [f"t_{axis}_mm" for axis in "xyz"]
     columns |= dict(zip(names, numbers.T, strict=True))
     return np.rec.fromarrays(list(columns.values()), dtype=[(name, column.dtype) for name, column in columns.items()])

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conversion import stated
-from pipeline.exports.filestorage import yaml_text
-from pipeline.exports.material import ExportView, Material
+from pipeline.exports.filestorage import write_npz, yaml_text
+from pipeline.exports.material import ExportCamera, ExportView, Material
 from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Unit, is_pair
 
 FORMAT = Format(
@@ -31,15 +30,9 @@ FORMAT = Format(
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the files of all cameras, and of all pairs.
-
-    Raises
-    ------
-    ExportError
-        Several cameras move against each other.
-    """
+    """Write the files of all cameras, and of all pairs."""
     for camera in material.cameras:
-        save(folder / f"{camera.name}.npz", material, one_camera(material, camera))
+        write_npz(folder / f"{camera.name}.npz", material.remarks, one_camera(material, camera))
         text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
         (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
     for first, second in combinations(material.cameras, 2):
@@ -47,7 +40,7 @@ def write(material: Material, folder: Path) -> None:
             continue
         name = f"stereo-{first.name}-{second.name}"
         arrays = stereo(material, first, second)
-        save(folder / f"{name}.npz", material, arrays)
+        write_npz(folder / f"{name}.npz", material.remarks, arrays)
         text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
         (folder / f"{name}.yml").write_text(text, encoding="utf-8")
 
@@ -59,8 +52,8 @@ def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
     points = [material.target(view.target).points[view.observations.ids] for view in views]
     poses = [view.pose for view in views]
     arrays: dict[str, Any] = {
-        "image_points": _stack([view.observations.positions for view in views], 2)[:, None].astype(np.float32),
-        "object_points": _stack(points, 3)[:, None].astype(np.float32),
+        "image_points": _single([view.observations.positions for view in views], 2),
+        "object_points": _single(points, 3),
         "ids": np.concatenate([view.observations.ids for view in views]) if views else np.zeros(0, np.int64),
         "starts": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         "frames": np.array([view.frame for view in views], dtype=np.int64),
@@ -70,8 +63,8 @@ def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
     }
     if camera.pinhole is not None and all(poses):
         arrays |= {"camera_matrix": camera.pinhole.matrix, "dist_coeffs": camera.pinhole.distortion}
-        arrays |= {"rvecs": _stack([pose.rotation for pose in poses if pose], 3)}
-        arrays |= {"tvecs": _stack([pose.translation for pose in poses if pose], 3)}
+        numbers = np.array([pose.numbers for pose in poses if pose]).reshape(-1, 6)
+        arrays |= {"rvecs": numbers[:, :3], "tvecs": numbers[:, 3:]}
     return arrays
 
 
@@ -88,9 +81,9 @@ def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dic
             counts.append(len(ids))
     pose = stated(material.between(first, second), Rotation.MATRIX)
     return {
-        "image_points1": _stack(left, 2)[:, None].astype(np.float32),
-        "image_points2": _stack(right, 2)[:, None].astype(np.float32),
-        "object_points": _stack(points, 3)[:, None].astype(np.float32),
+        "image_points1": _single(left, 2),
+        "image_points2": _single(right, 2),
+        "object_points": _single(points, 3),
         "starts": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         "frames": np.array(frames, dtype=np.int64),
         "image_size1": np.array(first.size_px),
@@ -115,18 +108,13 @@ def _model(camera: ExportCamera) -> dict[str, Any]:
 
 def _extrinsics(views: tuple[ExportView, ...]) -> dict[str, Any]:
     """A row per view: rotation vector and translation, as the sample writes them."""
-    rows = [[*view.pose.rotation, *view.pose.translation] for view in views if view.pose]
+    rows = [view.pose.numbers for view in views if view.pose]
     if not rows:
         return {}
     frames = np.array([[view.frame] for view in views if view.pose], dtype=np.int32)
     return {"nframes": len(rows), "extrinsic_parameters": np.array(rows), "frames": frames}
 
 
-def _stack(parts: list[np.ndarray], width: int) -> np.ndarray:
-    return np.concatenate([np.reshape(part, (-1, width)) for part in parts]) if parts else np.zeros((0, width))
-
-
-def save(path: Path, material: Material, arrays: dict[str, Any]) -> None:
-    """Write arrays without pickles; `np.load` opens them."""
-    with path.open("wb") as stream:
-        np.savez(stream, remarks=np.array(material.remarks), **arrays)
+def _single(parts: list[np.ndarray], width: int) -> np.ndarray:
+    """Points of all views, (n, 1, width) float32, as OpenCV takes them."""
+    return np.concatenate([np.zeros((0, width)), *parts])[:, None].astype(np.float32)

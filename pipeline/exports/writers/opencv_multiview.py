@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import Material
-from pipeline.exports.writers.opencv import save
 from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Rotation, Targets, Unit
 
 FORMAT = Format(
@@ -31,13 +31,7 @@ _MISSED = -1
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the arguments by their names, and the Ks, distortions, Rs and Ts that it should find.
-
-    Raises
-    ------
-    ExportError
-        There is one camera only, or there are several targets, or cameras move against each other.
-    """
+    """Write the arguments by their names, and the Ks, distortions, Rs and Ts that it should find."""
     target, cameras = material.only_target, material.cameras
     if len(cameras) == 1:
         raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
@@ -60,4 +54,4 @@ def write(material: Material, folder: Path) -> None:
         "Rs": np.stack([pose.rotation for pose in poses]),
         "Ts": np.stack([pose.translation for pose in poses]),
     }
-    save(folder / "multiview.npz", material, arguments)
+    write_npz(folder / "multiview.npz", material.remarks, arguments)

@@ -22,13 +22,7 @@ _LEAST = 4
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        A target is not flat.
-    """
+    """Write a file per camera."""
     for target in material.targets:
         if not target.is_flat:
             raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material, Scene
+from pipeline.exports.material import ExportCamera, Material, Scene
 from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr import Part, write_exr
-from pipeline.formats import Cameras, ExportError, Format, Origin, Reads, Unit
+from pipeline.formats import Cameras, Format, Origin, Reads, Unit
 
 FORMAT = Format(
     consumer="robotics, compositors; OpenEXR",
@@ -24,8 +23,6 @@ FORMAT = Format(
 
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera and frame."""
-    if material.scene is None:
-        raise ExportError("this material has no scene to measure depth in", hint="export from a finished build")
     scene = material.scene()
     for camera in material.cameras:
         (folder / camera.name).mkdir()

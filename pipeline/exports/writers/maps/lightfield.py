@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.filestorage import write_npz
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.files.exr import read_exr
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Reads
@@ -32,41 +32,30 @@ _SHIFTED = {"square": None, "hexagonal": 1, "hexagonal-columns": 0}
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write an npz per camera and frame.
-
-    Raises
-    ------
-    ExportError
-        The build has no linear images, or micro-images are too small.
-    """
+    """Write an npz per camera and frame."""
     for camera in material.cameras:
         (folder / camera.name).mkdir()
         grid, white = _Grid(camera), camera.built.white_path
         for view in camera.built.views:
             if view.image_path is None:
                 raise ExportError(f"the build has no image.exr of {camera.name} in frame {view.frame}")
-            arrays: dict[str, Any] = {"remarks": np.array(material.remarks), "views": grid.views(view.image_path)}
+            arrays: dict[str, Any] = {"views": grid.views(view.image_path)}
             if white is not None:
                 arrays["white"] = grid.views(white)
             arrays |= {"offsets_px": grid.steps, "centres": grid.centres}
-            with (folder / camera.name / f"{view.frame:04d}.lightfield.npz").open("wb") as stream:
-                np.savez(stream, **arrays)
+            write_npz(folder / camera.name / f"{view.frame:04d}.lightfield.npz", material.remarks, arrays)
 
 
 class _Grid:
     """Micro-images by row and column, and where their light is sampled.
 
-    Attributes
-    ----------
-    steps : (s,) int64
-        Offsets of the views from the centres, along x and along y [px].
-    centres : (rows, columns, 2) float64
-        NaN where there is no micro-image. The format counts pixels as we do.
+    `steps`: (s,) int64, offsets of the views from the centres, along x and along y [px].
+    `centres`: (rows, columns, 2) float64, NaN where there is no micro-image. The format counts pixels as we do.
     """
 
     def __init__(self, camera: ExportCamera) -> None:
-        mesh, images = camera.mesh, camera.micro_images
-        assert mesh is not None and images is not None and camera.built.micro_images is not None
+        images, mesh = camera.array
+        assert camera.built.micro_images is not None
         self.shifted = _SHIFTED[mesh.layout]
         self.centres = _table(mesh, images)
         reach = int(np.floor(camera.built.micro_images.radius_px.min()))

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, Format, Microlenses, Origin, Reads, Unit

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Origin, Reads
 from pipeline.results.records import BuiltPinhole
@@ -50,13 +49,7 @@ _FOUND_PX = 1e-6
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write both maps of every camera.
-
-    Raises
-    ------
-    ExportError
-        No pinhole fits, or light does not reach all of the image.
-    """
+    """Write both maps of every camera."""
     for camera in material.cameras:
         ideal = _ideal_map(camera)
         (x, y), f = ideal.pinhole.principal_point_px.tolist(), ideal.pinhole.principal_distance_px
@@ -86,25 +79,13 @@ def _rows(
 
 @dataclass(frozen=True, kw_only=True)
 class _IdealMap:
-    """Image positions of a camera and of an ideal pinhole, both with (0, 0) in the centre of the top-left pixel.
+    """Image positions of a camera and of an ideal pinhole, both with (0, 0) in the centre of the top-left pixel."""
 
-    Attributes
-    ----------
-    pinhole : BuiltPinhole
-        Its distortion does not count.
-    z_mm : float
-        Vision z of the plane on which the map holds.
-    low, high : (2,) float64
-        Corners of the area that was traced.
-    splines : tuple
-        Shifts along x and y from a position of the camera to that of the ideal image.
-    """
-
-    pinhole: BuiltPinhole
-    z_mm: float
-    low: np.ndarray
+    pinhole: BuiltPinhole  # its distortion does not count
+    z_mm: float  # vision z of the plane on which the map holds
+    low: np.ndarray  # (2,), corners of the area that was traced
     high: np.ndarray
-    splines: tuple[Any, ...]
+    splines: tuple[Any, ...]  # shifts along x and y from a position of the camera to that of the ideal image
 
     def to_ideal(self, x_px: np.ndarray) -> np.ndarray:
         """Positions in the ideal image of positions (n, 2) of the camera; NaN outside of what was traced."""

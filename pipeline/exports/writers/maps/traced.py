@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.ray_patches import bands
 
 AT_ONCE = 1 << 16
@@ -37,10 +36,9 @@ def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
     microlenses = None if camera.micro_images is None else np.zeros((height, width, 2), np.int32)
     try:
         for first, end in bands(height, AT_ONCE // width):
-            band = camera.rays.band(first, end)
-            rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin_mm, band.direction
-            if microlenses is not None and band.microlenses is not None:
-                microlenses[first:end] = band.microlenses
+            rays[first:end], numbers = camera.rays.band(first, end)
+            if microlenses is not None and numbers is not None:
+                microlenses[first:end] = numbers
         yield TracedPixels(rays, microlenses)
     finally:
         del rays

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import MicroImages
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Targets, Unit
 
@@ -39,22 +38,15 @@ _HEADER = 116
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a folder per camera.
-
-    Raises
-    ------
-    ExportError
-        Microlenses are not hexagonal rows, or the target is no grid of squares.
-    """
+    """Write a folder per camera."""
     for camera in material.cameras:
-        images, mesh = camera.micro_images, camera.mesh
-        assert images is not None and mesh is not None
+        images, mesh = camera.array
         if mesh.layout != "hexagonal":
             raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         place = folder / camera.name
         place.mkdir()
         remarks = {"remarks": np.array(material.remarks, dtype=object)}
-        _save(place / "microlens_center_list.mat", {**_centres(camera, images), **remarks})
+        _save(place / "microlens_center_list.mat", {**_centres(camera), **remarks})
         types = {f"type{number}_struct": images.centres[images.types == number].T for number in np.unique(images.types)}
         _save(place / "lens_types.mat", {**types, **remarks})
         for view in material.of(camera):
@@ -64,15 +56,15 @@ def write(material: Material, folder: Path) -> None:
         (place / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
 
 
-def _centres(camera: ExportCamera, images: MicroImages) -> dict[str, Any]:
+def _centres(camera: ExportCamera) -> dict[str, Any]:
+    images, mesh = camera.array
     known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
     connection = [[known.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in known.items()]
-    assert camera.mesh is not None
     return {
         "center_list": images.centres.T,
         "center_connection": np.array(connection, dtype=np.float64).T,
         "image_size": np.array([camera.size_px], dtype=np.float64),
-        "radius": np.array([[camera.mesh.pitch_px[0] // 2]]),
+        "radius": np.array([[mesh.pitch_px[0] // 2]]),
     }
 
 

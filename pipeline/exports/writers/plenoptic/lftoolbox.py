@@ -21,16 +21,9 @@ FORMAT = Format(
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        Microlenses are not hexagonal rows.
-    """
+    """Write a file per camera."""
     for camera in material.cameras:
-        mesh = camera.mesh
-        assert mesh is not None
+        _, mesh = camera.array
         if mesh.layout != "hexagonal":
             raise ExportError(f"lftoolbox knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         across, down = mesh.step_px

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.thin_lens import ThinLens, thin_lens_of
 from pipeline.files.jsonfile import write_json
@@ -54,13 +53,7 @@ _GEOMETRIES = {"square": 0, "hexagonal": 1, "hexagonal-columns": 2}
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the files of every camera.
-
-    Raises
-    ------
-    ExportError
-        The target is no grid of squares.
-    """
+    """Write the files of every camera."""
     for camera in material.cameras:
         place = folder / camera.name
         place.mkdir()
@@ -76,13 +69,20 @@ def write(material: Material, folder: Path) -> None:
         write_json(place / "camera.js", {**about, **_camera(camera, model)})
         write_json(place / "intrinsics.js", {**about, **_camera(camera, model), **_intrinsics(camera, model)})
         write_json(place / "params.js", {**about, **_parameters(camera, model)})
-        write_json(place / "scene.js", {**about, **_scene(material)})
-        write_json(place / "poses.js", {**about, "poses": _poses(material, camera)})
+        board = material.board
+        grid = {"lph": board.square_mm, "pose": _pose(np.eye(3), [0.0, 0.0, 0.0])}
+        grid |= {"x_grid": board.columns, "y_grid": board.rows}
+        write_json(place / "scene.js", {**about, "checkerboards": [grid]})
+        poses = [
+            {"frame": view.frame, "pose": _pose(view.pose.rotation, view.pose.translation.tolist())}
+            for view in material.of(camera)
+            if view.pose
+        ]
+        write_json(place / "poses.js", {**about, "poses": poses})
 
 
 def _centres(camera: ExportCamera) -> np.ndarray:
-    images = camera.micro_images
-    assert images is not None
+    images, _ = camera.array
     rows = np.zeros(len(images.types), _CENTRE)
     rows["k"], rows["l"] = images.microlenses.T
     rows["u"], rows["v"] = images.centres.T
@@ -111,9 +111,8 @@ def _pack(path: Path, *sections: np.ndarray) -> None:
 
 def _camera(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     width, height = camera.size_px
-    assert camera.mesh is not None
     return {
-        "mia": {"mesh": _mesh(camera.mesh)},
+        "mia": {"mesh": _mesh(camera.array[1])},
         "sensor": {"scale": camera.pitch_mm, "width": width, "height": height},
         "main_lens": {"aperture": model.f_number, "f": model.focal_mm},
         "dist_focus": model.focus_mm,
@@ -139,11 +138,9 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     It looks along z, its main lens in the origin, array and sensor behind it; a pixel is u = W - 1 - x / scale of the
     sensor's own x. The micro-image (k, l) lies on the line from the origin through its microlens.
     """
-    mesh, scale, last = camera.mesh, camera.pitch_mm, np.array(camera.size_px) - 1
-    assert mesh is not None
-    upright, far = np.eye(3).tolist(), model.main_lens_mm + model.sensor_mm
+    (_, mesh), scale, last = camera.array, camera.pitch_mm, np.array(camera.size_px) - 1
     corner = -(last - camera.axis) * scale
-    sensor = {"rotation": upright, "translation": [[*corner.tolist(), -far]]}
+    sensor = _pose(np.eye(3), [*corner.tolist(), -(model.main_lens_mm + model.sensor_mm)])
     size, per_px = {"width": camera.size_px[0], "height": camera.size_px[1]}, scale * model.ratio
     return {
         "sensor": {"scale": scale, **size, "pose": sensor},
@@ -151,7 +148,7 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
             "aperture": model.f_number,
             "f": model.focal_mm,
             "diameter": model.focal_mm / model.f_number,
-            "pose": {"rotation": upright, "translation": [[0.0, 0.0, 0.0]]},
+            "pose": _pose(np.eye(3), [0.0, 0.0, 0.0]),
         },
         "mla": {
             "focal_lengths": model.focal_lengths_mm.tolist(),
@@ -175,7 +172,11 @@ def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: fl
     first = (axis - mesh.place(across * (columns - 1) + shift, down * (rows - 1))) * per_px
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
     turn = [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
-    return {"rotation": turn, "translation": [[*first.tolist(), -distance_mm]]}
+    return _pose(turn, [*first.tolist(), -distance_mm])
+
+
+def _pose(columns: Any, translation: list[float]) -> dict[str, Any]:
+    return {"rotation": columns, "translation": [translation]}
 
 
 def _mesh(mesh: GridMesh) -> dict[str, Any]:
@@ -188,14 +189,13 @@ def _mesh(mesh: GridMesh) -> dict[str, Any]:
         "width": columns,
         "height": rows,
         "pitch": [list(mesh.pitch_px)],
-        "pose": {"rotation": [[cos, sin], [-sin, cos]], "translation": [mesh.place(0, down).tolist()]},
+        "pose": _pose([[cos, sin], [-sin, cos]], mesh.place(0, down).tolist()),
     }
 
 
 def _parameters(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     """Internal parameters: PlenopticCamera::params of libpleno."""
-    assert camera.mesh is not None
-    pitch_mm = sum(camera.mesh.pitch_px) / 2 * camera.pitch_mm
+    pitch_mm = sum(camera.array[1].pitch_px) / 2 * camera.pitch_mm
     half = [pitch_mm * model.ratio * model.sensor_mm / (2 * f) for f in model.focal_lengths_mm.tolist()]
     return {
         "m": -model.sensor_mm * model.focal_mm / (2 * model.main_lens_mm),
@@ -209,17 +209,3 @@ def _parameters(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
         "N": model.f_number,
         "I": len(half),
     }
-
-
-def _scene(material: Material) -> dict[str, Any]:
-    board = material.board
-    upright = {"rotation": np.eye(3).tolist(), "translation": [[0.0, 0.0, 0.0]]}
-    return {"checkerboards": [{"lph": board.square_mm, "pose": upright, "x_grid": board.columns, "y_grid": board.rows}]}
-
-
-def _poses(material: Material, camera: ExportCamera) -> list[dict[str, Any]]:
-    return [
-        {"frame": view.frame, "pose": {"rotation": view.pose.rotation, "translation": [view.pose.translation.tolist()]}}
-        for view in material.of(camera)
-        if view.pose
-    ]

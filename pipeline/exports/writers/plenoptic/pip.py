@@ -19,16 +19,9 @@ FORMAT = Format(
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        Microlenses are not hexagonal rows.
-    """
+    """Write a file per camera."""
     for camera in material.cameras:
-        mesh, model = camera.mesh, thin_lens_of(camera)
-        assert mesh is not None
+        (_, mesh), model = camera.array, thin_lens_of(camera)
         if mesh.layout != "hexagonal":
             raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         lens_pitch_px = camera.built.record["mla"]["pitch_mm"] / camera.pitch_mm

@@ -21,16 +21,9 @@ FORMAT = Format(
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        Microlenses stand in hexagonal columns.
-    """
+    """Write a file per camera."""
     for camera in material.cameras:
-        images, mesh = camera.micro_images, camera.mesh
-        assert images is not None and mesh is not None
+        images, mesh = camera.array
         if mesh.layout == "hexagonal-columns":
             raise ExportError(f"plenopticam knows rows of microlenses, and {camera.name} has hexagonal columns")
         rows = [

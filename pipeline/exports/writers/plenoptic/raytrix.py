@@ -8,8 +8,7 @@ import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pipeline.exports.cameras import ExportCamera
-from pipeline.exports.material import Material
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import GridMesh
 from pipeline.exports.thin_lens import thin_lens_of
 from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Microlenses, Origin
@@ -37,16 +36,9 @@ _PERIOD = ("sub_grid_base", "1.7320508075688772", "3.0")
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera.
-
-    Raises
-    ------
-    ExportError
-        Microlenses are not hexagonal rows of three types, or Keplerian.
-    """
+    """Write a file per camera."""
     for camera in material.cameras:
-        mesh, images = camera.mesh, camera.micro_images
-        assert mesh is not None and images is not None
+        images, mesh = camera.array
         if mesh.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
             raise ExportError(
                 f"raytrix knows hexagonal rows of three types, and {camera.name} has {len(images.own_types)} on"
@@ -103,12 +95,10 @@ def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
 
     An end is inf where it reaches the front focal point of the main lens.
     """
-    record, images = camera.built.record, camera.micro_images
-    assert images is not None
-    model = thin_lens_of(camera)
+    record, model = camera.built.record, thin_lens_of(camera)
     lens, types = record["lens"], record["mla"]["types"]
     front, ends = lens["principal_planes_mm"][0], []
-    for number in images.own_types.tolist():
+    for number in camera.array[0].own_types.tolist():
         away = [float(end) - front for end in types[number]["depth_of_field_mm"]]
         behind = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in away]
         depths = sorted(distance / model.sensor_mm for distance in behind)
