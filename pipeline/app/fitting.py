@@ -12,8 +12,7 @@ from pipeline.files.jsonfile import json_bytes
 from pipeline.fits.drawing import picture
 from pipeline.fits.field import FitError
 from pipeline.fits.omniverse import seen_by_omniverse
-from pipeline.fits.page import page
-from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera
+from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera, page
 from pipeline.results.opening import Opened, opened
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.scene.write.lens_distortion import distortion_layer

@@ -32,8 +32,8 @@ def picture(camera: FittedCamera, fit: Fit) -> str:
     distances = by_distance(fit, camera.field)
     curves = _Plot(
         box=(_MARGIN_PX, below, half, _PLOT_PX),
-        x=np.array([1e3 / z for z, _, _ in distances]),
-        ys=[np.array([mean for _, mean, _ in distances]), np.array([most for _, _, most in distances])],
+        x=np.array([1e3 / row["z_mm"] for row in distances]),
+        ys=[np.array([row[name] for row in distances]) for name in ("rms_px", "max_px")],
         words=("residual at other distances [px]: rms (blue), largest (red)", "1 / z [1/m]"),
     )
     pupil = _Plot(

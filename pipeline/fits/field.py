@@ -31,30 +31,14 @@ class FitError(UsageError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldRays:
-    """Rays of image positions on a grid over the image, those without light left out.
+    """Rays of image positions on a grid over the image, those without light left out."""
 
-    Attributes
-    ----------
-    x_px : (n, 2) float64
-    rays : PixelRays
-    planes_mm : (float, float)
-        Vision z of the near and the far plane: those of J_near and J_far.
-    size_px : (int, int)
-    lit_share : float
-        Share of the positions that light reaches.
-    start : (4,) float64
-        Paraxial pinhole: principal distance, principal point [px], vision z [mm].
-    is_centred : bool
-        Whether all surfaces stand on one axis.
-    """
-
-    x_px: np.ndarray
+    x_px: np.ndarray  # (n, 2)
     rays: PixelRays
-    planes_mm: tuple[float, float]
+    planes_mm: tuple[float, float]  # vision z of the near and the far plane: those of J_near and J_far
     size_px: tuple[int, int]
-    lit_share: float
-    start: np.ndarray
-    is_centred: bool
+    lit_share: float  # share of the positions that light reaches
+    start: np.ndarray  # (4,), paraxial pinhole: principal distance, principal point [px], vision z [mm]
 
     def points(self, z_mm: float) -> np.ndarray:
         """Crossings with the plane at vision z, (n, 3) [mm]."""
@@ -75,39 +59,21 @@ class FieldRays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PupilCurve:
-    """Places where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each.
+    """Places where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each, (m,)."""
 
-    Attributes
-    ----------
-    angle_deg : (m,) float64
-        Angle of the ray with the axis.
-    z_mm : (m,) float64
-        Vision z of the point of the ray that is nearest to the axis.
-    aside_mm : (m,) float64
-        Distance of that point from the axis.
-    """
-
-    angle_deg: np.ndarray
-    z_mm: np.ndarray
-    aside_mm: np.ndarray
-
-
-def main_lens(camera: ReadyCamera) -> ReadyCamera:
-    """The camera without its microlenses: its sensor behind the main lens alone."""
-    tracer, rig = camera.rig.tracer, camera.rig
-    bare = Tracer(replace(tracer.camera, microlenses=None), tracer.seed)
-    return replace(camera, rig=Rig.of(bare, rig.square_px))
+    angle_deg: np.ndarray  # angle of the ray with the axis
+    z_mm: np.ndarray  # vision z of the point of the ray that is nearest to the axis
+    aside_mm: np.ndarray  # distance of that point from the axis
 
 
 def field_rays(camera: ReadyCamera) -> FieldRays:
-    """Trace the rays of a camera's main lens over its image.
+    """Trace the rays of a camera's main lens over its image, without the microlenses.
 
-    Raises
-    ------
-    FitError
-        Light reaches too little of the image.
+    Raises FitError: light reaches too little of the image.
     """
-    seen = main_lens(camera)
+    tracer, rig = camera.rig.tracer, camera.rig
+    bare = Tracer(replace(tracer.camera, microlenses=None), tracer.seed)
+    seen = replace(camera, rig=Rig.of(bare, rig.square_px))
     sensor = seen.camera.sensor
     across, down = (
         np.linspace(-0.5, size - 0.5, count) for size, count in ((sensor.width_px, COLUMNS), (sensor.height_px, ROWS))
@@ -125,7 +91,6 @@ def field_rays(camera: ReadyCamera) -> FieldRays:
         size_px=(sensor.width_px, sensor.height_px),
         lit_share=float(lit.mean()),
         start=paraxial_pinhole(seen.camera),
-        is_centred=seen.camera.prescription.is_centred,
     )
 
 

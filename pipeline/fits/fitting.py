@@ -25,19 +25,11 @@ _HELD = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A model fitted to the rays of a camera.
-
-    Attributes
-    ----------
-    model : Model
-    parameters : (m,) float64
-        Parameters in the order of the model.
-    residual_px : (2, n, 2) float64
-        Position by the model minus position, of points of each ray on the near and on the far plane.
-    """
+    """A model fitted to the rays of a camera."""
 
     model: Model
-    parameters: np.ndarray
+    parameters: np.ndarray  # (m,), in the order of the model
+    # (2, n, 2), position by the model minus position, of points of each ray on the near and on the far plane
     residual_px: np.ndarray
 
     @property
@@ -68,10 +60,7 @@ def rms(residual_px: np.ndarray) -> float:
 def fitted(field: FieldRays, name: str) -> Fit:
     """Fit a model, from the paraxial pinhole or from the fit of the simpler model that it extends.
 
-    Raises
-    ------
-    FitError
-        The fit does not settle.
+    Raises FitError: the fit does not settle.
     """
     model = MODELS[name]
     start = _start(field, model)
@@ -94,10 +83,7 @@ def fitted(field: FieldRays, name: str) -> Fit:
 def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequence[bool]) -> np.ndarray:
     """Parameters with the least sum of squares of `off`, an analytic function of them.
 
-    Parameters
-    ----------
-    held : sequence of bool
-        Parameters that stay near 0 where residuals do not determine them.
+    `held`: parameters that stay near 0 where residuals do not determine them.
     """
     from scipy.optimize import least_squares
 

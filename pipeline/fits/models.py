@@ -22,30 +22,16 @@ _SETTLED = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """A projection model.
-
-    Attributes
-    ----------
-    name : str
-    consumer : str
-        Who has it, and under which name.
-    parameters : tuple of str
-        Names of `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians.
-    project : callable
-        Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
-        positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.
-    coefficients : tuple of str
-        Parameters that are 0 without distortion.
-    nearest : str or None
-        A simpler model with the same parameters and fewer, from whose fit this one's starts.
-    """
+    """A projection model."""
 
     name: str
-    consumer: str
-    parameters: tuple[str, ...]
+    consumer: str  # who has it, and under which name
+    parameters: tuple[str, ...]  # `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians
+    # Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
+    # positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.
     project: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    coefficients: tuple[str, ...]
-    nearest: str | None = None
+    coefficients: tuple[str, ...]  # parameters that are 0 without distortion
+    nearest: str | None = None  # a simpler model with the same parameters and fewer, from whose fit this one's starts
 
     def positions(self, p: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
         """Image positions of points of the vision frame, (n, 2); `p` holds all parameters."""

@@ -43,10 +43,7 @@ _DECIMALS = 9
 def seen_by_omniverse(camera: FittedCamera, prim_path: str, pitch_mm: float) -> SeenCamera:
     """The camera as schemas of Omniverse state it; what counts is the model with the smallest rms.
 
-    Raises
-    ------
-    FitError
-        No schema has any of the fitted models.
+    Raises FitError: no schema has any of the fitted models.
     """
     known: dict[str, Fit] = {}
     for fit in sorted(camera.fits, key=lambda fit: -fit.rms_px):  # of several in one schema the best stays

@@ -1,6 +1,6 @@
-"""All that `pipeline fit` finds of a camera."""
+"""All that `pipeline fit` finds of a camera, as data and as lines for a terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,30 +17,22 @@ THIN_LENS = "thin-lens-plenoptic"
 """Name of the model of a whole plenoptic camera; all others stand for its main lens."""
 ALL = "all"
 """Name for all models that can stand for a camera."""
+_ROWS = 5
+"""Lines about the entrance pupil: from the middle of the field to its edge."""
+_NOTHING = 1e-11
+"""Size below which a parameter prints as 0 [its unit]: rounding of what symmetry makes 0."""
 _ALIKE = 1e-6
 """Relative difference of residuals that symmetry makes equal [1]: rays are right to about as much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedCamera:
-    """A camera with the models nearest to it.
-
-    Attributes
-    ----------
-    name : str
-    field : FieldRays
-        Rays of its main lens over the image.
-    fits : tuple of Fit
-        Models of the main lens, in the order asked for.
-    thin : ThinPlenopticFit or None
-        None unless it is asked for.
-    pupil : PupilCurve
-    """
+    """A camera with the models nearest to it."""
 
     name: str
-    field: FieldRays
-    fits: tuple[Fit, ...]
-    thin: ThinPlenopticFit | None
+    field: FieldRays  # rays of its main lens over the image
+    fits: tuple[Fit, ...]  # models of the main lens, in the order asked for
+    thin: ThinPlenopticFit | None  # None unless it is asked for
     pupil: PupilCurve
 
     @property
@@ -52,22 +44,17 @@ class FittedCamera:
 def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
     """Fit models to a camera.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Keys of `MODELS`, `THIN_LENS` or `ALL`.
-
-    Raises
-    ------
-    FitError
-        There is no such model, or it cannot stand for the camera.
+    `names`: keys of `MODELS`, `THIN_LENS` or `ALL`.
+    Raises FitError: there is no such model, or it cannot stand for the camera.
     """
     wanted = list(dict.fromkeys(names))
     if ALL in wanted:
         wanted = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
     for name in wanted:
-        if name != THIN_LENS:
-            _require_known(name)
+        if name not in (*MODELS, THIN_LENS):
+            others = [*MODELS, THIN_LENS, ALL]
+            hint = did_you_mean(name, others) or f"models: {', '.join(others)}"
+            raise FitError(f"there is no model {name!r}", hint=hint)
     field = field_rays(camera)
     return FittedCamera(
         name=camera.name,
@@ -102,38 +89,29 @@ def document(camera: FittedCamera) -> dict[str, Any]:
     }
 
 
-def worst(fit: Fit, field: FieldRays) -> tuple[float, float, float]:
+def worst(fit: Fit, field: FieldRays) -> dict[str, float]:
     """Image position of the largest residual, and vision z of its plane; of corners that are alike the first."""
     length = np.linalg.norm(fit.residual_px, axis=-1).ravel()
     plane, row = divmod(int(np.argmax(length >= (1 - _ALIKE) * length.max())), len(field.x_px))
     x, y = field.x_px[row].tolist()
-    return x, y, field.planes_mm[plane]
+    return {"x_px": x, "y_px": y, "z_mm": field.planes_mm[plane]}
 
 
-def by_distance(fit: Fit, field: FieldRays) -> list[tuple[float, float, float]]:
+def by_distance(fit: Fit, field: FieldRays) -> list[dict[str, float]]:
     """Vision z, rms and largest residual on planes at other distances: what no centre of projection explains."""
     residuals = [(z_mm, fit.at_distance(field, z_mm)) for z_mm in field.distances_mm]
-    return [(z_mm, rms(off), float(np.hypot(*off.T).max())) for z_mm, off in residuals]
-
-
-def _require_known(name: str) -> None:
-    others = [*MODELS, THIN_LENS, ALL]
-    if name not in MODELS:
-        hint = did_you_mean(name, others) or f"models: {', '.join(others)}"
-        raise FitError(f"there is no model {name!r}", hint=hint)
+    return [{"z_mm": z, "rms_px": rms(off), "max_px": float(np.hypot(*off.T).max())} for z, off in residuals]
 
 
 def _model(fit: Fit, field: FieldRays) -> dict[str, Any]:
-    x, y, z_mm = worst(fit, field)
-    rows = by_distance(fit, field)
     return {
         "name": fit.model.name,
         "consumer": fit.model.consumer,
         "parameters": fit.values,
         "rms_px": fit.rms_px,
         "max_px": fit.max_px,
-        "max_at": {"x_px": x, "y_px": y, "z_mm": z_mm},
-        "by_distance": [{"z_mm": z, "rms_px": mean, "max_px": most} for z, mean, most in rows],
+        "max_at": worst(fit, field),
+        "by_distance": by_distance(fit, field),
         "field": {
             "x_px": field.x_px[:, 0].tolist(),
             "y_px": field.x_px[:, 1].tolist(),
@@ -153,3 +131,53 @@ def _thin(fit: ThinPlenopticFit) -> dict[str, Any]:
         "positions_in_penumbra": len(fit.dim_px),
         "rms_in_penumbra_px": fit.dim_rms_px,
     }
+
+
+def page(camera: FittedCamera) -> Iterator[str]:
+    """Lines for a terminal: models with residuals, residuals by distance, the entrance pupil over the field."""
+    field = camera.field
+    width, height = field.size_px
+    near, far = field.planes_mm
+    yield f"{camera.name}: {len(field.x_px)} rays over {width} x {height} px, on planes {near:.4g} and {far:.4g} mm"
+    yield "before the stop; residuals are lengths in px"
+    yield ""
+    if camera.fits:
+        yield "model             rms        largest    where"
+    for fit in camera.fits:
+        at = worst(fit, field)
+        where = f"at ({at['x_px']:g}, {at['y_px']:g}) px, {at['z_mm']:.4g} mm"
+        yield f"{fit.model.name:16}  {fit.rms_px:.3e}  {fit.max_px:.3e}  {where}"
+    for fit in camera.fits:
+        yield ""
+        yield f"{fit.model.name}: {fit.model.consumer}"
+        yield from _parameters(fit.values)
+    if camera.fits:
+        yield ""
+        yield f"{camera.best.model.name} at other distances, not fitted again: rays of a lens do not meet in one centre"
+        yield "vision z      rms        largest"
+        for row in by_distance(camera.best, field):
+            yield f"{row['z_mm']:9.1f} mm  {row['rms_px']:.3e}  {row['max_px']:.3e}"
+    if camera.thin is not None:
+        yield ""
+        yield from _thin_lines(camera.thin)
+    yield ""
+    yield "entrance pupil: where rays pass the axis"
+    yield "angle      vision z"
+    count = len(camera.pupil.angle_deg)
+    for i in sorted({round((count - 1) * step / (_ROWS - 1)) for step in range(_ROWS)} if count else ()):
+        yield f"{camera.pupil.angle_deg[i]:6.2f}°   {camera.pupil.z_mm[i]:10.4f} mm"
+
+
+def _parameters(values: dict[str, float]) -> Iterator[str]:
+    items = [f"{name} {0 if abs(value) < _NOTHING else value:.8g}" for name, value in values.items()]
+    for first in range(0, len(items), 4):
+        yield "  " + "  ".join(f"{item:26}" for item in items[first : first + 4]).rstrip()
+
+
+def _thin_lines(fit: ThinPlenopticFit) -> Iterator[str]:
+    yield f"thin lens before pinholes: {len(fit.residual_px)} positions of {fit.points} points in full light,"
+    line = f"rms {fit.rms_px:.3e}, largest {fit.max_px:.3e}"
+    if fit.dim_rms_px is not None:
+        line += f"; {len(fit.dim_px)} more in the penumbra, rms {fit.dim_rms_px:.3e}"
+    yield line
+    yield from _parameters(fit.values)

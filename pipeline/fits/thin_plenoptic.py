@@ -47,24 +47,12 @@ _LEAST_ROWS = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThinPlenopticFit:
-    """The thin-lens plenoptic camera that explains exact positions best.
+    """The thin-lens plenoptic camera that explains exact positions best."""
 
-    Attributes
-    ----------
-    parameters : (12,) float64
-        Values in the order of `PARAMETERS`.
-    residual_px : (n, 2) float64
-        Residuals of the positions in full light, to which it was fitted.
-    dim_px : (m, 2) float64
-        Residuals of the positions in the penumbra, for the same camera.
-    points : int
-        Scene points whose positions they are.
-    """
-
-    parameters: np.ndarray
-    residual_px: np.ndarray
-    dim_px: np.ndarray
-    points: int
+    parameters: np.ndarray  # (12,), in the order of `PARAMETERS`
+    residual_px: np.ndarray  # (n, 2), of the positions in full light, to which it was fitted
+    dim_px: np.ndarray  # (m, 2), of the positions in the penumbra, for the same camera
+    points: int  # scene points whose positions they are
 
     @property
     def values(self) -> dict[str, float]:
@@ -90,10 +78,7 @@ class ThinPlenopticFit:
 def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
     """Fit to the positions of points all over the image, at distances from the near to the far plane.
 
-    Raises
-    ------
-    FitError
-        It has no microlenses, or too few of them see points.
+    Raises FitError: it has no microlenses, or too few of them see points.
     """
     lattice = camera.rig.tracer.lattice
     if lattice is None:

@@ -6,6 +6,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+from exports.maps import lit_rays
 from laws import rigs
 from laws.ideal_lens import thin
 
@@ -20,7 +21,6 @@ from pipeline.fits.models import MODELS
 from pipeline.fits.result import ALL, by_distance, document, fit_camera, worst
 from pipeline.fits.thin_plenoptic import positions_mm, thin_plenoptic
 from pipeline.optics.first_order import first_order
-from pipeline.results.answers import PixelRays
 
 OPENCV = ("pinhole", "brown", "rational", "thin-prism", "tilted")
 
@@ -43,26 +43,8 @@ def central(name: str, p: np.ndarray) -> FieldRays:
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.25, 0.25, 15), np.linspace(-0.2, 0.2, 13)))
     slope = np.column_stack([x, y, np.ones(len(x))])
     x_px = MODELS[name].project(p[3:], slope)
-    direction = slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    rays = PixelRays(
-        x_px=x_px[:, 0],
-        y_px=x_px[:, 1],
-        origin_mm=p[:3] - p[2] * slope,
-        direction=direction,
-        error_px=np.zeros((len(x), 2)),
-        hit_fraction=np.ones(len(x)),
-        microlens=None,
-    )
-    start = np.array([880.0, 300.0, 250.0, 0.0])
-    return FieldRays(
-        x_px=x_px,
-        rays=rays,
-        planes_mm=(400.0, 600.0),
-        size_px=(640, 480),
-        lit_share=1.0,
-        start=start,
-        is_centred=True,
-    )
+    rays, start = lit_rays(*x_px.T, p[:3] - p[2] * slope, slope), np.array([880.0, 300.0, 250.0, 0.0])
+    return FieldRays(x_px=x_px, rays=rays, planes_mm=(400.0, 600.0), size_px=(640, 480), lit_share=1.0, start=start)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +60,7 @@ def test_a_camera_that_is_a_model_is_found_again(name, p):
     found = fitted(central(name, np.array(p)), name)
     assert found.max_px < 1e-7
     np.testing.assert_allclose(found.parameters, p, rtol=1e-4, atol=1e-6)
-    assert all(most < 1e-6 for _, _, most in by_distance(found, central(name, np.array(p))))
+    assert all(row["max_px"] < 1e-6 for row in by_distance(found, central(name, np.array(p))))
 
 
 def test_opencv_reproduces_the_residuals_and_the_largest_is_the_fields(wide):
@@ -93,9 +75,9 @@ def test_opencv_reproduces_the_residuals_and_the_largest_is_the_fields(wide):
         off = np.array(off) - wide.x_px
         np.testing.assert_allclose(found.residual_px, off, rtol=0, atol=1e-9)
         assert found.max_px == pytest.approx(np.linalg.norm(off, axis=-1).max(), rel=1e-6)
-        x, y, z_mm = worst(found, wide)
-        here = (wide.x_px == [x, y]).all(axis=1)
-        assert np.linalg.norm(found.at_distance(wide, z_mm)[here][0]) == pytest.approx(found.max_px, rel=1e-9)
+        at = worst(found, wide)
+        here = (wide.x_px == [at["x_px"], at["y_px"]]).all(axis=1)
+        assert np.linalg.norm(found.at_distance(wide, at["z_mm"])[here][0]) == pytest.approx(found.max_px, rel=1e-9)
 
 
 def test_more_coefficients_explain_no_less(wide):
@@ -124,9 +106,9 @@ def test_no_centre_explains_all_distances(wide):
     """The residual is smallest between the planes that were fitted, and grows away from them."""
     found = fitted(wide, "brown")
     rows = by_distance(found, wide)
-    middle = [mean for z_mm, mean, _ in rows if wide.planes_mm[0] < z_mm < wide.planes_mm[1]]
-    assert rows[0][1] == pytest.approx(np.sqrt((found.residual_px[0] ** 2).sum(axis=1).mean()))
-    assert min(middle) < rows[0][1] / 10 and rows[-1][1] > 2 * rows[0][1]
+    middle = [row["rms_px"] for row in rows if wide.planes_mm[0] < row["z_mm"] < wide.planes_mm[1]]
+    assert rows[0]["rms_px"] == pytest.approx(np.sqrt((found.residual_px[0] ** 2).sum(axis=1).mean()))
+    assert min(middle) < rows[0]["rms_px"] / 10 and rows[-1]["rms_px"] > 2 * rows[0]["rms_px"]
 
 
 def test_the_entrance_pupil_begins_at_the_paraxial_one_and_walks():
