@@ -8,8 +8,7 @@ from typing import Any
 from pipeline.app.stages import existing, write_new
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
-from pipeline.files.cameras.read import read_camera_file
-from pipeline.files.lenses.read import read_lens
+from pipeline.files.lenses.read import read_camera_file, read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost

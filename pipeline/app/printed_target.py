@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.app.stages import chosen, lacking, sound
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
-from pipeline.files.drawings import write_drawing, write_pdf
+from pipeline.files.drawings import pdf_bytes, write_drawing
 from pipeline.report.artwork import pages_of, paper_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.problems import Problem
@@ -46,7 +46,7 @@ class TargetPrint:
             if path.suffix == ".svg":
                 write_drawing(path, svg(pages))
             else:
-                write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
+                write_drawing(path, pdf_bytes([(p.width_mm, p.height_mm, pdf_content(p)) for p in pages]))
         return paper_of(pages)
 
     def _printable(self) -> Target:

@@ -9,12 +9,7 @@ MAX_COMPRESSION_RATIO = 1032
 
 
 class DamagedFile(PipelineError):
-    """A file does not have the expected content: truncated, altered, or written by another program.
-
-    `path`: the file.
-    `reason`: description of the problem.
-    `line`: line of a text file, counted from 1.
-    """
+    """A file does not have the expected content: truncated, altered, or written by another program."""
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None) -> None:
         where = f"{path}:{line}" if line is not None else f"{path}"

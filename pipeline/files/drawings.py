@@ -50,15 +50,6 @@ def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
         )
         content = f"q {_POINTS_PER_MM:.12f} 0 0 {_POINTS_PER_MM:.12f} 0 0 cm\n{operators}\nQ\n"
         objects.append(f"<< /Length {len(content.encode('latin-1', 'replace'))} >>\nstream\n{content}endstream")
-    return _file(objects)
-
-
-def write_pdf(path: Path, pages: Sequence[tuple[float, float, str]]) -> None:
-    """Write `pdf_bytes`."""
-    write_drawing(path, pdf_bytes(pages))
-
-
-def _file(objects: list[str]) -> bytes:
     data, places = f"%PDF-1.4\n% {SAYS}\n".encode(), []
     for number, text in enumerate(objects, start=1):
         places.append(len(data))

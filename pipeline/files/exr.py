@@ -71,8 +71,7 @@ class Part:
 def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
     """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
 
-    `path`: no particular extension is needed; the folder must exist.
-    `parts`: one part at least.
+    `path`: in a folder that exists.
     `tiled`: tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
     """
     names = [part.name for part in parts]

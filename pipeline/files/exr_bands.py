@@ -40,7 +40,7 @@ _POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
 
 
 class UnknownLayout(ValueError):
-    """The bytes are not a file with this layout."""
+    """The bytes are not a file with this layout, or end too early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,7 @@ class Header:
 
     def having(self, **values: bytes) -> "Header":
         """The same header with other values for some of its attributes."""
-        return Header(
-            {name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()},
-        )
+        return Header({name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()})
 
     def _value(self, name: str, kind: str) -> bytes:
         stored, value = self.attributes.get(name, ("", b""))
@@ -99,26 +97,23 @@ class Header:
         return value
 
 
-def box(shape: tuple[int, int]) -> bytes:
+def _box(shape: tuple[int, int]) -> bytes:
     """A window from (0, 0) with a number of rows and columns, as bytes."""
     return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
 
 
-def bytes_of(headers: list[Header]) -> bytes:
-    """Bytes of everything before the tables of offsets."""
+def _head(headers: list[Header], tables: list[np.ndarray]) -> bytes:
+    """Bytes of everything before the chunks: headers and tables of offsets."""
     result = [_MAGIC, struct.pack("<I", 2 | (_MULTIPART if len(headers) > 1 else 0x200))]
     for header in headers:
         for name, (kind, value) in header.attributes.items():
             result += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
         result.append(b"\0")
-    return b"".join([*result, b"\0" if len(headers) > 1 else b""])
+    return b"".join([*result, b"\0" if len(headers) > 1 else b"", *(table.tobytes() for table in tables)])
 
 
-def read_headers(stream: BinaryIO) -> list[Header]:
-    """Headers of a file; afterwards the stream is at the tables of offsets.
-
-    Raises UnknownLayout: the file is not of this layout, or ends.
-    """
+def _read_headers(stream: BinaryIO) -> list[Header]:
+    """Headers of a file; afterwards the stream is at the tables of offsets."""
     magic, version = stream.read(4), stream.read(4)
     if magic != _MAGIC or len(version) < 4:
         raise UnknownLayout("not an OpenEXR file")
@@ -153,31 +148,14 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """A tile as stored in a file: its column and row among tiles, and its compressed pixels."""
-
-    column: int
-    row: int
-    data: bytes
-
-    def to_bytes(self, part: int | None) -> bytes:
-        """Bytes of the chunk in a file of several parts, or of one (None)."""
-        head = struct.pack("<5i", self.column, self.row, 0, 0, len(self.data))
-        return (b"" if part is None else struct.pack("<i", part)) + head + self.data
-
-
-def read_chunk(stream: BinaryIO, offset: int, part: int | None) -> Chunk:
-    """The chunk at an offset of a file.
-
-    Raises UnknownLayout: the offset holds another chunk.
-    """
+def _tile(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
+    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a file of one."""
     stream.seek(offset)
     stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
     column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
     if stored_part != part or level != [0, 0]:
         raise UnknownLayout("a tile of another part")
-    return Chunk(column, row, _exactly(stream, size))
+    return (column, row), _exactly(stream, size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,7 +177,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
         headers = _headers(band_file, parts)
         tables = [np.zeros(header.grid, "<u8") for header in headers]
         with path.open("wb") as stream:
-            stream.write(bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+            stream.write(_head(headers, tables))
             for number, part in enumerate(parts):
                 crcs = dict.fromkeys(sorted(part.channels), 0)
                 at = number if len(parts) > 1 else None
@@ -210,18 +188,13 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
                     _append(stream, band_file, tables[number], first // TILE_PX, at)
                 headers[number] = headers[number].having(**{CRC: _content_crc(part, headers[number], crcs)})
             stream.seek(0)
-            stream.write(bytes_of(headers) + b"".join(table.tobytes() for table in tables))
-    except UnknownLayout:
-        _require_room(band_file)
+            stream.write(_head(headers, tables))
+    except UnknownLayout:  # OpenEXR drops the error of a full disk when it closes a file: whoever writes gets it
+        with band_file.open("ab") as stream:
+            stream.write(bytes(_PROBED_BYTES))
         raise
     finally:
         band_file.unlink(missing_ok=True)
-
-
-def _require_room(path: Path) -> None:
-    """Raise the error of the system if the file cannot grow: OpenEXR drops such an error when a file is closed."""
-    with path.open("ab") as stream:
-        stream.write(bytes(_PROBED_BYTES))
 
 
 def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
@@ -230,11 +203,10 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
     small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
     write_exr(scratch, small)
     with scratch.open("rb") as stream:
-        headers = read_headers(stream)
-    display = box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
+        headers = _read_headers(stream)
+    display = _box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
     sized = [
-        header.having(dataWindow=box(part.shape), displayWindow=display)
-        for header, part in zip(headers, parts, strict=True)
+        header.having(dataWindow=_box(p.shape), displayWindow=display) for header, p in zip(headers, parts, strict=True)
     ]
     return [header.having(chunkCount=struct.pack("<i", header.grid[0] * header.grid[1])) for header in sized]
 
@@ -255,12 +227,13 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
     """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions."""
     with band_file.open("rb") as band:
-        (header,) = read_headers(band)
+        (header,) = _read_headers(band)
         offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")
         for offset in offsets:
-            tile = read_chunk(band, int(offset), None)
-            table[above + tile.row, tile.column] = stream.tell()
-            stream.write(Chunk(tile.column, above + tile.row, tile.data).to_bytes(part))
+            (column, row), data = _tile(band, int(offset), None)
+            table[above + row, column] = stream.tell()
+            stream.write(b"" if part is None else struct.pack("<i", part))
+            stream.write(struct.pack("<5i", column, above + row, 0, 0, len(data)) + data)
 
 
 def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> bytes:
@@ -269,7 +242,7 @@ def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> byte
     whole = zlib.crc32(repr((part.name, texts)).encode())
     for channel, crc in crcs.items():
         whole = zlib.crc32(f"{channel} {part.shape}".encode(), whole)
-        whole = joined(whole, crc, 4 * part.shape[0] * part.shape[1])
+        whole = _joined(whole, crc, 4 * part.shape[0] * part.shape[1])
     return f"{whole:08x}".encode()
 
 
@@ -286,7 +259,7 @@ class ExrWindows:
         self._path = Path(path)
         with self._path.open("rb") as stream:
             try:
-                headers = read_headers(stream)
+                headers = _read_headers(stream)
                 self.headers = {header.texts["name"]: header for header in headers}
                 sizes = [8 * header.grid[0] * header.grid[1] for header in headers]
                 room = os.fstat(stream.fileno()).st_size
@@ -317,11 +290,11 @@ class ExrWindows:
         with self._path.open("rb") as stream:
             try:
                 for column, offset in enumerate(self._tables[number][row]):
-                    chunk = read_chunk(stream, int(offset), number if len(self.headers) > 1 else None)
+                    stored, data = _tile(stream, int(offset), number if len(self.headers) > 1 else None)
                     here = result[:, :, column * edge : (column + 1) * edge]
-                    if (chunk.column, chunk.row) != (column, row):
+                    if stored != (column, row):
                         raise UnknownLayout("another tile")
-                    pixels = np.frombuffer(_pixels(chunk.data, here.nbytes), "<f4")
+                    pixels = np.frombuffer(_pixels(data, here.nbytes), "<f4")
                     here[:] = pixels.reshape(here.shape[1], here.shape[0], here.shape[2]).transpose(1, 0, 2)
             except (ValueError, OverflowError, struct.error, zlib.error) as error:
                 raise DamagedFile(self._path, f'a tile of part "{name}" cannot be read ({error})') from error
@@ -343,12 +316,8 @@ def _pixels(data: bytes, size: int) -> np.ndarray:
     return result
 
 
-def joined(first: int, second: int, second_bytes: int) -> int:
-    """CRC-32 of two pieces together.
-
-    `first`, `second`: `zlib.crc32` of each piece alone.
-    `second_bytes`: length of the second piece.
-    """
+def _joined(first: int, second: int, second_bytes: int) -> int:
+    """CRC-32 of two pieces together, from that of each alone and the length of the second."""
     shift, power = _ONE, _BYTE
     while second_bytes:
         if second_bytes & 1:

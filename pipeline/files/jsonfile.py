@@ -18,7 +18,6 @@ _WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 def write_json(path: str | Path, obj: Any) -> None:
     """Write plain values, UTF-8, with a final line feed.
 
-    `path`: file to write.
     `obj`: dict, list, tuple, array, str, number, bool or None, floats are written by `repr`; infinities as the strings
         "inf" and "-inf", which `float` reads, because JSON has no word for them; NaN and other types are refused with
         the place where they stand.

@@ -16,25 +16,20 @@ _COMPRESS_LEVEL = 6
 def write_png(path: str | Path, image: np.ndarray) -> None:
     """Write an image to a file of any name. Same pixels, same bytes; no time, no text, no colour profile.
 
-    `path`: no particular extension is needed.
     `image`: (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16, RGB, grey, or raw digital numbers; row 0 is the top.
     """
-    _save(path, image)
+    Path(path).write_bytes(png_bytes(image))
 
 
 def png_bytes(image: np.ndarray) -> bytes:
     """The file that `write_png` writes."""
-    stream = io.BytesIO()
-    _save(stream, image)
-    return stream.getvalue()
-
-
-def _save(place: str | Path | io.BytesIO, image: np.ndarray) -> None:
     grey = image.ndim == 2 and image.dtype in (np.uint8, np.uint16)
     colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
     if not (grey or colour) or image.size == 0:
         raise ValueError(f"no PNG for {image.dtype} of shape {image.shape}: (h, w, 3) uint8, (h, w) uint8 or uint16")
-    Image.fromarray(np.ascontiguousarray(image)).save(place, format="PNG", compress_level=_COMPRESS_LEVEL)
+    stream = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(stream, format="PNG", compress_level=_COMPRESS_LEVEL)
+    return stream.getvalue()
 
 
 def read_png(path: str | Path) -> np.ndarray:
@@ -44,10 +39,11 @@ def read_png(path: str | Path) -> np.ndarray:
     Raises DamagedFile: if it is not a PNG file, pixels are lost or altered, or they are of another kind.
     """
     data = Path(path).read_bytes()
-    _require_plausible_size(path, data)
-    stream = io.BytesIO(data)
+    width_px, height_px = _size(path, data)
+    if width_px * height_px > 8 * MAX_COMPRESSION_RATIO * len(data):  # a pixel has a bit or more
+        raise DamagedFile(path, f"{width_px} x {height_px} pixels cannot come from so short a file")
     try:
-        with Image.open(stream, formats=["PNG"]) as picture:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
             mode, pixels = picture.mode, np.array(picture)
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError, zlib.error) as error:
         raise DamagedFile(path, f"not a readable PNG file ({error})") from error
@@ -62,15 +58,10 @@ def png_size(path: str | Path) -> tuple[int, int]:
     Raises DamagedFile: if it is not a PNG file.
     """
     with Path(path).open("rb") as file:
-        head = file.read(24)
+        return _size(path, file.read(24))
+
+
+def _size(path: str | Path, head: bytes) -> tuple[int, int]:
     if len(head) < 24 or head[12:16] != b"IHDR":
         raise DamagedFile(path, "not a PNG file")
     return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")
-
-
-def _require_plausible_size(path: str | Path, data: bytes) -> None:
-    """Refuse a header that asks for more pixels than its bytes can hold, before memory is allocated."""
-    if len(data) >= 24 and data[12:16] == b"IHDR":
-        width_px, height_px = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-        if width_px * height_px > 8 * MAX_COMPRESSION_RATIO * len(data):  # a pixel has a bit or more
-            raise DamagedFile(path, f"{width_px} x {height_px} pixels cannot come from so short a file")

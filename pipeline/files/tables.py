@@ -34,7 +34,6 @@ def write_table(
 ) -> None:
     """Write columns of equal length, UTF-8, lines ending in a line feed.
 
-    `path`: file to write.
     `header_lines`: iterable of str, comment lines, without "#".
     `columns`: mapping of str to sequence, columns in order. Floats are written by `repr`, so that they read back
         exactly; None, NaN and "" leave the cell empty; booleans become 1 and 0; text is quoted only if it must be.

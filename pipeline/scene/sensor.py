@@ -7,7 +7,7 @@ from pxr import Usd
 from pipeline.camera.parts.camera import Sensor
 from pipeline.channel_names import COLOURS, colour_of
 from pipeline.errors import PipelineError
-from pipeline.files.dng import nameless_filters
+from pipeline.files.tiff import nameless_filters
 from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
 from pipeline.render.sensor.demosaic import PRIMARIES
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.channel_names import colour_of
-from pipeline.files.dng import Negative, write_dng
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
-from pipeline.files.tiff import mapped, write_tiff
+from pipeline.files.tiff import Negative, mapped, write_dng, write_tiff
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.render.field_transmission import FieldTransmission, field_transmission
 from pipeline.render.radiometry import photon_rate

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from pipeline.app.importing import import_camera, write_stage
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.parts.lattice import lattice
-from pipeline.files.cameras.read import read_camera_file
+from pipeline.files.lenses.read import read_camera_file
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.scene.load import load
 

@@ -11,17 +11,8 @@ from pipeline.files.jsonfile import read_json, write_json
 
 
 def test_the_file_is_exactly_this(tmp_path: Path) -> None:
-    write_json(
-        tmp_path / "x",
-        {
-            "z": 0.1,
-            "a": [1, np.float64(2.5)],
-            "pose": np.eye(2),
-            "none": [],
-            "far": math.inf,
-            "lens": {"name": "f/2 µ", "n": None},
-        },
-    )
+    value = {"z": 0.1, "a": [1, np.float64(2.5)], "pose": np.eye(2), "none": [], "far": math.inf}
+    write_json(tmp_path / "x", {**value, "lens": {"name": "f/2 µ", "n": None}})
     assert (tmp_path / "x").read_bytes() == (
         '{\n  "z": 0.1,\n  "a": [1, 2.5],\n  "pose": [\n    [1.0, 0.0],\n    [0.0, 1.0]\n  ],\n  "none": [],\n'
         '  "far": "inf",\n'

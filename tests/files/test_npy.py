@@ -18,10 +18,6 @@ def array(tmp_path):
     return path
 
 
-def test_what_was_written_comes_back(array):
-    assert np.array_equal(read_npy(array), np.arange(12.0).reshape(3, 4))
-
-
 @pytest.mark.parametrize("turn", [np.asarray, np.transpose, np.flipud])
 def test_files_are_those_of_numpy(tmp_path, turn):
     """Whatever the order in memory: rows first."""

@@ -7,8 +7,7 @@ import tifffile
 from PIL import Image
 
 from pipeline.files.damaged import DamagedFile
-from pipeline.files.dng import Negative, write_dng
-from pipeline.files.tiff import mapped, read_tiff, write_tiff
+from pipeline.files.tiff import Negative, mapped, read_tiff, write_dng, write_tiff
 
 ABOUT = {"black_level_dn": 64.25, "filters": ["mono"]}
 NUMBERS = np.random.default_rng(5).integers(0, 65536, (37, 53)).astype(np.uint16)

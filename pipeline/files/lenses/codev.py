@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.files.lenses.sizing import Beam, opened, sized
-from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, radius_of, read_lines
+from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, other_wavelengths, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
@@ -29,7 +29,7 @@ _NAMED = {
     **dict.fromkeys(("NAO", "NA"), "a numerical aperture; the stop decides"),
 }
 # Analysis, labels, couplings of the optimiser.
-_SILENT = "LEN VERSION INI WTW WTF GO SLB THC CCY GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER"
+_SILENT = "LEN REF VERSION INI WTW WTF GO SLB THC CCY GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER"
 
 
 @dataclass(slots=True)
@@ -56,11 +56,9 @@ class _Sequence:
         self.shape: str | None = None
         self.unit_mm: float | None = None
         self.wavelengths: list[float] = []
-        self.reference = 1
         self.beam = Beam()
         self.rows: list[_Row] = []
         self.current: _Row | None = None
-        self.image_seen = False
         self.private: dict[str, float] = {}
         self.private_wavelengths: list[float] | None = None
         self.lost: list[Lost] = []
@@ -74,7 +72,9 @@ class _Sequence:
         elif name == "RDM":
             self.shape = "curvature" if values[:1] and values[0].upper() == "N" else "radius"
         elif name == "DIM":
-            self._dimension(line, values)
+            self.unit_mm = _UNITS_MM.get(values[0].upper()) if values else None
+            if self.unit_mm is None:
+                raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
         elif name == "PRV":
             self.private_wavelengths = []
         elif name in ("SO", "SI", "S") or re.fullmatch(r"S\d+", name):
@@ -82,15 +82,13 @@ class _Sequence:
         else:
             self._setting(line, name, values)
 
-    def _dimension(self, line: int, values: list[str]) -> None:
-        self.unit_mm = _UNITS_MM.get(values[0].upper()) if values else None
-        if self.unit_mm is None:
-            raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
-
     def _numbers(self, line: int, name: str, values: list[str]) -> list[float]:
         if not values:
             raise UnreadableLens(self.path, f"{name} has no value", line=line)
         return [number(self.path, line, value, name) for value in values]
+
+    def _lose(self, line: int, what: str) -> None:
+        self.lost.append(Lost(what=what, line=line))
 
     def _setting(self, line: int, name: str, values: list[str]) -> None:
         if name in ("EPD", "FNO"):
@@ -99,39 +97,32 @@ class _Sequence:
             self.beam.stated, self.beam.line = f"{name} {value:g}", line
         elif name == "WL":
             self.wavelengths = self._numbers(line, name, values)
-        elif name == "REF":
-            self.reference = int(self._numbers(line, name, values)[0])
         elif name in ("XAN", "YAN"):
-            self.beam.add(self._numbers(line, name, values), along_y=name == "YAN")
+            (self.beam.fields if name == "YAN" else self.beam.others).extend(self._numbers(line, name, values))
         elif name in ("VUY", "VLY"):
-            self.beam.vignet(name == "VUY", self._numbers(line, name, values))
+            (self.beam.upper if name == "VUY" else self.beam.lower).extend(self._numbers(line, name, values))
         elif name in _REFUSED:
             raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
         elif name in _NAMED:
-            self.lost.append(Lost(what=f"{name}: {_NAMED[name]}", line=line))
+            self._lose(line, f"{name}: {_NAMED[name]}")
         elif not self._of_surface(line, name, values) and name not in _SILENT.split():
-            self.lost.append(Lost(what=f"{name} is not read", line=line))
+            self._lose(line, f"{name} is not read")
 
     def _surface(self, line: int, name: str, values: list[str]) -> None:
         shape, thickness = [*self._numbers(line, name, values[:2]), 0.0][:2]
+        self.current = None
         if name == "SO":
             if not thickness >= 1e8:
-                what = f"the object distance of {thickness:g}: a dataset says where its targets are"
-                self.lost.append(Lost(what=what, line=line))
-            self.current = None
-            return
-        if name == "SI":
-            self.image_seen, self.current = True, None
+                self._lose(line, f"the object distance of {thickness:g}: a dataset says where its targets are")
+        elif name == "SI":
             if shape:
-                self.lost.append(Lost(what="the image surface is curved; sensors are flat", line=line))
+                self._lose(line, "the image surface is curved; sensors are flat")
             if thickness:
-                self.lost.append(
-                    Lost(what=f"a defocus of {thickness:g}: the camera says where the sensor is", line=line)
-                )
-            return
-        glass = values[2] if len(values) > 2 else ""
-        self.current = _Row(line=line, shape=shape, thickness=thickness, glass=glass)
-        self.rows.append(self.current)
+                self._lose(line, f"a defocus of {thickness:g}: the camera says where the sensor is")
+        else:
+            glass = values[2] if len(values) > 2 else ""
+            self.current = _Row(line=line, shape=shape, thickness=thickness, glass=glass)
+            self.rows.append(self.current)
 
     def _of_surface(self, line: int, name: str, values: list[str]) -> bool:
         row, rest = self._addressed(line, values)
@@ -142,7 +133,7 @@ class _Sequence:
         if name not in ("K", "CON", "ASP", "SPH", *_EDGES, *_COEFFICIENTS):
             return False
         if row is None:
-            self.lost.append(Lost(what=f"{name} {' '.join(values)} of no lens surface", line=line))
+            self._lose(line, f"{name} {' '.join(values)} of no lens surface")
         elif name == "K":
             row.conic = self._numbers(line, name, rest)[0]
         elif name in _COEFFICIENTS:
@@ -158,7 +149,7 @@ class _Sequence:
         if name == "CIR" and kind == "OBS":
             row.inner = value
         elif kind not in ("", "CLR"):
-            self.lost.append(Lost(what=f"{name} {kind}: only clear apertures block rays", line=line))
+            self._lose(line, f"{name} {kind}: only clear apertures block rays")
         elif name == "CIR":
             row.semi_diameter = value
         elif name == "ARO":
@@ -192,10 +183,7 @@ class _Sequence:
 
 
 def read_codev(path: str | Path) -> PrintedLens:
-    """A lens from a `.seq` file.
-
-    Raises UnreadableLens: the meaning of its numbers is unclear, or its lens cannot be represented.
-    """
+    """A lens from a `.seq` file."""
     sequence = _Sequence(path)
     for line, words in _commands(read_lines(path)):
         sequence.obey(line, words)
@@ -207,11 +195,8 @@ def read_codev(path: str | Path) -> PrintedLens:
     if not sequence.rows:
         raise UnreadableLens(path, "holds no surfaces")
     surfaces = tuple(_printed(sequence, i, row) for i, row in enumerate(sequence.rows, 1))
-    lens = PrintedLens(
-        name=sequence.title or Path(path).stem,
-        surfaces=surfaces,
-        lost=(*sequence.lost, *_wavelengths(sequence)),
-    )
+    sequence.lost += other_wavelengths(sequence.wavelengths)
+    lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
     lens = sized(path, lens, sequence.beam, sequence.unit_mm)
     return opened(path, lens, sequence.beam, sequence.unit_mm, has_ring=True)  # CIR blocks rays
 
@@ -234,9 +219,14 @@ def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
 
 def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
     unit_mm = sequence.unit_mm or 1.0
-    radius = (row.shape or math.inf) if sequence.shape == "radius" else radius_of(row.shape)
+    radius = (row.shape if sequence.shape == "radius" else 1 / row.shape) if row.shape else math.inf
     index, abbe, glass = _medium(sequence, place, row)
-    half_widths_mm = _half_widths(sequence, place, row, unit_mm)
+    half_widths_mm = None
+    if row.half_widths:
+        if len(row.half_widths) != 2:
+            reason = f"surface {place} has {next(iter(row.half_widths))}, and a rectangle needs REX and REY"
+            raise UnreadableLens(sequence.path, reason, line=row.line)
+        half_widths_mm = row.half_widths["REX"] * unit_mm, row.half_widths["REY"] * unit_mm
     semi_diameter_mm = None if row.semi_diameter is None else row.semi_diameter * unit_mm
     if semi_diameter_mm is None and half_widths_mm:
         semi_diameter_mm = math.hypot(*half_widths_mm)
@@ -256,15 +246,6 @@ def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
     )
 
 
-def _half_widths(sequence: _Sequence, place: int, row: _Row, unit_mm: float) -> tuple[float, float] | None:
-    if not row.half_widths:
-        return None
-    if len(row.half_widths) != 2:
-        reason = f"surface {place} has {next(iter(row.half_widths))}, and a rectangle needs REX and REY"
-        raise UnreadableLens(sequence.path, reason, line=row.line)
-    return row.half_widths["REX"] * unit_mm, row.half_widths["REY"] * unit_mm
-
-
 def _medium(sequence: _Sequence, place: int, row: _Row) -> Medium:
     """Index, Abbe number and name: a private glass, a fictitious one (620410.603236 or 620.603), or a catalogue's."""
     glass = row.glass
@@ -278,11 +259,3 @@ def _medium(sequence: _Sequence, place: int, row: _Row) -> Medium:
         return Medium(float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass)
     name, _, vendor = glass.partition("_")
     return glass_of(sequence.path, row.line, place, name, [vendor] if vendor else [])
-
-
-def _wavelengths(sequence: _Sequence) -> list[Lost]:
-    others = [w for w in sequence.wavelengths if abs(w - 587.6) > 0.1]
-    if not others:
-        return []
-    shown = ", ".join(f"{w:g}" for w in sequence.wavelengths)
-    return [Lost(what=f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength")]

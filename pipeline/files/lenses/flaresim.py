@@ -9,20 +9,17 @@ understand (a stop named 5AS, cover glasses, field stops) are missing, with the 
 import math
 import re
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
-from pipeline.files.lenses.stated import Stated, figures, remarks
+from pipeline.files.lenses.sizing import is_possible
+from pipeline.files.lenses.stated import figures, remarks
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
-from pipeline.optics.prescription import PrescriptionError, Surface, least_gap_mm
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _COLUMNS = ("radius", "thickness", "ior", "abbe", "semi_ap", "coating")
 _FACTOR = {"diameter": 0.5, "semi-diameter": 1.0}
 _SAME_F_NUMBER = 1.4
 """Largest ratio of two F-numbers that mean the same stop: half of the factor 2 between the readings, by ratio."""
-_TOUCH_MM = 1e-9
-"""Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
 
 
 @dataclass(slots=True)
@@ -44,8 +41,6 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
     """A lens from a `.lens` file.
 
     `apertures`: meaning of the column semi_ap; by default decided from the numbers.
-    Raises UnreadableLens: the file is not such a table, has not exactly one stop, or its numbers do not decide the
-        meaning of semi_ap.
     """
     file = _parsed(path)
     line, text = file.settings.get("focal_length", (0, ""))
@@ -62,9 +57,9 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
     _check_stop(path, file, lens)
     chosen, why = (apertures, "as told") if apertures else meaning_of(path, lens, file.f_number)
     lens = scaled(lens, chosen)
-    stated = Stated(efl_mm=efl_mm, bfd_mm=lens.nominal_bfd_mm, f_number=file.f_number, line=file.rows[-1][0])
-    decided = Lost(what=f"the column semi_ap was read as {chosen} ({why})")
-    return replace(lens, lost=(decided, *remarks(lens, stated, without_aspheres=True)))
+    decided, last = Lost(what=f"the column semi_ap was read as {chosen} ({why})"), file.rows[-1][0]
+    stated = {"bfd_mm": lens.nominal_bfd_mm, "f_number": file.f_number}
+    return replace(lens, lost=(decided, *remarks(lens, **stated, without_aspheres=True, line=last)))
 
 
 def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> tuple[str, str]:
@@ -73,7 +68,7 @@ def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> t
     `lens`: with the numbers of the column as its semi-diameters.
     `f_number`: f-number that the file states.
     """
-    by_shape = None if _is_possible(lens) else "diameter"
+    by_shape = None if is_possible(lens.surfaces) else "diameter"
     by_stop = next((meaning for meaning in _FACTOR if _has_f_number(scaled(lens, meaning), f_number)), None)
     if by_shape and by_stop in (by_shape, None):
         return by_shape, "as semi-diameters its numbers reach beyond spheres or across the next surface"
@@ -154,18 +149,6 @@ def _check_stop(path: str | Path, file: _File, lens: PrintedLens) -> None:
         hint='add its row (radius "stop", space behind it) from the source, and the space before it: converters drop'
         " both where they cannot read the row",
     )
-
-
-def _is_possible(lens: PrintedLens) -> bool:
-    """Whether no surface reaches beyond its sphere, or across the next one, within the clear apertures."""
-    try:
-        surfaces = [
-            Surface(radius_mm=s.radius_mm, thickness_mm=s.thickness_mm, semi_diameter_mm=s.semi_diameter_mm or 0.0)
-            for s in lens.surfaces
-        ]
-    except PrescriptionError:
-        return False
-    return all(least_gap_mm(front, behind) >= -_TOUCH_MM for front, behind in pairwise(surfaces))
 
 
 def _has_f_number(lens: PrintedLens, f_number: float | None) -> bool:

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from pipeline.files.lenses.stated import Stated, remarks
+from pipeline.files.lenses.stated import remarks
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
@@ -31,6 +31,10 @@ class _Bench:
     scenario: int
     sections: dict[str, list[_Row]] = field(default_factory=dict)
     lost: list[Lost] = field(default_factory=list)
+
+    def number(self, line: int, text: str, what: str) -> float | None:
+        """The number of a cell; None if it is empty."""
+        return number(self.path, line, text, what) if text else None
 
     def rows(self, section: str) -> list[_Row]:
         """Rows of a section, empty if the file has none."""
@@ -55,8 +59,6 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
     """A lens from a text of the Optical Bench.
 
     `scenario`: column of `[variable distances]`, counted from 1; by default the first, which is then reported.
-    Raises UnreadableLens: a row cannot be understood, a distance has no value, there is not one stop, or the lens has
-        more than surfaces of revolution.
     """
     bench = _Bench(path, 0 if scenario is None else scenario - 1)
     _split(bench)
@@ -65,7 +67,11 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
     if not rows:
         raise UnreadableLens(path, "holds no rows in a section [lens data]")
     surfaces = [_surface(bench, line, cells) for line, cells in rows]
-    _check_stop(path, [line for (line, _), surface in zip(rows, surfaces, strict=True) if surface.is_stop])
+    stops = [line for (line, _), surface in zip(rows, surfaces, strict=True) if surface.is_stop]
+    if len(stops) != 1:
+        reason = f"{len(stops)} rows have AS for a radius, and one must be the aperture stop"
+        hint = "write a row AS with the spaces before and behind it" if not stops else "write FS for the others"
+        raise UnreadableLens(path, reason, line=stops[1] if stops else None, hint=hint)
     surfaces = _with_aspheres(bench, surfaces, [cells[0] for _, cells in rows])
     last = surfaces[-1].thickness_mm
     said = {cells[0]: cells[1:] for _, cells in bench.rows("descriptive data")}
@@ -76,8 +82,8 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
         nominal_efl_mm=bench.value("Focal Length"),
         nominal_bfd_mm=last if last > 0 else None,
     )
-    stated = Stated(efl_mm=lens.nominal_efl_mm, bfd_mm=_focus_mm(bench, last), f_number=bench.value("F-Number"))
-    return replace(lens, lost=(*bench.lost, *remarks(lens, stated, without_aspheres=False)))
+    focus_mm = lens.nominal_bfd_mm if bench.value("d0") is None else None  # the focus of an infinite object
+    return replace(lens, lost=(*bench.lost, *remarks(lens, bfd_mm=focus_mm, f_number=bench.value("F-Number"))))
 
 
 def _split(bench: _Bench) -> None:
@@ -112,89 +118,64 @@ def _choose(bench: _Bench, asked: int | None) -> None:
         bench.lost.append(Lost(what=what, line=rows["d0"][0]))
 
 
-def _focus_mm(bench: _Bench, last_mm: float) -> float | None:
-    """Thickness of the last row, if it is the back focal distance: at infinity, and not left out."""
-    return last_mm if last_mm > 0 and bench.value("d0") is None else None
-
-
 def _surface(bench: _Bench, line: int, cells: list[str]) -> PrintedSurface:
     cells = cells + [""] * (8 - len(cells))
     shape, space, index, diameter, abbe, glass, vendor = cells[1:8]
     is_stop = shape.upper() == _STOP
     plane = is_stop or shape.upper() in _FLAT
     wide_mm = bench.value("Aperture Diameter") if is_stop else None
-    wide_mm = wide_mm or _number(bench, line, diameter, "the diameter")
-    index_value = _number(bench, line, index, "the index") or 1.0
+    wide_mm = wide_mm or bench.number(line, diameter, "the diameter")
+    index_value = bench.number(line, index, "the index") or 1.0
     return PrintedSurface(
-        radius_mm=math.inf if plane else _number(bench, line, shape, "the radius") or math.inf,
+        radius_mm=math.inf if plane else bench.number(line, shape, "the radius") or math.inf,
         thickness_mm=_space_mm(bench, line, space),
         semi_diameter_mm=wide_mm / 2 if wide_mm else None,
         index=index_value,
-        abbe=_number(bench, line, abbe, "the Abbe number") if index_value != 1 else None,
+        abbe=bench.number(line, abbe, "the Abbe number") if index_value != 1 else None,
         glass=f"{vendor.casefold()}:{glass}" if glass and vendor else glass,
         is_stop=is_stop,
     )
 
 
-def _number(bench: _Bench, line: int, text: str, what: str) -> float | None:
-    return number(bench.path, line, text, what) if text else None
-
-
 def _space_mm(bench: _Bench, line: int, text: str) -> float:
     """A thickness, or the value of the distance of that name."""
     if not text[:1].isalpha():
-        return _number(bench, line, text, "the thickness") or 0.0
+        return bench.number(line, text, "the thickness") or 0.0
     distance = bench.value(text)
     if distance is None:
         names = [cells[0] for _, cells in bench.rows("variable distances")]
-        known = (
-            "is not in [variable distances]" if text not in names else f"has no value in scenario {bench.scenario + 1}"
-        )
-        raise UnreadableLens(
-            bench.path, f'the distance "{text}" {known}', line=line, hint="write its value there, in mm"
-        )
+        known = f"has no value in scenario {bench.scenario + 1}" if text in names else "is not in [variable distances]"
+        reason = f'the distance "{text}" {known}'
+        raise UnreadableLens(bench.path, reason, line=line, hint="write its value there, in mm")
     return distance
-
-
-def _check_stop(path: str | Path, lines: list[int]) -> None:
-    if len(lines) != 1:
-        reason = f"{len(lines)} rows have AS for a radius, and one must be the aperture stop"
-        hint = "write a row AS with the spaces before and behind it" if not lines else "write FS for the others"
-        raise UnreadableLens(path, reason, line=lines[1] if lines else None, hint=hint)
 
 
 def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]) -> list[PrintedSurface]:
     shaped = list(surfaces)
-    if (odd := _odd(bench)) and bench.rows("aspherical data"):
+    counts = [(line, cells) for line, cells in bench.rows("constants") if cells[0] == "AsphericalOddCount"]
+    odd = next((int(number(bench.path, line, cells[1], cells[0])) for line, cells in counts if len(cells) > 1), 0)
+    if odd and bench.rows("aspherical data"):
         what = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
         bench.lost.append(Lost(what=what, line=bench.rows("aspherical data")[0][0]))
     for line, cells in bench.rows("aspherical data"):
         if cells[0] not in ids:
             raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)
         i = ids.index(cells[0])
-        numbers = [_number(bench, line, cell, "a coefficient") or 0.0 for cell in cells[2:]]
+        numbers = [bench.number(line, cell, "a coefficient") or 0.0 for cell in cells[2:]]
         radius_mm = math.inf if cells[1].upper() in _FLAT else number(bench.path, line, cells[1], "the radius")
         if not math.isclose(radius_mm, surfaces[i].radius_mm, rel_tol=_SAME_RADIUS):
             reason = f"surface {cells[0]} has radius {surfaces[i].radius_mm:g} mm, and {radius_mm:g} as an asphere"
             raise UnreadableLens(bench.path, reason, line=line)
-        terms = zip(_powers(bench, len(numbers) - 1), numbers[1:], strict=True)
+        terms = zip(_powers(bench, odd, len(numbers) - 1), numbers[1:], strict=True)
         asphere = tuple((power, value) for power, value in terms if value)
         shaped[i] = replace(surfaces[i], conic=numbers[0] if numbers else 0.0, asphere=asphere)
     return shaped
 
 
-def _powers(bench: _Bench, count: int) -> list[int]:
+def _powers(bench: _Bench, odd: int, count: int) -> list[int]:
     """Powers of the height to which `count` coefficients belong: 4, 6, 8 …, with A2 from 2, with `AsphericalOddCount` n
     the odd powers 3, 5 … in between as long as there are n of them.
     """
-    odd = _odd(bench)
     powers = [2 * i + 3 for i in range(odd)] + [2 * i + 4 for i in range(max(count, 0))]
     has_2 = not odd and any(cells[0] == "AsphericalA2" for _, cells in bench.rows("constants"))
     return sorted([2] * has_2 + powers)[: max(count, 0)]
-
-
-def _odd(bench: _Bench) -> int:
-    for line, cells in bench.rows("constants"):
-        if cells[0] == "AsphericalOddCount" and len(cells) > 1:
-            return int(number(bench.path, line, cells[1], "AsphericalOddCount"))
-    return 0

@@ -6,9 +6,9 @@ whereas pbrt itself reads the space behind it; `spacing_of` decides between them
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
+from pipeline.files.lenses.sizing import is_possible
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
@@ -19,8 +19,6 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
     """A lens from a `.dat` file.
 
     `spacing`: meaning of the second column; by default decided from the numbers.
-    Raises UnreadableLens: the file is not a lens table, has no stop, or its numbers do not decide the meaning of the
-        second column.
     """
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)
@@ -49,12 +47,16 @@ def spacing_of(path: str | Path, surfaces: list[PrintedSurface]) -> tuple[str, s
         return "before", "the first row has thickness 0"
     if last == 0 and first != 0:
         return "after", "the last row has thickness 0"
-    possible = {"after": _is_possible(surfaces), "before": _is_possible(_shifted(surfaces))}
-    if sum(possible.values()) == 1:
-        chosen = "after" if possible["after"] else "before"
-        return chosen, f'read as "{_OTHER[chosen]}", surfaces would cross'
+    readings = {"after": surfaces, "before": _shifted(surfaces)}
+    possible = [
+        name
+        for name, read in readings.items()
+        if is_possible(read) and not any(front.index > 1 and front.thickness_mm <= 0 for front in read[:-1])
+    ]
+    if len(possible) == 1:
+        return possible[0], f'read as "{_OTHER[possible[0]]}", surfaces would cross'
     reason = "its thicknesses can be the spaces before or after each surface"
-    if not any(possible.values()):
+    if not possible:
         reason = "its surfaces cross, whether the thicknesses are the spaces before or after each surface"
     raise UnreadableLens(path, reason, hint="say which: --spacing after (as pbrt reads it) or --spacing before")
 
@@ -107,17 +109,3 @@ def _shifted(surfaces: list[PrintedSurface]) -> list[PrintedSurface]:
     """Spaces before each surface converted to spaces behind it; the last one is unknown, so 0."""
     behind = [surface.thickness_mm for surface in surfaces[1:]] + [0.0]
     return [replace(surface, thickness_mm=space) for surface, space in zip(surfaces, behind, strict=True)]
-
-
-def _is_possible(surfaces: list[PrintedSurface]) -> bool:
-    for front, behind in pairwise(surfaces):
-        height = min(front.semi_diameter_mm or 0, behind.semi_diameter_mm or 0)
-        gap = front.thickness_mm + _sag(behind, height) - _sag(front, height)
-        if gap < -1e-9 or (front.index > 1 and front.thickness_mm <= 0):
-            return False
-    return True
-
-
-def _sag(surface: PrintedSurface, height: float) -> float:
-    c = 0.0 if math.isinf(surface.radius_mm) else 1 / surface.radius_mm
-    return c * height**2 / (1 + math.sqrt(max(0.0, 1 - (c * height) ** 2)))

@@ -1,12 +1,14 @@
-"""Import of a lens from the file of another program, chosen by the suffix of its name."""
+"""Import of a lens or a camera from the file of another program, chosen by the suffix of its name."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.files.lenses.blender import is_blender, read_blender
+from pipeline.camera.parts.camera import PrintedCamera
+from pipeline.files.lenses.blender import is_blender, read_blender, read_blender_camera
 from pipeline.files.lenses.codev import read_codev
 from pipeline.files.lenses.flaresim import read_flaresim
+from pipeline.files.lenses.libpleno import read_libpleno
 from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_bench
 from pipeline.files.lenses.pbrt import read_pbrt
 from pipeline.files.lenses.sizing import Beam, sized
@@ -68,6 +70,21 @@ def read_lens(
             lens = reader(path, choices[kind]) if kind in choices else reader(path)
     origin = f"Imported from {Path(path).name}, {what}."
     return replace(lens, provenance=(origin, *lens.provenance))
+
+
+def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamera:
+    """A camera with its parts; `lens` is the lens table of a camera of the Blender add-on.
+
+    Raises UnreadableLens: the format is unknown, or the camera cannot be represented.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".csv", ".js"):
+        hint = "known are .csv (the Blender add-on), .js (libpleno)"
+        raise UnreadableLens(path, f'camera files do not end in "{suffix}"', hint=hint)
+    if suffix == ".js" and lens is not None:
+        raise UnreadableLens(path, "--lens is for cameras of the Blender add-on (.csv)")
+    with computing(path):
+        return read_libpleno(path) if suffix == ".js" else read_blender_camera(path, lens)
 
 
 def _kind(path: str | Path) -> str:

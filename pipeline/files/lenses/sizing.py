@@ -3,16 +3,19 @@ and FNUM of Zemax, EPD and FNO of CODE V).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.clear_apertures import Field, with_clear_apertures
 from pipeline.optics.first_order import first_order
-from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.printed import Lost, PrintedLens, prescription_of
+from pipeline.optics.prescription import PrescriptionError, Surface, least_gap_mm
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, prescription_of
 
+_TOUCH_MM = 1e-9
+"""Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
 _SAME = 1e-6
 """Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
 
@@ -25,18 +28,10 @@ class Beam:
     f_number: float | None = None
     stated: str = ""  # text of the file for pupil or f-number
     line: int | None = None  # its line
-    fields: list[float] = field(default_factory=list)
-    upper: list[float] = field(default_factory=list)
+    fields: list[float] = field(default_factory=list)  # angles along y [degrees]
+    upper: list[float] = field(default_factory=list)  # share of the pupil lost at its edge, for each of these
     lower: list[float] = field(default_factory=list)
-    others: list[float] = field(default_factory=list)
-
-    def add(self, angles_deg: list[float], along_y: bool = True) -> None:
-        """Field angles; those along x are taken without vignetting."""
-        (self.fields if along_y else self.others).extend(angles_deg)
-
-    def vignet(self, upper: bool, fractions: list[float]) -> None:
-        """Note the loss of the pupil at its upper or lower edge, for each field along y."""
-        (self.upper if upper else self.lower).extend(fractions)
+    others: list[float] = field(default_factory=list)  # angles along x, taken without vignetting
 
     @property
     def is_known(self) -> bool:
@@ -58,8 +53,6 @@ class Beam:
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
     """The lens with all semi-diameters known: as printed, or as large as the beam of the file requires, which is
     then reported.
-
-    Raises UnreadableLens: a semi-diameter is unknown, and so is the beam.
     """
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
@@ -84,6 +77,18 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         f" (entrance pupil {wide_mm:g} mm, half field {max(abs(seen.angle_deg) for seen in fields):g} degrees)"
     )
     return replace(open_lens, lost=(*open_lens.lost, Lost(what=what)))
+
+
+def is_possible(surfaces: Sequence[PrintedSurface]) -> bool:
+    """Whether no surface reaches beyond its sphere, or across the next one, within the clear apertures."""
+    try:
+        shapes = [
+            Surface(radius_mm=s.radius_mm, thickness_mm=s.thickness_mm, semi_diameter_mm=s.semi_diameter_mm or 0.0)
+            for s in surfaces
+        ]
+    except PrescriptionError:
+        return False
+    return all(least_gap_mm(front, behind) >= -_TOUCH_MM for front, behind in pairwise(shapes))
 
 
 def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
@@ -112,7 +117,6 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
 
     `lens`: the lens, with all semi-diameters known.
     `has_ring`: whether the semi-diameter of the stop is a hard ring.
-    Raises UnreadableLens: no stop fulfils the system aperture.
     """
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1 or not beam.is_known:

@@ -4,7 +4,7 @@ A file that lost rows or terms on its way still reads well. These four figures s
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,16 +27,6 @@ _RAYS = 24
 """Meridional rays over the entrance pupil, of equal shares of its area; the rms radius is a smooth integral of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stated:
-    """Figures that a file states of its lens; None where it does not. `line` is where the last surface stands."""
-
-    efl_mm: float | None = None
-    bfd_mm: float | None = None
-    f_number: float | None = None
-    line: int | None = None
-
-
 def figures(lens: PrintedLens) -> FirstOrder | None:
     """First-order figures, whatever the semi-diameters of all surfaces but the stop; None for an afocal lens."""
     small = tuple(s if s.is_stop else replace(s, semi_diameter_mm=1e-9) for s in lens.surfaces)
@@ -47,42 +37,44 @@ def figures(lens: PrintedLens) -> FirstOrder | None:
         return None
 
 
-def remarks(lens: PrintedLens, stated: Stated, without_aspheres: bool) -> tuple[Lost, ...]:
-    """Differences between a lens and the figures that its file states of it.
+def remarks(
+    lens: PrintedLens,
+    *,
+    bfd_mm: float | None,
+    f_number: float | None,
+    without_aspheres: bool = False,
+    line: int | None = None,
+) -> tuple[Lost, ...]:
+    """Differences between a lens and the figures that its file states of it; None where it does not.
 
     `without_aspheres`: whether the format has no place for aspheric terms: a blurred image on the axis is then a
         remark.
+    `line`: that of the last surface.
     """
-    computed = figures(lens)
+    computed, efl_mm = figures(lens), lens.nominal_efl_mm
     if computed is None:
         return ()
     losses = []
-    if stated.efl_mm and abs(computed.efl_mm / stated.efl_mm - 1) > _NEAR_FOCUS:
-        off = 100 * (computed.efl_mm / stated.efl_mm - 1)
+    if efl_mm and abs(computed.efl_mm / efl_mm - 1) > _NEAR_FOCUS:
+        off = 100 * (computed.efl_mm / efl_mm - 1)
         losses.append(
-            f"the rows have the focal length {computed.efl_mm:.6g} mm, the file states {stated.efl_mm:g} ({off:+.3g} %)"
+            f"the rows have the focal length {computed.efl_mm:.6g} mm, the file states {efl_mm:g} ({off:+.3g} %)"
         )
-    if stated.bfd_mm and abs(computed.bfd_mm - stated.bfd_mm) > _NEAR_FOCUS * abs(computed.efl_mm):
+    if bfd_mm and abs(computed.bfd_mm - bfd_mm) > _NEAR_FOCUS * abs(computed.efl_mm):
         losses.append(
-            f"the focus lies {computed.bfd_mm:.6g} mm behind the last row, whose thickness is {stated.bfd_mm:g} mm:"
+            f"the focus lies {computed.bfd_mm:.6g} mm behind the last row, whose thickness is {bfd_mm:g} mm:"
             " a cover glass or another row may be missing, or the lens is not focused at infinity"
         )
-    near = _NEAR_F_NUMBER * (stated.f_number or 0.0) + _PRINTED_F_NUMBER
-    if stated.f_number and abs(abs(computed.f_number) - stated.f_number) > near:
+    opening = f"f/{abs(computed.f_number):.3g}"
+    if f_number and abs(abs(computed.f_number) - f_number) > _NEAR_F_NUMBER * f_number + _PRINTED_F_NUMBER:
+        losses.append(f"with its stop the lens is {opening}, the file states f/{f_number:g}")
+    if without_aspheres and (blur_mm := axial_blur_mm(lens, computed)) > _SHARP * abs(computed.efl_mm):
+        seen = "some rays of the axial beam fail" if math.isinf(blur_mm) else f"its rms radius is {blur_mm:.3g} mm"
         losses.append(
-            f"with its stop the lens is f/{abs(computed.f_number):.3g}, the file states f/{stated.f_number:g}"
+            f"the sharpest image of a point on the axis at {opening} is blurred ({seen}):"
+            " it may have lost aspheric terms, which this format cannot hold"
         )
-    if without_aspheres and (blur := axial_blur_mm(lens, computed)) > _SHARP * abs(computed.efl_mm):
-        losses.append(_blurred(blur, computed))
-    return tuple(Lost(what=what, line=stated.line) for what in losses)
-
-
-def _blurred(blur_mm: float, computed: FirstOrder) -> str:
-    seen = "some rays of the axial beam fail" if math.isinf(blur_mm) else f"its rms radius is {blur_mm:.3g} mm"
-    return (
-        f"the sharpest image of a point on the axis at f/{abs(computed.f_number):.3g} is blurred ({seen}):"
-        " it may have lost aspheric terms, which this format cannot hold"
-    )
+    return tuple(Lost(what=what, line=line) for what in losses)
 
 
 def axial_blur_mm(lens: PrintedLens, computed: FirstOrder) -> float:

@@ -37,6 +37,7 @@ radii or thicknesses in a wrong column.
 """
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "inch": 25.4}
 _STOP_WORDS = {"stop", "ast", "aperture stop", "iris", "diaphragm"}
+_MARKED = {"1", "x", "yes", "true", "*", "s"}
 _SKIPPED = {"object", "obj", "image", "img"}
 _PLANE = {"", "inf", "infinity", "∞", "plane", "plano", "flat", "-", "0"}
 _AIR = {"", "air", "-", "1", "0", "vacuum"}
@@ -61,12 +62,9 @@ class _Table:
 
 
 def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
-    """A lens from a plain table, and the beam stated in its comments; semi-diameters may be missing.
-
-    Raises UnreadableLens: a column or row cannot be understood, or there is no stop.
-    """
+    """A lens from a plain table, and the beam stated in its comments; semi-diameters may be missing."""
     lines = read_lines(path)
-    first, header = _header(lines)
+    first, header = next(((line, text) for line, text in enumerate(lines, 1) if _is_row(text)), (0, ""))
     table = _columns(path, first, header)
     for line, text in enumerate(lines, 1):
         if text.lstrip().startswith("#"):
@@ -88,21 +86,12 @@ def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
         nominal_bfd_mm=table.setting("bfd"),
         lost=tuple(table.lost),
     )
-    return lens, _beam(table)
-
-
-def _header(lines: list[str]) -> tuple[int, str]:
-    """The line of the header, counted from 1, and its text."""
-    return next(((line, text) for line, text in enumerate(lines, 1) if _is_row(text)), (0, ""))
+    half_field = table.setting("half-field")
+    return lens, Beam(f_number=table.setting("f-number"), fields=[] if half_field is None else [0.0, half_field])
 
 
 def _is_row(text: str) -> bool:
     return bool(text.strip(" \t;,")) and not text.lstrip().startswith("#")
-
-
-def _delimiter(header: str) -> str | None:
-    """Tab, semicolon or comma, the first of these that the header contains; None means blanks."""
-    return next((mark for mark in "\t;," if mark in header), None)
 
 
 def _cells(text: str, delimiter: str | None) -> list[str]:
@@ -118,7 +107,7 @@ def _quantity(name: str) -> str | None:
 
 
 def _columns(path: str | Path, line: int, header: str) -> _Table:
-    delimiter = _delimiter(header)
+    delimiter = next((mark for mark in "\t;," if mark in header), None)  # None: blanks
     names = _cells(header, delimiter)
     quantities = [_quantity(name) for name in names]
     table = _Table(path, delimiter, quantities)
@@ -135,9 +124,8 @@ def _columns(path: str | Path, line: int, header: str) -> _Table:
         reason = f"the header has no column for {' and '.join(wanted)}" if wanted else f"two columns hold {twice[0]}"
         hint = "e.g. surface,radius,thickness,nd,vd,semi_diameter; docs/lenses.md lists the names"
         if len(wanted) == 3:
-            hint = (
-                "where nobody knows the surfaces, `pipeline new rig --focal-length MM --f-number N` takes a thin lens"
-            )
+            hint = "where nobody knows the surfaces, `pipeline new rig --focal-length MM --f-number N` takes"
+            hint += " a thin lens"
         raise UnreadableLens(path, reason, line=line, hint=hint)
     return table
 
@@ -154,18 +142,6 @@ def _comment(table: _Table, line: int, text: str) -> None:
         table.settings[name] = (value.strip(), line)
 
 
-def _beam(table: _Table) -> Beam:
-    half_field = table.setting("half-field")
-    return Beam(f_number=table.setting("f-number"), fields=[] if half_field is None else [0.0, half_field])
-
-
-def _unit_mm(table: _Table) -> float:
-    text, line = table.settings.get("unit", ("mm", 0))
-    if text.casefold() not in _UNITS_MM:
-        raise UnreadableLens(table.path, f'unknown unit "{text}"', line=line, hint=f"known are {', '.join(_UNITS_MM)}")
-    return _UNITS_MM[text.casefold()]
-
-
 def _surface(table: _Table, place: int, line: int, text: str, last_line: int) -> PrintedSurface | None:
     """A row as a surface; None for object and image."""
     cells = _cells(text, table.delimiter)
@@ -177,7 +153,11 @@ def _surface(table: _Table, place: int, line: int, text: str, last_line: int) ->
     words = {cell.casefold() for cell in cells}
     if words & _SKIPPED:
         return None
-    unit_mm = _unit_mm(table)
+    unit, unit_line = table.settings.get("unit", ("mm", 0))
+    unit_mm = _UNITS_MM.get(unit.casefold())
+    if unit_mm is None:
+        hint = f"known are {', '.join(_UNITS_MM)}"
+        raise UnreadableLens(table.path, f'unknown unit "{unit}"', line=unit_line, hint=hint)
     index, abbe, glass = _medium(table, place, line, values)
     return PrintedSurface(
         radius_mm=_radius(table, line, values) * unit_mm,
@@ -186,7 +166,7 @@ def _surface(table: _Table, place: int, line: int, text: str, last_line: int) ->
         index=index,
         abbe=abbe,
         glass=glass,
-        is_stop=bool(words & _STOP_WORDS) or _is_marked(values.get("stop", "")),
+        is_stop=bool(words & _STOP_WORDS) or values.get("stop", "").casefold() in _MARKED,
         conic=_value(table, line, values, "conic") or 0.0,
         asphere=tuple(
             (power, value * unit_mm ** (1 - power))
@@ -194,10 +174,6 @@ def _surface(table: _Table, place: int, line: int, text: str, last_line: int) ->
             if (value := _value(table, line, values, f"A{power}"))
         ),
     )
-
-
-def _is_marked(cell: str) -> bool:
-    return cell.casefold() in ("1", "x", "yes", "true", "*", "s")
 
 
 def _value(table: _Table, line: int, values: dict[str, str], name: str) -> float | None:

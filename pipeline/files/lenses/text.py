@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from pipeline.errors import PipelineError, UsageError
 from pipeline.optics.glass import catalogue
+from pipeline.optics.printed import Lost
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -18,13 +19,7 @@ _MARKS = (
 
 
 class UnreadableLens(UsageError):
-    """A lens file cannot be read, or its lens cannot be represented.
-
-    `path`: the file.
-    `reason`: description of the problem, with the offending value.
-    `line`: line, counted from 1.
-    `hint`: a way to mend it.
-    """
+    """A lens file cannot be read, or its lens cannot be represented."""
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None, hint: str | None = None) -> None:
         where = f"{path}:{line}" if line is not None else f"{path}"
@@ -75,9 +70,13 @@ def number(path: str | Path, line: int, text: str, what: str) -> float:
     return value
 
 
-def radius_of(curvature: float) -> float:
-    """1 / curvature; infinite for a plane."""
-    return 1 / curvature if curvature else math.inf
+def other_wavelengths(wavelengths_nm: Sequence[float]) -> list[Lost]:
+    """The loss of wavelengths of a design, if any of them is not the d line."""
+    if all(abs(wavelength - 587.6) <= 0.1 for wavelength in wavelengths_nm):
+        return []
+    shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
+    loss = f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength"
+    return [Lost(what=loss)]
 
 
 class Medium(NamedTuple):

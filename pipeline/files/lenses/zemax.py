@@ -9,17 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.errors import PipelineError
+from pipeline.files.lenses import text
 from pipeline.files.lenses.sizing import Beam, opened, sized
-from pipeline.files.lenses.text import (
-    AIR,
-    Medium,
-    UnreadableLens,
-    glass_of,
-    in_catalogue,
-    number,
-    radius_of,
-    read_lines,
-)
+from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, in_catalogue, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
@@ -31,19 +23,8 @@ _SAME_INDEX = 5e-4
 `optics.glass.row` for stages.
 """
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
-_OF_SURFACE = (
-    "TYPE",
-    "CURV",
-    "CONI",
-    "PARM",
-    "DISZ",
-    "GLAS",
-    "DIAM",
-    "CLAP",
-    "OBSC",
-    "SQAP",
-    "STOP",
-)  # indented or not
+# Indented or not
+_OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "OBSC", "SQAP", "STOP")
 _VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN")
 # Drawing, analysis, merit functions, couplings, settings of the editor.
 _SILENT = """
@@ -96,12 +77,12 @@ class _System:
         """Whether the system aperture determines the stop."""
         return self.beam.is_known and not self.stop_floats
 
-    def obey(self, line: int, text: str) -> None:
-        keyword, _, rest = text.strip().partition(" ")
+    def obey(self, line: int, row: str) -> None:
+        keyword, _, rest = row.strip().partition(" ")
         words = rest.split()
         if keyword == "SURF":
             self.rows.append(_Row(line=line))
-        elif self.rows and (text[:1].isspace() or keyword in _OF_SURFACE):
+        elif self.rows and (row[:1].isspace() or keyword in _OF_SURFACE):
             self._of_surface(line, keyword, words)
         else:
             self._of_system(line, keyword, words)
@@ -127,8 +108,7 @@ class _System:
             if len(words) > 3:
                 self.wavelength_count = int(self._first(line, keyword, words, 3))
         elif keyword in ("XFLN", "YFLN", "XFLD", "YFLD"):
-            angles = [number(self.path, line, word, keyword) for word in words]
-            self.beam.add(angles)
+            self.beam.fields += [number(self.path, line, word, keyword) for word in words]
         elif keyword == "WAVM":
             if self._first(line, keyword, words) <= self.wavelength_count:
                 self.wavelengths_um.append(self._first(line, keyword, words, 1))
@@ -198,13 +178,10 @@ class _System:
 
 
 def read_zemax(path: str | Path) -> PrintedLens:
-    """A lens from a `.zmx` file.
-
-    Raises UnreadableLens: the meaning of its numbers is unclear, or its lens cannot be represented.
-    """
+    """A lens from a `.zmx` file."""
     system = _System(path)
-    for line, text in enumerate(read_lines(path), 1):
-        system.obey(line, text)
+    for line, row in enumerate(read_lines(path), 1):
+        system.obey(line, row)
     if system.unit_mm is None:
         raise UnreadableLens(path, "does not say its unit", hint="add a line UNIT MM")
     if len(system.rows) < 3:
@@ -241,12 +218,7 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
     if automatic:
         shown = ", ".join(map(str, automatic))
         lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
-    others = [w for w in system.wavelengths_um if abs(w - 0.5876) > 1e-4]
-    if others:
-        shown = ", ".join(f"{w * 1000:g}" for w in dict.fromkeys(system.wavelengths_um))
-        lost.append(
-            Lost(what=f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength")
-        )
+    lost += text.other_wavelengths([1000 * wavelength for wavelength in dict.fromkeys(system.wavelengths_um)])
     lost += [Lost(what=f"{keyword} is not read", line=line) for keyword, line in system.unread.items()]
     return lost
 
@@ -266,7 +238,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     if row.half_widths and (edge is None or row.is_automatic):
         edge = math.hypot(*row.half_widths)
     return PrintedSurface(
-        radius_mm=radius_of(row.curvature) * unit_mm,
+        radius_mm=(1 / row.curvature if row.curvature else math.inf) * unit_mm,
         thickness_mm=row.thickness * unit_mm,
         semi_diameter_mm=None if edge is None else edge * unit_mm,
         inner_semi_diameter_mm=row.inner * unit_mm,

@@ -29,11 +29,7 @@ pm.
 
 
 def read_libpleno(path: str | Path) -> PrintedCamera:
-    """A camera from a `.js` file.
-
-    Raises UnreadableLens: the file is no camera of libpleno, or one without a microlens array, or one that cannot be
-        represented.
-    """
+    """A camera from a `.js` file."""
     try:
         file = json.loads("\n".join(read_lines(path)))
     except json.JSONDecodeError as error:
