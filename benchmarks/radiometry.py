@@ -19,8 +19,7 @@ from pipeline.optics.transmission.losses import Losses, steepest_deg, transmitte
 from pipeline.render.field_transmission import axial_transmission, field_transmission
 from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.irradiation import Radiance
-from pipeline.scene.glass import ordered_surfaces
-from pipeline.scene.lens import read_prescription
+from pipeline.scene.lens import ordered_surfaces, read_prescription
 from pipeline.scene.load import load
 from pipeline.scene.losses import read_losses
 

@@ -12,13 +12,11 @@ from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, se
 from pipeline.camera.focusing.ideal_lens import PINHOLE, PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import REPLICAS, Camera, Sampling
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.channels import check_channels, check_formulas, check_wavelength, illuminant_of, read_channels
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.glass import index_source, ordered_surfaces
-from pipeline.scene.lens import lens_groups, read_prescription
+from pipeline.scene.lens import index_source, lens_groups, read_prescription
 from pipeline.scene.microlenses import by_type, check_microlens_glass, check_near_microlenses, read_microlenses
 from pipeline.scene.sensor import (
     check_exposure,
@@ -63,7 +61,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
         lens_name=_lens_name(prim, lens),
-        index_source=index_source(lens, ordered_surfaces(lens)),
+        index_source=index_source(lens),
         wavelength_nm=need(prim, "plen:camera:wavelength"),
         weight=need(prim, "plen:camera:weight"),
         footprint=need(prim, "plen:truth:footprint"),
@@ -71,13 +69,23 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         sampling=Sampling(
             supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),
-        truth=_read_truth(prim),
+        truth=TruthSettings(
+            method=need(prim, "plen:truth:method"),
+            search=need(prim, "plen:truth:search"),
+            filter=need(prim, "plen:truth:filter"),
+            lambda_d=need(prim, "plen:truth:lambdaD"),
+            lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
+            nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
+            min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
+            accuracy_px=read(prim, "plen:truth:accuracy"),
+            columns=need(prim, "plen:truth:columns"),
+        ),
         image_samples=need(prim, "plen:image:samples"),
         image_noise=read(prim, "plen:image:noise"),
         bounces=need(prim, "plen:image:bounces"),
         extent=need(prim, "plen:truth:extent"),
         delivers_rays=need(prim, "plen:truth:rays"),
-        f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        f_numbers=need(prim, "plen:image:fNumbers"),
         diffraction=need(prim, "plen:image:diffraction"),
         channels=read_channels(prim),
         colorimetry=read_colorimetry(sensor, illuminant_of(prim)),
@@ -88,22 +96,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     )
 
 
-def _read_truth(prim: Usd.Prim) -> TruthSettings:
-    return TruthSettings(
-        method=need(prim, "plen:truth:method"),
-        search=need(prim, "plen:truth:search"),
-        filter=need(prim, "plen:truth:filter"),
-        lambda_d=need(prim, "plen:truth:lambdaD"),
-        lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
-        nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
-        min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
-        accuracy_px=read(prim, "plen:truth:accuracy"),
-        columns=tuple(need(prim, "plen:truth:columns")),
-    )
-
-
 def _lens_name(prim: Usd.Prim, lens: Usd.Prim) -> str:
-    """Name of the lens of a camera, with the model that stands for it."""
     name, model = need(lens, "plen:name") or lens.GetName(), need(prim, "plen:camera:model")
     return str(name) if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}"
 
@@ -112,9 +105,7 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record of a Camera with PlenCameraAPI, with the model of its lens that it asks for; a request if it states an
     object in focus or a stop to be matched.
     """
-    return with_ideal_lens(
-        _read_camera(prim), need(prim, "plen:camera:model"), tuple(need(prim, "plen:camera:distortion"))
-    )
+    return with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
 
 
 @read_once
@@ -132,14 +123,14 @@ def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         "far_mm": read(prim, "plen:camera:far"),
         "weight": need(prim, "plen:camera:weight"),
     }
-    focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
+    focus_mm, match_stop = read(prim, _FOCUS), need(prim, _MATCH) != "none"
     if focus_mm is None and not match_stop:
-        return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
-    groups = need(prim, "plen:camera:focusGroups")
+        return Camera(sensor_distance_mm=need(prim, _SENSOR), **parts)
+    groups = need(prim, _GROUPS)
     return FocusRequest(
-        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None or groups else None,
+        sensor_distance_mm=need(prim, _SENSOR) if focus_mm is None or groups else None,
         focus_distance_mm=focus_mm,
-        focus_type=read(prim, "plen:camera:focusType"),
+        focus_type=read(prim, _TYPE),
         focus_groups=groups,
         match_stop=match_stop,
         **parts,
@@ -156,7 +147,8 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "several-targets", message)
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
-    yield from check_request(camera)
+    contradictions = list(_check_request(camera))
+    yield from contradictions
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
@@ -164,8 +156,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from check_channels(camera, lens)
     if sensor := target(camera, "plen:camera:sensor", "PlenSensor"):
         yield from check_exposure(camera, sensor)
-    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    if array:
+    if array := target(camera, "plen:camera:microlenses", "PlenMicrolensArray"):
         yield from check_microlens_glass(camera, array)
         yield from check_near_microlenses(camera, array)
     try:
@@ -176,7 +167,8 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
-        yield from check_focus(camera)
+        if sensor:
+            yield from _check_focus(camera, not contradictions)
 
 
 def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
@@ -191,11 +183,11 @@ def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
 
 
 def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:
-    sensor_mm = read(camera, "plen:camera:sensorDistance")
+    sensor_mm = read(camera, _SENSOR)
     if sensor_mm is None:
         return
     last_mm = prescription.vertices_from_stop_mm[-1]
-    film = [("sensor", "plen:camera:sensorDistance", sensor_mm)]
+    film = [("sensor", _SENSOR, sensor_mm)]
     microlens_mm = read(camera, "plen:camera:microlensDistance")
     if microlens_mm is not None:
         film.append(("microlens array", "plen:camera:microlensDistance", sensor_mm - microlens_mm))
@@ -222,11 +214,16 @@ def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Pr
             yield problem(camera.GetAttribute(name), "inside-lens", message)
 
 
-def check_request(camera: Usd.Prim) -> Iterator[Problem]:
-    """Attributes of a Camera with PlenCameraAPI that contradict each other, its lens or its microlenses."""
+def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of attributes about the focus that contradict each other, the lens or its microlenses."""
     sensor, focus = camera.GetAttribute(_SENSOR), camera.GetAttribute(_FOCUS)
-    if read(camera, _GROUPS):
-        yield from _check_groups(camera)
+    if groups := read(camera, _GROUPS):
+        lens = target(camera, "plen:camera:lens", "PlenLens")
+        known = [group.GetName() for group in lens_groups(lens)] if lens else groups
+        for name in [name for name in groups if name not in known]:
+            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
+            message = f'"{name}" is no PlenLensGroup of the lens'
+            yield problem(camera.GetAttribute(_GROUPS), "focus-groups", message, hint=hint)
     elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
         message = f'"{_SENSOR}" and "{_FOCUS}" both state the position of the sensor'
         yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
@@ -240,51 +237,16 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(_TYPE), "focus-type", message)
 
 
-def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
-    """Problems of focusing groups that the lens does not have."""
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    known = [group.GetName() for group in lens_groups(lens)] if lens else []
-    for name in (read(camera, _GROUPS) or ()) if lens else ():
-        if name not in known:
-            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
-            message = f'"{name}" is no PlenLensGroup of the lens'
-            yield problem(camera.GetAttribute(_GROUPS), "focus-groups", message, hint=hint)
-
-
-def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
+def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
     """A focus out of reach; then warnings about what the microlenses see."""
-    if not target(camera, "plen:camera:sensor", "PlenSensor"):
-        return
     try:
         record = read_camera(camera)
     except PipelineError as error:
         yield of_reader(camera.GetAttribute(_DISTORTION) if error.code == "distortion" else camera, error)
         return
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
-    if both != bool(read(camera, _GROUPS)):
+    if not is_consistent or both != bool(read(camera, _GROUPS)):
         return
-    if any(_check_groups(camera)) or _bad_type(record):
-        return
-    out_of_reach = _out_of_reach(record)
-    if out_of_reach:
-        name, reason = out_of_reach
-        yield problem(camera.GetAttribute(name), "out-of-reach", reason.what, hint=reason.hint)
-        return
-    try:
-        yield from _check_f_numbers(camera, solved(record))
-        yield from _check_microlenses(camera, solved(record))
-    except (PipelineError, ArithmeticError) as error:
-        yield of_reader(camera, error)
-
-
-def _bad_type(record: Camera | FocusRequest) -> bool:
-    if not isinstance(record, FocusRequest) or record.microlenses is None:
-        return False
-    return (record.focus_type or 0) not in range(len(record.microlenses.focal_lengths_mm))
-
-
-def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
-    """The attribute that asks for too much, and the error."""
     name = _FOCUS
     try:
         if isinstance(record, FocusRequest):
@@ -295,10 +257,17 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
             if record.microlenses:
                 solved(record)
     except CameraError as error:
-        return name, error
+        yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
+        return
     except ArithmeticError:
-        return name, CameraError("the lens has no first-order figures: it bends no light")
-    return None
+        what = "the lens has no first-order figures: it bends no light"
+        yield problem(camera.GetAttribute(name), "out-of-reach", what)
+        return
+    try:
+        yield from _check_f_numbers(camera, solved(record))
+        yield from _check_microlenses(camera, solved(record))
+    except (PipelineError, ArithmeticError) as error:
+        yield of_reader(camera, error)
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
@@ -313,7 +282,6 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """Problems of F-numbers of white images that are stated twice, or for which the lens cannot open far enough."""
     attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
     if f_numbers and read(camera, _MODEL) == PINHOLE:
         message = f'"{_F_NUMBERS}" asks a pinhole to open to F/{f_numbers[0]:g}'
@@ -324,20 +292,25 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
             stopped_down(record, f_number)
         except CameraError as error:
             yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
-    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
-    if repeated:
+    if repeated := [f_number for f_number, count in Counter(f_numbers).items() if count > 1]:
         message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
         yield problem(attribute, "repeated-f-number", message)
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """Warnings about the microlens types of a camera, compared with each other."""
     array = record.microlenses
     if array is None or len(array.focal_lengths_mm) < 2:
         return
-    prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    if mixed := _mixed(array):
-        yield problem(prim.GetAttribute(by_type(prim)), "mixed-microlenses", mixed, severity="warning")
+    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
+    galilean = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in placed if focal > behind_mm)
+    keplerian = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in placed if focal <= behind_mm)
+    if galilean and keplerian:
+        message = (
+            f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"
+            f" {keplerian} mm are not: they look at images on opposite sides of the array"
+        )
+        prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+        yield problem(prim.GetAttribute(by_type(prim)), "mixed-microlenses", message, severity="warning")
     for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
         circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
         message = (
@@ -345,16 +318,3 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
         )
         hint = "bring the focal lengths closer together, or allow a larger plen:camera:circleOfConfusion"
         yield problem(camera, "depth-gap", message, hint=hint, severity="warning")
-
-
-def _mixed(array: MicrolensArray) -> str | None:
-    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
-    longer = [focal for focal, (behind_mm, _) in placed if focal > behind_mm]
-    others = [focal for focal, (behind_mm, _) in placed if focal <= behind_mm]
-    if not longer or not others:
-        return None
-    galilean, keplerian = (", ".join(f"{focal:g}" for focal in group) for group in (longer, others))
-    return (
-        f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"
-        f" {keplerian} mm are not: they look at images on opposite sides of the array"
-    )

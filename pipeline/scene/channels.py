@@ -13,14 +13,14 @@ from pipeline.channel_names import colour_of
 from pipeline.optics.glass.doubt import doubt_of
 from pipeline.optics.glass.errors import GlassError
 from pipeline.render.spectral.nodes import SpectrumError, Table, gauss_nodes, points_of, slices_of
-from pipeline.scene.glass import (
+from pipeline.scene.lens import (
     attribute_of_medium,
     indices,
     knows_one_wavelength,
     media_behind,
     medium_behind,
     ordered_surfaces,
-    says_catalogue,
+    uses_catalogue,
 )
 from pipeline.scene.microlenses import microlens_index
 from pipeline.scene.usd.problems import Problem, problem
@@ -45,17 +45,11 @@ def illuminant_of(prim: Usd.Prim) -> str:
 
 
 def read_channels(camera: Usd.Prim) -> tuple[Channel, ...]:
-    """Channels of the sensor of a Camera with PlenCameraAPI; none: one wavelength.
-
-    Raises
-    ------
-    SpectrumError
-        A response or the illuminant is none, or they have no wavelength in common.
-    GlassError
-        A glass is not known at one of the wavelengths.
+    """Channels of the sensor of a Camera with PlenCameraAPI; none: one wavelength. SpectrumError if a response or the
+    illuminant is none, or they have no wavelength in common; GlassError if a glass is not known at one of them.
     """
     prims, illuminant = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")), illuminant_of(camera)
-    return tuple(read_channel(camera, prim, illuminant) for prim in prims)
+    return tuple(_read_channel(camera, prim, illuminant) for prim in prims)
 
 
 def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.ndarray]:
@@ -115,8 +109,7 @@ def _spectrum(response: tuple[Any, Any], illuminant: str, count: int) -> _Spectr
 
 
 @read_once
-def read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
-    """One PlenChannel of a camera; raises as `read_channels`."""
+def _read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
     wavelengths_nm, shares, slices = _spectrum(_response(prim), illuminant, need(prim, "plen:nodes"))
     nodes = tuple(_node(camera, float(nm), float(share)) for nm, share in zip(wavelengths_nm, shares, strict=True))
     middle = _node(camera, float((shares * wavelengths_nm).sum()), 1.0)
@@ -131,7 +124,7 @@ def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode
     return SpectralNode(
         wavelength_nm=wavelength_nm,
         weight=weight,
-        indices=(1.0,) if is_ideal else indices(lens, ordered_surfaces(lens), wavelength_nm),
+        indices=(1.0,) if is_ideal else indices(lens, wavelength_nm),
         microlens_index=microlens_index(array, wavelength_nm) if has_index else None,
     )
 
@@ -155,7 +148,12 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         message = "a PlenChannel stands directly below its PlenSensor, and this one does not"
         yield problem(channel, "misplaced-channel", message, hint="channels are the colours of their sensor")
         return
-    yield from _check_name(channel)
+    prims = channel_prims(channel.GetParent())
+    named = [colour_of(prim.GetName()) or prim.GetName().casefold() for prim in prims]
+    place = prims.index(channel) if channel in prims else 0
+    if named[place] in named[:place]:  # files are named by channels, and by their colours
+        message = f'two channels of a sensor share the name "{named[place]}"'
+        yield problem(channel, "name-collision", message, hint="rename one of the prims")
     table, name = read(channel, "plen:wavelengths"), read(channel, "plen:sensitivity")
     response = read(channel, "plen:response")
     if table is None or response is None or name is None:
@@ -168,29 +166,14 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         message = f"{len(table)} wavelengths have {len(response)} values"
         yield problem(channel.GetAttribute("plen:response"), "channel-response", message, hint="one value for each")
     else:
-        yield from _check_spectrum(channel)
-
-
-def _check_name(channel: Usd.Prim) -> Iterator[Problem]:
-    """A channel that an earlier one of its sensor leaves no name: files are named by channels, and by their colours."""
-    prims = channel_prims(channel.GetParent())
-    named = [colour_of(prim.GetName()) or prim.GetName().casefold() for prim in prims]
-    place = prims.index(channel) if channel in prims else 0
-    if named[place] in named[:place]:
-        message = f'two channels of a sensor share the name "{named[place]}"'
-        yield problem(channel, "name-collision", message, hint="rename one of the prims")
-
-
-def _check_spectrum(channel: Usd.Prim) -> Iterator[Problem]:
-    try:
-        wavelengths_of(channel, illuminant_of(channel))
-    except SpectrumError as error:
-        if error.code == "unknown-illuminant":
-            return  # reported where the dataset is checked
-        named = "plen:sensitivity" if read(channel, "plen:sensitivity") else "plen:wavelengths"
-        yield problem(channel.GetAttribute(named), error.code, error.what, hint=error.hint)
-    except UnreadableValue:
-        return  # reported where the value is checked
+        try:
+            wavelengths_of(channel, illuminant_of(channel))
+        except SpectrumError as error:
+            attribute = channel.GetAttribute("plen:sensitivity" if name else "plen:wavelengths")
+            if error.code != "unknown-illuminant":  # reported where the dataset is checked
+                yield problem(attribute, error.code, error.what, hint=error.hint)
+        except UnreadableValue:
+            return  # reported where the value is checked
 
 
 def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
@@ -198,11 +181,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     if not sensor or not channel_prims(sensor):
         return
-    try:
-        is_printed = knows_one_wavelength(lens)
-    except UnreadableValue:
-        return  # reported where the value is checked
-    if is_printed:
+    if knows_one_wavelength(lens):
         message = "the indices of the lens are printed for one wavelength, and the sensor has channels"
         hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
         yield problem(camera, "printed-wavelength", message, hint=hint)
@@ -214,7 +193,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         yield problem(array, "printed-wavelength", message, hint=hint, severity="warning")
     for prim in channel_prims(sensor):
         try:
-            read_channel(camera, prim, illuminant_of(camera))
+            _read_channel(camera, prim, illuminant_of(camera))
         except GlassError as error:
             hint = "narrow the response of the channel, or choose glasses that are known at all of its wavelengths"
             yield problem(prim, error.code, error.what, hint=hint)
@@ -228,7 +207,7 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     camera_nm, lens_nm = read(camera, "plen:camera:wavelength"), read(lens, "plen:wavelength")
     if None in (camera_nm, lens_nm):
         return
-    if says_catalogue(lens):
+    if uses_catalogue(lens):
         media, problems = media_behind(lens, ordered_surfaces(lens))
         yield from problems
         # Several elements of one glass are one problem of the camera.
@@ -247,9 +226,13 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
 def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     """Doubts about formulas in place of glasses, at the wavelengths that a camera or its channels use; one for each
     surface."""
-    if not says_catalogue(lens):
+    if not uses_catalogue(lens):
         return
-    seen_nm = _wavelengths_nm(camera)
+    seen_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    for channel in channel_prims(sensor) if sensor else []:
+        with contextlib.suppress(SpectrumError, UnreadableValue):  # reported where the channel is checked
+            seen_nm += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
     for prim in ordered_surfaces(lens):
         try:
             medium = medium_behind(prim, lens)
@@ -258,13 +241,3 @@ def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
             continue  # reported where the glass or the wavelength is checked
         if doubt:
             yield problem(attribute_of_medium(prim), "glass-resonance", doubt.what, hint=doubt.hint, severity="warning")
-
-
-def _wavelengths_nm(camera: Usd.Prim) -> list[float]:
-    """Wavelengths at which a camera asks its lens; those that cannot be read are reported where they are checked."""
-    seen_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
-    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    for channel in channel_prims(sensor) if sensor else []:
-        with contextlib.suppress(SpectrumError, UnreadableValue):
-            seen_nm += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
-    return seen_nm

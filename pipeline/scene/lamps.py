@@ -64,11 +64,6 @@ _POINTS_ASKED = 64
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
 
 
-def is_light(prim: Usd.Prim) -> bool:
-    """Whether a prim is a light of any kind."""
-    return bool(prim.HasAPI(UsdLux.LightAPI))
-
-
 def is_in_images(prim: Usd.Prim) -> bool:
     """Whether a prim has a purpose with which it is in images, and is not invisible for ever."""
     return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
@@ -78,7 +73,7 @@ def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     """Lights of a stage that count, of any kind, in stage order: all but those for viewers alone and those that are
     invisible and stay so.
     """
-    return [prim for prim in stage.Traverse() if is_light(prim) and is_in_images(prim)]
+    return [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI) and is_in_images(prim)]
 
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
@@ -90,7 +85,7 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     if kind == "distant":
         size = (math.radians(min(numbers[0], 180.0)), 0.0)
     else:
-        scale = scale_of(world_from(prim, times[:1], 1.0)[0])
+        scale = _scale_of(world_from(prim, times[:1], 1.0)[0])
         numbers = [number * unit_mm * scale for number in numbers] + [0.0, 0.0]
         size = numbers[0], numbers[1]
     picture = prim.GetAttribute("inputs:texture:file")
@@ -126,9 +121,7 @@ def _radiance(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> Rgb:
 
 
 def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> float:
-    """Number by which a normalised light is divided: its area in square units of the world, or what a cosine sees of
-    the solid angle of a distant one.
-    """
+    """Divisor of a normalised light: its area in units of the stage, or what a cosine sees of a distant one's angle."""
     if kind == "dome":
         return 1.0
     if kind != "distant":
@@ -138,7 +131,7 @@ def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> floa
     return math.pi * (squared if half <= math.pi / 2 else 2.0 - squared) if half > 0 else 1.0
 
 
-def scale_of(world_from_prim: np.ndarray) -> float:
+def _scale_of(world_from_prim: np.ndarray) -> float:
     """Factor of lengths of a transform that is a rotation times a number."""
     return float(abs(np.linalg.det(world_from_prim[:3, :3])) ** (1 / 3))
 
@@ -146,7 +139,7 @@ def scale_of(world_from_prim: np.ndarray) -> float:
 def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:
     """Poses of a lamp at some times, without the scale, (n, 4, 4) [mm]."""
     stack = np.array(world_from(prim, times, unit_mm))
-    stack[:, :3, :3] /= np.array([scale_of(matrix) for matrix in stack])[:, None, None]
+    stack[:, :3, :3] /= np.array([_scale_of(matrix) for matrix in stack])[:, None, None]
     return stack
 
 
@@ -155,11 +148,17 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     lamps, skies = lamp_prims(root.GetStage()), []
     frames = frame_numbers(root)
     for prim in lamps:
-        problems = [*_check_kind(prim), *_check_features(prim), *_check_still(prim)]
+        problems = [*_check_features(prim), *_check_inputs(prim)]
         yield from problems
         if problems or prim.GetPath() in wrong or not len(frames):
             continue
-        yield from _check_scale(prim, frames)
+        stack = world_from(prim, tuple(frames), 1.0)
+        scale = _scale_of(stack[0])
+        gram = (stack[:, :3, :3, None] * stack[:, :3, None, :3]).sum(axis=1)
+        if not scale > 0 or np.abs(gram / scale**2 - np.eye(3)).max() > _EVEN:
+            message = "the transform of a light scales unevenly, shears, or changes its scale with time"
+            hint = "write its size instead: inputs:width, inputs:height, inputs:radius, inputs:length"
+            yield problem(prim, "non-rigid", message, hint=hint)
         try:
             entry = read_lamp_entry(prim, frames)
         except UnreadableValue as error:
@@ -174,16 +173,11 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         yield problem(skies[-1], "not-yet-supported", message, hint="keep one DomeLight")
 
 
-def _check_kind(prim: Usd.Prim) -> Iterator[Problem]:
-    if str(prim.GetTypeName()) not in KINDS:
-        message, hint = (
-            f"lights of type {prim.GetTypeName()} are not supported",
-            f"known are {', '.join(KINDS)}; {_OFF}",
-        )
-        yield problem(prim, "not-yet-supported", message, hint=hint)
-
-
 def _check_features(prim: Usd.Prim) -> Iterator[Problem]:
+    kind = prim.GetTypeName()
+    if kind not in KINDS:
+        hint = f"known are {', '.join(KINDS)}; {_OFF}"
+        yield problem(prim, "not-yet-supported", f"lights of type {kind} are not supported", hint=hint)
     for name, idle in _IDLE.items():
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue() and attribute.Get() not in idle:
@@ -205,34 +199,22 @@ def _check_features(prim: Usd.Prim) -> Iterator[Problem]:
     if prim.IsA(UsdLux.RectLight) and picture and picture.HasAuthoredValue():
         yield problem(picture, "not-yet-supported", "pictures on a RectLight are not supported", hint="leave it out")
     up = UsdGeom.GetStageUpAxis(prim.GetStage())
-    if (
-        prim.GetTypeName() == "DomeLight_1"
-        and up != UsdGeom.Tokens.y
-        and prim.GetAttribute("poleAxis").Get() == "scene"
-    ):
+    if kind == "DomeLight_1" and up != UsdGeom.Tokens.y and prim.GetAttribute("poleAxis").Get() == "scene":
         hint = 'write uniform token poleAxis = "Y" and turn the dome'
         yield problem(prim, "not-yet-supported", f"a DomeLight_1 whose pole is {up} is not supported", hint=hint)
 
 
-def _check_still(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
     for attribute in prim.GetAuthoredAttributes():
-        if attribute.GetName().startswith("inputs:") and attribute.ValueMightBeTimeVarying():
+        if not attribute.GetName().startswith("inputs:"):
+            continue
+        if attribute.ValueMightBeTimeVarying():
             message = f'"{attribute.GetName()}" of a light is animated, and lamps shine evenly'
             hint = "animate its xformOps, or use one lamp per value and make it invisible in other frames"
             yield problem(attribute, "not-yet-supported", message, hint=hint)
-        elif attribute.GetName().startswith("inputs:") and attribute.HasAuthoredConnections():
+        elif attribute.HasAuthoredConnections():
             message = f'"{attribute.GetName()}" of a light is connected, and lamps have values only'
             yield problem(attribute, "not-yet-supported", message, hint="write a value")
-
-
-def _check_scale(prim: Usd.Prim, frames: Sequence[int]) -> Iterator[Problem]:
-    stack = world_from(prim, tuple(frames), 1.0)
-    scale = scale_of(stack[0])
-    gram = (stack[:, :3, :3, None] * stack[:, :3, None, :3]).sum(axis=1)
-    if not scale > 0 or np.abs(gram / scale**2 - np.eye(3)).max() > _EVEN:
-        message = "the transform of a light scales unevenly, shears, or changes its scale with time"
-        hint = "write its size instead: inputs:width, inputs:height, inputs:radius, inputs:length"
-        yield problem(prim, "non-rigid", message, hint=hint)
 
 
 def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:

@@ -1,18 +1,23 @@
-"""A lens: its prescription with surfaces and groups, and whether it can be built."""
+"""A lens: its prescription with surfaces, groups and glasses, and whether it can be built.
+
+Dispersion formulas are evaluated here, while a stage is read: records carry plain numbers, and tasks know no glass.
+"""
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
+from pipeline.optics.glass import row
+from pipeline.optics.glass.errors import GlassError
+from pipeline.optics.glass.medium import Medium
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
-from pipeline.scene.glass import index_source, ordered_surfaces, with_indices
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
@@ -47,11 +52,17 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
     return LensEntry(
         name=prim.GetName(),
         lens_name=need(prim, "plen:name") or prim.GetName(),
-        index_source=index_source(prim, ordered_surfaces(prim)),
+        index_source=index_source(prim),
         wavelength_nm=need(prim, "plen:wavelength"),
         prescription=read_prescription(prim),
         stop_name=next(surface.GetName() for surface in ordered_surfaces(prim) if need(surface, "plen:isStop")),
     )
+
+
+def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Surfaces of a lens in the order it states; names without a prim are left out."""
+    named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
+    return [prim for prim in named if prim and prim.IsA("PlenSurface")]
 
 
 def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
@@ -63,9 +74,14 @@ def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
 def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
     """The prescription of a PlenLens at a wavelength, by default that of its printed indices."""
     prims = ordered_surfaces(lens)
-    surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
-    groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
-    return Prescription(surfaces=surfaces, groups=tuple(sorted(groups, key=lambda group: group.first)))
+    bent = zip(
+        prims, indices(lens, need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm), strict=True
+    )
+    groups = [_read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
+    return Prescription(
+        surfaces=tuple(replace(read_surface(prim), index=index) for prim, index in bent),
+        groups=tuple(sorted(groups, key=lambda group: group.first)),
+    )
 
 
 def prescription_of(camera: Usd.Prim) -> Prescription:
@@ -73,15 +89,14 @@ def prescription_of(camera: Usd.Prim) -> Prescription:
     return read_prescription(target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength"))
 
 
-def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
+def _read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     """The record of a PlenLensGroup; `surfaces` holds the names of all surfaces of its lens in order."""
-    names = need(prim, "plen:surfaces")
-    first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
-    if not names or list(names) != surfaces[first : first + len(names)]:
+    names = list(need(prim, "plen:surfaces"))
+    if not names or names != _stretch(surfaces, names):
         raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another", prim)
     return Group(
         name=prim.GetName(),
-        first=first,
+        first=surfaces.index(names[0]),
         count=len(names),
         decentre_mm=need(prim, "plen:decentre"),
         tilt_deg=need(prim, "plen:tilt"),
@@ -89,9 +104,16 @@ def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     )
 
 
+def _stretch(order: list[str], names: list[str]) -> list[str]:
+    """As many surfaces as there are names, from the first of these on."""
+    first = order.index(names[0]) if names[0] in order else len(order)
+    return order[first : first + len(names)]
+
+
 @read_once
 def read_surface(prim: Usd.Prim) -> Surface:
     """The record of a PlenSurface, with its printed index."""
+    shape = need(prim, "plen:apertureShape")
     return Surface(
         radius_mm=need(prim, "plen:radius"),
         thickness_mm=need(prim, "plen:thickness"),
@@ -104,17 +126,87 @@ def read_surface(prim: Usd.Prim) -> Surface:
         focal_length_mm=read(prim, "plen:focalLength"),
         decentre_mm=need(prim, "plen:decentre"),
         tilt_deg=need(prim, "plen:tilt"),
-        **_read_aperture(prim),
+        aperture_rotation_deg=need(prim, "plen:apertureRotation") if shape in ("rectangular", "polygonal") else 0.0,
+        **{field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()},
     )
 
 
-def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
-    """Fields of the aperture of a surface, which lies inside the circle of its semi-diameter."""
-    shape = need(prim, "plen:apertureShape")
-    fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
-    if shape in ("rectangular", "polygonal"):
-        fields["aperture_rotation_deg"] = need(prim, "plen:apertureRotation")
-    return fields
+def uses_catalogue(lens: Usd.Prim) -> bool:
+    """Whether the indices of a lens come from its glasses instead of print."""
+    return bool(read(lens, "plen:indexSource") == "catalogue")
+
+
+def knows_one_wavelength(lens: Usd.Prim) -> bool:
+    """Whether indices of a lens are printed, for its wavelength; an ideal thin lens has none, and works at any."""
+    is_printed = read(lens, "plen:indexSource") == "printed"
+    return is_printed and any(read(prim, "plen:index") != 1 for prim in ordered_surfaces(lens))
+
+
+@read_once
+def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
+    """The medium behind a surface, from its glass and compared with the printed index; GlassError if the glass is
+    unknown or contradicts that index.
+    """
+    has_index = surface.GetAttribute("plen:index").HasAuthoredValue()
+    return row.medium(
+        glass=need(surface, "plen:glass"),
+        index=need(surface, "plen:index") if has_index else None,
+        abbe=read(surface, "plen:abbe"),
+        wavelength_nm=need(lens, "plen:wavelength"),
+    )
+
+
+def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
+    """Refractive index behind each surface of a lens at a wavelength; printed ones are the same at all. GlassError if
+    a glass is not known, or not at that wavelength.
+    """
+    if not uses_catalogue(lens):
+        return tuple(need(prim, "plen:index") for prim in ordered_surfaces(lens))
+    return tuple(medium_behind(prim, lens).index(wavelength_nm) + 0.0 for prim in ordered_surfaces(lens))
+
+
+def index_source(lens: Usd.Prim) -> str:
+    """Source of the indices of a lens for reports and tables, with the medium of every element."""
+    if not uses_catalogue(lens):
+        return str(need(lens, "plen:indexSource"))
+    labels = [medium_behind(prim, lens).label for prim in ordered_surfaces(lens)]
+    return f"catalogue ({', '.join(label for label in labels if label != 'air')})"
+
+
+def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:
+    """The media behind surfaces of a lens, by their paths, and the problems of those that are not there."""
+    media, problems = dict[Sdf.Path, Medium](), list[Problem]()
+    for prim in prims:
+        try:
+            media[prim.GetPath()] = medium_behind(prim, lens)
+        except GlassError as error:
+            problems.append(problem(attribute_of_medium(prim), error.code, error.what, hint=error.hint))
+        except UnreadableValue as error:
+            problems.append(of_reader(prim, error))
+    return media, problems
+
+
+def attribute_of_medium(surface: Usd.Prim) -> Usd.Property:
+    """The attribute to mend a medium: its glass, or the one that replaces it."""
+    names = ("plen:glass", "plen:index")
+    written = (surface.GetAttribute(name) for name in names if surface.GetAttribute(name).HasAuthoredValue())
+    return next(written, surface)
+
+
+def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the glasses of a PlenLens.
+
+    Beside printed indices a bare name is information only, because many names are from old catalogues. A name with
+    its vendor identifies an entry and is always compared with the printed index.
+    """
+    prims, is_used = ordered_surfaces(lens), uses_catalogue(lens)
+    named = [prim for prim in prims if is_used or row.names_an_entry(read(prim, "plen:glass") or "")]
+    media, problems = media_behind(lens, named)
+    yield from problems
+    last = media.get(prims[-1].GetPath()) if prims and is_used else None
+    if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens reports it
+        message = f"the medium behind the last surface is {last.label}, and only air is supported yet"
+        yield problem(attribute_of_medium(prims[-1]), "not-yet-supported", message)
 
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
@@ -124,15 +216,23 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     if not prims:
         return
     yield from _check_stop(lens, prims)
-    parts = [_part(prim) for prim in prims]
-    for part in parts:
-        yield from _check_shape(part)
-        yield from _check_steep(part)
-    for front, behind in pairwise(parts):
-        yield from _check_in_air(front, behind)
-        crossing = list(_check_crossing(front, behind))
-        yield from crossing or _check_rim(front, behind)
-    last = parts[-1].surface
+    surfaces = dict[Usd.Prim, Surface]()
+    for prim in prims:
+        try:
+            surfaces[prim] = read_surface(prim)
+        except UnreadableValue as error:
+            yield of_reader(prim, error)
+        except PrescriptionError as error:
+            attribute = _BLAMED.get(error.code)
+            if error.code:
+                place = prim.GetAttribute(attribute) if attribute else prim
+                yield problem(place, error.code, error.what, hint=error.hint)
+        else:
+            yield from _check_steep(prim, surfaces[prim])
+    for front, behind in pairwise(prims):
+        if front in surfaces and behind in surfaces:
+            yield from _check_gap(front, behind, surfaces[front], surfaces[behind])
+    last = surfaces.get(prims[-1])
     if last and last.index != 1:
         message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
         yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
@@ -141,7 +241,7 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
 def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
     """A warning if the focal length of a PlenLens without errors is far from its nominal one."""
     nominal_mm = read(lens, "plen:nominalFocalLength")
-    if not nominal_mm or nominal_mm <= 0:
+    if nominal_mm is None:
         return
     try:
         prescription = read_prescription(lens)
@@ -187,77 +287,29 @@ def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
         yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
 
 
-class _Part(NamedTuple):
-    """A surface: its prim, and its record or the reason why there is none."""
-
-    prim: Usd.Prim
-    surface: Surface | None = None
-    error: PrescriptionError | UnreadableValue | None = None
-
-    @property
-    def name(self) -> str:
-        return str(self.prim.GetName())
-
-
-def _part(prim: Usd.Prim) -> _Part:
-    try:
-        surface = read_surface(prim)
-    except (UnreadableValue, PrescriptionError) as error:
-        return _Part(prim, error=error)
-    finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
-    return _Part(prim, surface if finite else None)
-
-
-def _check_shape(part: _Part) -> Iterator[Problem]:
-    """Problems of a surface whose values contradict each other or cannot be used."""
-    error = part.error
-    if isinstance(error, UnreadableValue):
-        yield problem(error.thing, error.code, error.what)
-    elif error is not None and error.code:
-        attribute = _BLAMED.get(error.code)
-        place = part.prim.GetAttribute(attribute) if attribute else part.prim
-        yield problem(place, error.code, error.what, hint=error.hint)
-
-
-def _check_steep(part: _Part) -> Iterator[Problem]:
+def _check_steep(prim: Usd.Prim, surface: Surface) -> Iterator[Problem]:
     """A problem if an asphere is impossible: its sag at the rim is larger than that of any real one."""
-    surface = part.surface
-    if surface is None:
-        return
-    sag, most = surface.sag_mm(surface.semi_diameter_mm), _STEEPEST * surface.semi_diameter_mm
-    if not abs(sag) <= most:
-        message = (
-            f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {surface.semi_diameter_mm:g} mm"
-        )
+    sag, radius_mm = surface.sag_mm(surface.semi_diameter_mm), surface.semi_diameter_mm
+    if not abs(sag) <= _STEEPEST * radius_mm:
+        message = f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {radius_mm:g} mm"
         hint = "are conic and coefficients those of millimetres, and in the right order?"
-        yield problem(part.prim, "sag", message, hint=hint)
+        yield problem(prim, "sag", message, hint=hint)
 
 
-def _check_in_air(front: _Part, behind: _Part) -> Iterator[Problem]:
-    first, second = front.surface, behind.surface
-    if first and second and second.focal_length_mm is not None and first.index != 1:
-        message = f'"{behind.name}", an ideal thin lens, is in a medium of index {first.index:g}, not in air'
-        yield problem(behind.prim.GetAttribute("plen:focalLength"), "ideal-lens", message)
-
-
-def _check_crossing(front: _Part, behind: _Part) -> Iterator[Problem]:
-    first, second = front.surface, behind.surface
-    if not first or not second:
-        return
+def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surface) -> Iterator[Problem]:
+    """Problems of two neighbouring surfaces: they cross, or the glass between them is hardly there at the rim."""
+    if second.focal_length_mm is not None and first.index != 1:
+        message = f'"{behind.GetName()}", an ideal thin lens, is in a medium of index {first.index:g}, not in air'
+        yield problem(behind.GetAttribute("plen:focalLength"), "ideal-lens", message)
+    thickness, hint = front.GetAttribute("plen:thickness"), "enlarge the thickness or reduce a semi-diameter"
     gap, height = min(gaps_mm(first, second))
     if gap < -_TOUCH_MM:
         message = (
-            f'surfaces "{front.name}" and "{behind.name}" cross: {first.thickness_mm:g} mm apart on the axis,'
+            f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'
             f" {gap:.4g} mm at {height:g} mm from it"
         )
-        hint = "enlarge the thickness or reduce a semi-diameter"
-        yield problem(front.prim.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)
-
-
-def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
-    """Problems of an element with no or hardly any thickness at its rim."""
-    first, second = front.surface, behind.surface
-    if not first or not second or first.index == 1:
+        yield problem(thickness, "surfaces-cross", message, hint=hint)
+    if gap < -_TOUCH_MM or first.index == 1:
         return
     widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
     # Outside its clear aperture a surface may continue or be ground flat, whichever leaves more glass.
@@ -266,24 +318,15 @@ def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
         rim = max(flat, first.thickness_mm + second.sag_mm(widest) - first.sag_mm(widest))
     except ValueError:  # the sphere ends before this height
         rim = flat
-    if rim >= 2 * widest * _THIN:
-        return
-    what = f'the element between "{front.name}" and "{behind.name}"'
-    if rim < -_TOUCH_MM:
-        message = f"{what} lacks {-rim:.4g} mm of glass at its rim, {widest:g} mm from the axis"
-        severity = "error"
-    else:
-        message = f"{what} is {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
-        severity = "warning"
-    hint = "enlarge the thickness or reduce a semi-diameter"
-    yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)
-
-
-def check_group_place(group: Usd.Prim) -> Iterator[Problem]:
-    """A problem if a PlenLensGroup is not a child of a lens, so that no lens would read it."""
-    if not group.GetParent().IsA("PlenLens"):
-        message = "a PlenLensGroup must be a direct child of a PlenLens, and this one is not"
-        yield problem(group, "misplaced-group", message, hint="groups hold surfaces of their lens, and no groups")
+    if rim < 2 * widest * _THIN:
+        is_missing = rim < -_TOUCH_MM
+        size = f"lacks {-rim:.4g} mm of glass" if is_missing else f"is {max(rim, 0.0):.4g} mm thick"
+        between = f'the element between "{front.GetName()}" and "{behind.GetName()}"'
+        message, severity = (
+            f"{between} {size} at its rim, {widest:g} mm from the axis",
+            "error" if is_missing else "warning",
+        )
+        yield problem(thickness, "rim-thickness", message, hint=hint, severity=severity)
 
 
 def check_groups(lens: Usd.Prim) -> Iterator[Problem]:
@@ -308,6 +351,8 @@ def check_groups(lens: Usd.Prim) -> Iterator[Problem]:
                 yield problem(attribute, "group-surfaces", message, hint="a surface belongs to one group or to none")
 
 
-def _stretch(order: list[str], names: list[str]) -> list[str]:
-    first = order.index(names[0])
-    return order[first : first + len(names)]
+def check_group_place(group: Usd.Prim) -> Iterator[Problem]:
+    """A problem if a PlenLensGroup is not a child of a lens, so that no lens would read it."""
+    if not group.GetParent().IsA("PlenLens"):
+        message = "a PlenLensGroup must be a direct child of a PlenLens, and this one is not"
+        yield problem(group, "misplaced-group", message, hint="groups hold surfaces of their lens, and no groups")

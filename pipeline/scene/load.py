@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pxr import Tf, Usd, UsdUtils
+from pxr import Sdf, Tf, Usd, UsdUtils
 
 from pipeline.errors import PipelineError, UsageError
 from pipeline.folders import flaw_of
@@ -13,19 +13,18 @@ from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.doubts import check_doubts
 from pipeline.scene.edits import Written, written_on
 from pipeline.scene.lamps import check_shone
 from pipeline.scene.lens import read_lens_entry
-from pipeline.scene.pictures import picture_files, reading_below
+from pipeline.scene.pictures import read_pictures, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.usd.opening import check_instances, open_stage
 from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
-from pipeline.scene.views import check_seen
-from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
+from pipeline.scene.views import check_doubts, check_seen
+from pipeline.scene.write.flatten import flattened, text_for_viewers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +124,9 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     layer = flattened(stage)
     written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
-        name_pictures(layer, picture_files(stage))
+        for attribute, picture in read_pictures(stage).items():  # in place of files of this machine
+            if spec := layer.GetAttributeAtPath(attribute):
+                spec.default = Sdf.AssetPath(f"./{picture.file}")
     return Loaded(
         dataset=dataset,
         problems=problems,

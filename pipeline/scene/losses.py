@@ -17,7 +17,7 @@ from pipeline.optics.transmission.coatings import CoatingData
 from pipeline.optics.transmission.losses import Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
-from pipeline.scene.glass import medium_behind, ordered_surfaces
+from pipeline.scene.lens import medium_behind, ordered_surfaces
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 
@@ -46,23 +46,17 @@ _SLACK_DEG = 0.005
 
 
 def losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
-    """Losses of the lens of a camera at a wavelength; None: it is ideal.
-
-    Raises
-    ------
-    PrescriptionError
-        A coating is none.
-    GlassError
-        The absorption of a glass is not known, or not at that wavelength.
+    """Losses of the lens of a camera at a wavelength; None: it is ideal. PrescriptionError for coatings that are none,
+    GlassError where the absorption of a glass is not known, or not at that wavelength.
     """
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    return read_losses(lens, wavelength_nm) if loses_light(camera, lens) else None
+    return read_losses(lens, wavelength_nm) if _loses_light(camera, lens) else None
 
 
-def loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
+def _loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
     """Whether surfaces and glasses of the lens of a camera take light: a model camera has none."""
-    is_ideal = need(camera, "plen:camera:model") != "prescription"
-    return not is_ideal and bool(need(lens, "plen:transmission") == "surfaces")
+    is_real = need(camera, "plen:camera:model") == "prescription"
+    return is_real and bool(need(lens, "plen:transmission") == "surfaces")
 
 
 def wavelengths_seen(camera: Usd.Prim) -> list[float]:
@@ -78,44 +72,37 @@ def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
     """Coatings and glasses of a lens at a wavelength; raises as `losses_at`."""
     surfaces = ordered_surfaces(lens)
     return Losses(
-        coatings=tuple(read_coating(surface).at(wavelength_nm) for surface in surfaces),
+        coatings=tuple(_read_coating(surface).at(wavelength_nm) for surface in surfaces),
         per_mm=tuple(_share_per_mm(surface, lens, wavelength_nm) for surface in surfaces),
     )
 
 
 @read_once
-def read_coating(surface: Usd.Prim) -> CoatingData:
+def _read_coating(surface: Usd.Prim) -> CoatingData:
     """Coating of a PlenSurface; raises as `CoatingData`."""
-    return CoatingData(**{field: tuple(need(surface, name)) for field, name in _COATING.items()})
+    return CoatingData(**{field: need(surface, name) for field, name in _COATING.items()})
 
 
 @read_once
-def read_absorption(surface: Usd.Prim, lens: Usd.Prim) -> Absorption | None:
-    """Absorption over the wavelength behind a PlenSurface; None where its medium is the same at all.
-
-    Raises
-    ------
-    GlassError
-        The table is none, or no table has the glass.
+def _read_absorption(surface: Usd.Prim, lens: Usd.Prim) -> Absorption | None:
+    """Absorption over the wavelength behind a PlenSurface; None where its medium is the same at all. GlassError if the
+    table is none, or no table has the glass.
     """
-    wavelengths_nm = tuple(need(surface, "plen:internalTransmittanceWavelengths"))
-    values = tuple(need(surface, "plen:internalTransmittanceTable"))
+    wavelengths_nm = need(surface, "plen:internalTransmittanceWavelengths")
+    values = need(surface, "plen:internalTransmittanceTable")
+    is_written = surface.GetAttribute("plen:internalTransmittance").HasAuthoredValue()
     if wavelengths_nm or values:
-        if _is_written(surface):
+        if is_written:
             what = "an internal transmittance is stated once for all wavelengths and by wavelength"
             raise BadAbsorption(what, hint="keep one of the two")
         return stated(wavelengths_nm, values, need(surface, "plen:internalTransmittanceThickness"))
     is_printed = need(lens, "plen:transmittanceSource") == "printed"
-    return None if is_printed or _is_written(surface) else measured(medium_behind(surface, lens))
-
-
-def _is_written(surface: Usd.Prim) -> bool:
-    return bool(surface.GetAttribute("plen:internalTransmittance").HasAuthoredValue())
+    return None if is_printed or is_written else measured(medium_behind(surface, lens))
 
 
 def _share_per_mm(surface: Usd.Prim, lens: Usd.Prim, wavelength_nm: float) -> float:
     """Share of light that a millimetre of the medium behind a surface lets pass."""
-    absorption = read_absorption(surface, lens)
+    absorption = _read_absorption(surface, lens)
     if absorption is not None:
         return absorption.share_per_mm(wavelength_nm)
     thickness_mm = need(surface, "plen:internalTransmittanceThickness")
@@ -128,13 +115,13 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
     if not lens:
         return
     try:
-        seen_nm = wavelengths_seen(camera) if loses_light(camera, lens) else []
+        seen_nm = wavelengths_seen(camera) if _loses_light(camera, lens) else []
     except (SpectrumError, UnreadableValue):
         return  # reported where the channel or the value is checked
     for surface in ordered_surfaces(lens):
         try:
-            coating = read_coating(surface)
-            absorption = read_absorption(surface, lens) if seen_nm else None
+            coating = _read_coating(surface)
+            absorption = _read_absorption(surface, lens) if seen_nm else None
             if absorption is not None:
                 for nm in (min(seen_nm), max(seen_nm)):
                     absorption.share_per_mm(nm)
@@ -149,9 +136,9 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
 def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     """Warnings of coatings that the light on the axis of a focused camera meets at angles beyond their tables."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    if read(camera, "plen:image:exposure") != "radiance" or not lens or not loses_light(camera, lens):
+    if read(camera, "plen:image:exposure") != "radiance" or not lens or not _loses_light(camera, lens):
         return
-    tables = [read_coating(surface).angles_deg for surface in ordered_surfaces(lens)]
+    tables = [_read_coating(surface).angles_deg for surface in ordered_surfaces(lens)]
     if not any(tables):
         return
     table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])

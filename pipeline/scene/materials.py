@@ -61,13 +61,7 @@ class Shaded:
 
 
 def read_material(material: UsdShade.Material) -> Shaded:
-    """The record of a Material.
-
-    Raises
-    ------
-    NotSupported, UnreadableValue
-        A shader, a connection or a value cannot be used.
-    """
+    """The record of a Material; UnreadableValue if a shader, a connection or a value cannot be used."""
     surface = _shader(material.ComputeSurfaceSource()[0], material.GetPrim(), "UsdPreviewSurface")
     for name, idle in _UNUSED.items():
         source = _source(surface, name)
@@ -79,19 +73,16 @@ def read_material(material: UsdShade.Material) -> Shaded:
     if _plain(surface, "useSpecularWorkflow", 0):
         fields["specular_color"] = reader.read("specularColor", (0.0, 0.0, 0.0))
     threshold, ior = (_number(surface, name, value) for name, value in (("opacityThreshold", 0.0), ("ior", 1.5)))
-    _require_opaque(surface, fields["opacity"], threshold)
+    opacity = fields["opacity"]
+    if threshold <= 0 and (opacity.texture or opacity.value[0] < 1):
+        what = "surfaces are opaque, or have holes where their opacity is below a threshold"
+        hint = "write float inputs:opacityThreshold = 0.5"
+        raise NotSupported(what, surface.GetInput("opacity").GetAttr(), hint=hint)
     record = Material(**fields, ior=ior, opacity_threshold=threshold)
     if len(reader.primvars) > 1:
         what = f"its textures read coordinates from {' and '.join(sorted(reader.primvars))}"
         raise NotSupported(what, material.GetPrim(), hint="use one set of texture coordinates")
     return Shaded(record, next(iter(reader.primvars), ""))
-
-
-def _require_opaque(surface: UsdShade.Shader, opacity: Input, threshold: float) -> None:
-    if threshold <= 0 and (opacity.texture or opacity.value[0] < 1):
-        what = "surfaces are opaque, or have holes where their opacity is below a threshold"
-        hint = "write float inputs:opacityThreshold = 0.5"
-        raise NotSupported(what, surface.GetInput("opacity").GetAttr(), hint=hint)
 
 
 class _Inputs:
@@ -237,13 +228,7 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
 
 @read_once
 def read_finish(prim: Usd.Prim) -> Finish:
-    """The materials of a Mesh, with its normals and texture coordinates.
-
-    Raises
-    ------
-    NotSupported, UnreadableValue
-        A material, a normal or a texture coordinate cannot be used.
-    """
+    """The materials of a Mesh, with its normals and texture coordinates; UnreadableValue if any cannot be used."""
     mesh = UsdGeom.Mesh(prim)
     shape = fans(mesh)
     shaded = [_material_of(prim)]
@@ -270,11 +255,8 @@ def _material_of(prim: Usd.Prim) -> Shaded:
     colour = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor")
     values = plain(colour.Get() or ()) if colour else ()
     if len(values) > 1:
-        raise NotSupported(
-            f'"primvars:displayColor" has {len(values)} colours',
-            colour.GetAttr(),
-            hint="write one colour, or bind a material with a texture",
-        )
+        what = f'"primvars:displayColor" has {len(values)} colours'
+        raise NotSupported(what, colour.GetAttr(), hint="write one colour, or bind a material with a texture")
     return Shaded(Material(diffuse_color=Input(value=values[0] if values else _GREY), ior=1.0), "")
 
 
@@ -293,11 +275,8 @@ def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[Shaded]) -> tuple[Numbers,
     """Texture coordinates at the corners of all triangles."""
     names = list(dict.fromkeys(each.primvar for each in shaded if all_of([each.material])))
     if len(names) > 1:
-        raise NotSupported(
-            f"its materials read texture coordinates from {' and '.join(names)}",
-            mesh.GetPrim(),
-            hint="use one set of texture coordinates",
-        )
+        what = f"its materials read texture coordinates from {' and '.join(names)}"
+        raise NotSupported(what, mesh.GetPrim(), hint="use one set of texture coordinates")
     primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance(names[0])
     values = plain(primvar.ComputeFlattened() or ()) if primvar and primvar.HasValue() else ()
     if not values:
@@ -316,9 +295,8 @@ def _at_corners(
     try:
         table = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
-        raise UnreadableValue(
-            f'"{attribute.GetName()}" holds something else than {size} numbers each', attribute
-        ) from None
+        what = f'"{attribute.GetName()}" holds something else than {size} numbers each'
+        raise UnreadableValue(what, attribute) from None
     rows = shape.places(interpolation)
     if not np.isfinite(table).all() or (len(rows) and np.max(rows) >= len(table)):
         raise UnreadableValue(f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute)
@@ -329,39 +307,27 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of meshes and targets that depend on whether lamps light them; `wrong` holds prims with wrong values."""
     is_lit = bool(lamp_prims(root.GetStage()))
     for prim in targets(root, "plen:targets", "PlenTarget"):
-        yield from _check_target(prim) if is_lit else _check_unlit(prim)
+        coat = prim.GetAttribute("plen:coat:roughness")
+        if not is_lit and coat and coat.HasAuthoredValue():
+            message = "the coat of a target is not seen, because the dataset has no lamp"
+            hint = "add a light of UsdLux, such as a RectLight"
+            yield problem(coat, "unused-value", message, hint=hint, severity="warning")
+        for name in ("plen:white", "plen:black") if is_lit else ():
+            if (read(prim, name) or 0.0) > 1:
+                message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
+                hint = "make the lamps brighter instead"
+                yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
     for prim in seen_meshes(root) if is_lit else ():
-        if prim.GetPath() not in wrong:
-            yield from _check_mesh(prim)
-
-
-def _check_target(prim: Usd.Prim) -> Iterator[Problem]:
-    for name in ("plen:white", "plen:black"):
-        value = read(prim, name)
-        if value is not None and value > 1:
-            message = f'"{name}" = {value:g} of a target that lamps light is a reflectance, at most 1'
-            hint = "make the lamps brighter instead"
-            yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
-
-
-def _check_unlit(prim: Usd.Prim) -> Iterator[Problem]:
-    coat = prim.GetAttribute("plen:coat:roughness")
-    if coat and coat.HasAuthoredValue():
-        message = "the coat of a target is not seen, because the dataset has no lamp"
-        hint = "add a light of UsdLux, such as a RectLight"
-        yield problem(coat, "unused-value", message, hint=hint, severity="warning")
-
-
-def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
-    mesh = UsdGeom.Mesh(prim)
-    scheme = mesh.GetSubdivisionSchemeAttr()
-    if scheme.Get() != UsdGeom.Tokens.none:
-        message = f'"subdivisionScheme" is {scheme.Get()}, and surfaces are not subdivided'
-        yield problem(scheme, "not-yet-supported", message, hint='write uniform token subdivisionScheme = "none"')
-        return
-    try:
-        read_finish(prim)
-    except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what, hint=error.hint)
-    except ValueError:
-        return  # faces that contradict each other are reported elsewhere
+        scheme = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr()
+        if prim.GetPath() in wrong:
+            continue
+        if scheme.Get() != UsdGeom.Tokens.none:
+            message = f'"subdivisionScheme" is {scheme.Get()}, and surfaces are not subdivided'
+            yield problem(scheme, "not-yet-supported", message, hint='write uniform token subdivisionScheme = "none"')
+            continue
+        try:
+            read_finish(prim)
+        except UnreadableValue as error:
+            yield problem(error.thing, error.code, error.what, hint=error.hint)
+        except ValueError:
+            continue  # faces that contradict each other are reported elsewhere

@@ -72,12 +72,8 @@ def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -
 
 
 def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
-    """Index of the microlenses of a PlenMicrolensArray at a wavelength: of its glass, or as printed.
-
-    Raises
-    ------
-    GlassError
-        The glass is unknown, or unknown at that wavelength.
+    """Index of the microlenses of a PlenMicrolensArray at a wavelength: of its glass, or as printed. GlassError if the
+    glass is unknown, or unknown at that wavelength.
     """
     glass = need(prim, "plen:glass")
     if not glass:
@@ -100,7 +96,7 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
         record = read_microlenses(array, _ANY_DISTANCE_MM, _D_LINE_NM)
         element_tables(record)
     except GlassError as error:
-        yield _of_glass(array, error)
+        yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
     except UnreadableValue as error:
         yield of_reader(array, error)
     except PipelineError as error:
@@ -130,23 +126,17 @@ def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem
         hint = "choose a wavelength at which the glass of the microlenses is known"
         yield problem(camera.GetAttribute("plen:camera:wavelength"), error.code, error.what, hint=hint)
     except GlassError as error:
-        yield _of_glass(array, error)
-
-
-def _of_glass(array: Usd.Prim, error: GlassError) -> Problem:
-    return problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
+        yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
 
 
 def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
-    has = {
-        name: array.GetAttribute(f"plen:{name}").HasAuthoredValue() for name in ("width", "height", "columns", "rows")
-    }
-    extent, count = has["width"] or has["height"], has["columns"] or has["rows"]
-    if extent and count:
+    names = ("width", "height", "columns", "rows")
+    width, height, columns, rows = (array.GetAttribute(f"plen:{name}").HasAuthoredValue() for name in names)
+    if (width or height) and (columns or rows):
         message = '"plen:width" and "plen:height" state the size of the array, and so do "plen:columns" and "plen:rows"'
-        name = "columns" if has["columns"] else "rows"
-        yield problem(array.GetAttribute(f"plen:{name}"), "array-extent", message, hint="keep one pair of them")
-    elif not (has["width"] and has["height"]) and not (has["columns"] and has["rows"]):
+        place = array.GetAttribute("plen:columns" if columns else "plen:rows")
+        yield problem(place, "array-extent", message, hint="keep one pair of them")
+    elif not (width and height) and not (columns and rows):
         message = f'{array.GetTypeName()} needs "plen:width" and "plen:height", or "plen:columns" and "plen:rows"'
         yield problem(array, "array-extent", message, hint="width and height count mm, columns and rows microlenses")
 
@@ -175,15 +165,13 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
     if len(values) != along * across:
         message = f'"plen:typeTable" has {len(values)} entries for a period of {along} x {across}'
         yield problem(table, "microlens-types", message, hint=f"write {along * across}, those of l = 0 first")
-    elif set(values) != set(range(count)):
-        missing = sorted(set(range(count)) - set(values))
-        beyond = sorted(set(values) - set(range(count)))
-        what = f"names type {beyond[0]}" if beyond else f"leaves out type {missing[0]}"
+    elif differing := set(values) ^ set(range(count)):
+        beyond = [kind for kind in differing if not 0 <= kind < count]
+        what = f"names type {min(beyond)}" if beyond else f"leaves out type {min(differing)}"
         yield problem(table, "microlens-types", f'"plen:typeTable" {what} of {count} types, counted from 0')
 
 
 def _check_index(array: Usd.Prim) -> Iterator[Problem]:
-    """A problem unless refractive microlenses have either an index or a glass."""
     if read(array, "plen:model") != "refractive":
         return
     has_index, has_glass = read(array, "plen:index") is not None, bool(read(array, "plen:glass"))

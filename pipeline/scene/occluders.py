@@ -33,12 +33,8 @@ def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
 
 @read_once
 def read_occluder(prim: Usd.Prim) -> Occluder:
-    """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI.
-
-    Raises
-    ------
-    TargetError, ValueError
-        Its faces do not match its points or each other.
+    """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI. TargetError or ValueError if its faces do
+    not match its points or each other.
     """
     mesh, scale_mm = fans(UsdGeom.Mesh(prim)), stage_mm_per_unit(prim)
     return Occluder(
@@ -94,17 +90,13 @@ def check_outside_lens(
         for number, pose in zip(frames, poses, strict=True):
             triangles = apply(pose, corners).reshape(-1, 3, 3)
             if is_visible(occluder, float(number)) and meets_lens(triangles, ends, radius_mm):
-                yield _inside(occluder, camera_name(camera, root), number, ends, radius_mm)
-
-
-def _inside(occluder: Usd.Prim, camera: str, number: int, ends_mm: tuple[float, float], radius_mm: float) -> Problem:
-    message = (
-        f'"{occluder.GetName()}" reaches into the lens of "{camera}" at time code {number},'
-        f" z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
-    )
-    moving = moving_op(occluder)
-    hint = "the camera looks along its -Z; its origin is the aperture stop"
-    return problem(moving or occluder, "inside-lens", message, hint=hint, time=float(number) if moving else None)
+                message = (
+                    f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'
+                    f" {number}, z = {ends[0]:.6g} to {ends[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
+                )
+                moving, hint = moving_op(occluder), "the camera looks along its -Z; its origin is the aperture stop"
+                time = float(number) if moving else None
+                yield problem(moving or occluder, "inside-lens", message, hint=hint, time=time)
 
 
 def meets_lens(triangles_mm: np.ndarray, ends_mm: tuple[float, float], radius_mm: float) -> bool:

@@ -63,29 +63,14 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
     return f"{hashlib.sha256(picture_of(attribute).content).hexdigest()[:16]}-{space}"
 
 
-def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
-    """All pictures that the stage's textures and domes name, each once."""
-    entries = dict[str, PictureEntry]()
-    for prim in stage.TraverseAll():
-        for attribute, space in _named_by(prim):
-            entry = _entry(attribute, space)
-            entries[entry.name] = entry
-    return tuple(entries.values())
-
-
-def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
-    """Copies in the output folder of the pictures that attributes name, by the paths of these attributes."""
-    files = dict[Sdf.Path, str]()
-    for prim in stage.TraverseAll():
-        for attribute, space in _named_by(prim):
-            files[attribute.GetPath()] = _entry(attribute, space).file
-    return files
-
-
-def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
-    encoded = base64.b64encode(picture_of(attribute).content).decode("ascii")
-    suffix = Path(attribute.Get().resolvedPath).suffix.lower()
-    return PictureEntry(name=name_of(attribute, space), suffix=suffix, encoded=encoded, space=space)
+def read_pictures(stage: Usd.Stage) -> dict[Sdf.Path, PictureEntry]:
+    """All pictures that the stage's textures and domes name, by the paths of the attributes that name them."""
+    entries = dict[Sdf.Path, PictureEntry]()
+    for attribute, space in (named for prim in stage.TraverseAll() for named in _named_by(prim)):
+        encoded = base64.b64encode(picture_of(attribute).content).decode("ascii")
+        suffix, name = Path(attribute.Get().resolvedPath).suffix.lower(), name_of(attribute, space)
+        entries[attribute.GetPath()] = PictureEntry(name=name, suffix=suffix, encoded=encoded, space=space)
+    return entries
 
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
@@ -108,13 +93,8 @@ def is_picture(attribute: Usd.Attribute) -> bool:
 
 
 def picture_of(attribute: Usd.Attribute) -> PictureFile:
-    """The picture that an attribute names.
-
-    Raises
-    ------
-    UnreadableValue
-        It is not there, lies outside of the folders that the stage may read, is no plain file, larger than the limits,
-        of another kind, or broken.
+    """The picture that an attribute names; UnreadableValue if it is not there, lies outside of the folders that the
+    stage may read, is no plain file, larger than the limits, of another kind, or broken.
     """
     value = attribute.Get()
     if not isinstance(value, Sdf.AssetPath) or not value.path:
@@ -126,8 +106,6 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
 
 
 class _Flaw(NamedTuple):
-    """What is wrong with a picture: a code, words that follow its name, and a hint."""
-
     code: str
     what: str
     hint: str | None = None

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.camera import read_camera_entry
@@ -56,7 +55,6 @@ def read_dataset(root: Usd.Prim) -> Dataset:
 
 
 def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
-    """The records of a PlenDataset; parts with sources of their own note them."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
@@ -73,7 +71,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         frames=_read_frames(root, cameras, boards, sources),
         occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
         lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
-        pictures=read_pictures(root.GetStage()),
+        pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
         exports=read("exports", read_exports, root),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
@@ -86,10 +84,12 @@ def _read_frames(
     numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
 
     def posed(part: str, reader: Callable[..., Any], prim: Usd.Prim) -> list[Matrix]:
-        return _matrices(sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm))
+        # + 0.0 turns -0.0, which products may leave, into 0.0: keys must not differ by it.
+        stack = sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm) + 0.0
+        return [tuple(map(tuple, matrix)) for matrix in stack.tolist()]
 
-    names = {camera_name(prim, root): prim for prim in cameras}
-    vision = {name: posed(f"cameras/{name}", camera_from_world, prim) for name, prim in names.items()}
+    named = ((camera_name(prim, root), prim) for prim in cameras)
+    vision = {name: posed(f"cameras/{name}", camera_from_world, prim) for name, prim in named}
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
     lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
@@ -108,11 +108,6 @@ def _read_frames(
 def _visible(moved: dict[Usd.Prim, list[Matrix]], index: int, number: int) -> dict[str, Matrix]:
     """Pose of each prim that is visible in a frame, by path."""
     return {str(prim.GetPath()): poses[index] for prim, poses in moved.items() if is_visible(prim, float(number))}
-
-
-def _matrices(stack: np.ndarray) -> list[Matrix]:
-    # + 0.0 turns -0.0, which products may leave, into 0.0: keys must not differ by it.
-    return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]
 
 
 def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
@@ -139,8 +134,8 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     yield from check_occluders(root, wrong)
     yield from check_lamps(root, wrong)
     yield from check_finishes(root, wrong)
-    yield from check_unnamed(root)
-    yield from check_invisible(root)
+    yield from _check_unnamed(root)
+    yield from _check_invisible(root)
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
@@ -166,8 +161,8 @@ def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
-    repeated = [number for number, count in Counter(read(root, "plen:frames") or ()).items() if count > 1]
-    if repeated:
+    frames = read(root, "plen:frames") or ()
+    if repeated := [number for number, count in Counter(frames).items() if count > 1]:
         more = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
         message = f'"plen:frames" lists frame {repeated[0]}{more} more than once'
         yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
@@ -206,60 +201,42 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
             yield problem(prim, "long-name", message, hint=hint)
 
 
-def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
+def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     """One warning per type of prim that is in the stage of a dataset but has no effect on its images.
 
-    Previews of targets, prims with the purposes guide and proxy, and prims invisible in all frames are left out.
+    Previews of targets, prims with the purposes guide and proxy, and prims invisible in all frames are left out, and
+    targets of our relationships, of which problems are reported elsewhere.
     """
-    named = _named(root.GetStage())
-    frames = frame_numbers(root)
-    lit = {prim.GetPath() for prim in (*lamp_prims(root.GetStage()), *seen_meshes(root))}
+    stage, frames = root.GetStage(), frame_numbers(root)
+    prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    relationships = [
+        rel for prim in prims for rel in prim.GetAuthoredRelationships() if rel.GetNamespace().split(":")[0] == "plen"
+    ]
+    named = {path for relationship in relationships for path in target_paths(relationship)}
+    named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
-    for prim in Usd.PrimRange(root.GetStage().GetPseudoRoot(), Usd.TraverseInstanceProxies()):
-        is_left_out = _is_geometry(prim) and prim.GetPath() not in named and not is_preview(prim)
-        if is_left_out and prim.GetPath() not in lit and _is_shown(prim, frames):
+    for prim in prims:
+        is_geometry = prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer)
+        if is_geometry and prim.GetPath() not in named and not is_preview(prim) and _is_shown(prim, frames):
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
-    for kind, prims in list(kinds.items())[:_MOST_KINDS]:
-        yield _left_out(kind, prims)
+    for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
+        paths = ", ".join(f"<{prim.GetPath()}>" for prim in unnamed[:_MOST_PATHS])
+        more = f" and {len(unnamed) - _MOST_PATHS} more" if len(unnamed) > _MOST_PATHS else ""
+        message = f"{kind} {paths}{more} is in no image: no relationship names it"
+        what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
+        hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
+        yield problem(unnamed[0], "not-in-image", message, hint=hint, severity="warning")
 
 
-def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
+def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:
     """A warning for each target that is invisible in USD in some frames, although images and truth have it in all."""
     frames = frame_numbers(root)
     for prim in targets(root, "plen:targets", "PlenTarget"):
-        if comes_and_goes(prim):
-            hidden = [number for number in frames if not is_visible(prim, float(number))]
-        else:
-            hidden = [] if all(is_visible(prim, float(number)) for number in frames[:1]) else list(frames)
-        if hidden:
+        if hidden := [number for number in frames if not is_visible(prim, float(number))]:
             number = f"{len(hidden)} of {len(frames)} frames: {frames_in_words(hidden)}"
             message = f'"{prim.GetName()}" is invisible in {number}; its images and ground truth are made all the same'
             hint = "take it out of rel plen:targets, list other plen:frames, or make it visible"
             yield problem(prim, "invisible-target", message, hint=hint, severity="warning")
-
-
-def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
-    paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
-    more = f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else ""
-    message = f"{kind} {paths}{more} is in no image: no relationship names it"
-    what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
-    hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
-    return problem(prims[0], "not-in-image", message, hint=hint, severity="warning")
-
-
-def _named(stage: Usd.Stage) -> set[Sdf.Path]:
-    """All targets of our relationships; problems of these prims are reported elsewhere."""
-    relationships = [
-        relationship
-        for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
-        for relationship in prim.GetAuthoredRelationships()
-        if relationship.GetName().startswith("plen:")
-    ]
-    return {path for relationship in relationships for path in target_paths(relationship)}
-
-
-def _is_geometry(prim: Usd.Prim) -> bool:
-    return bool(prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer))
 
 
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:

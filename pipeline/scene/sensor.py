@@ -94,14 +94,26 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
     """The light of each frame of a camera; None where it asks for no raw images."""
     if need(camera, "plen:image:exposure") == "none":
         return None
-    by_radiance = need(camera, "plen:image:exposure") == "radiance"
-    channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if by_radiance else []
+    is_radiance, illuminant = need(camera, "plen:image:exposure") == "radiance", illuminant_of(camera)
+    before_lens, light_nm = read(camera, "plen:image:radiance"), need(camera, "plen:camera:wavelength")
+    channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if is_radiance else []
+    radiance = None
+    if is_radiance and not channels:
+        radiance = Radiance(w_per_m2_sr=before_lens, wavelength_nm=light_nm, losses=losses_at(camera, light_nm))
     return Irradiation(
         exposure_time_s=need(camera, "plen:image:exposureTime"),
         white_level=read(camera, "plen:image:whiteLevel"),
         photon_rate=read(camera, "plen:image:photonRate"),
-        radiance=_read_radiance(camera) if by_radiance and not channels else None,
-        channels=tuple(_read_channel_radiance(camera, prim) for prim in channels),
+        radiance=radiance,
+        channels=tuple(
+            ChannelRadiance(
+                channel=channel.GetName(),
+                w_per_m2_sr=before_lens,
+                effective_nm=effective_nm(channel, illuminant),
+                losses=tuple(losses_at(camera, float(nm)) for nm in wavelengths_of(channel, illuminant)[0]),
+            )
+            for channel in channels
+        ),
     )
 
 
@@ -115,25 +127,6 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
     return tuple(colours for colours in seen if colours and seen[0])
 
 
-def _read_radiance(camera: Usd.Prim) -> Radiance:
-    """The light before the lens of a camera of one wavelength that is exposed by it."""
-    wavelength_nm = need(camera, "plen:camera:wavelength")
-    losses = losses_at(camera, wavelength_nm)
-    return Radiance(w_per_m2_sr=need(camera, "plen:image:radiance"), wavelength_nm=wavelength_nm, losses=losses)
-
-
-def _read_channel_radiance(camera: Usd.Prim, channel: Usd.Prim) -> ChannelRadiance:
-    """The same as a channel counts it."""
-    illuminant = illuminant_of(camera)
-    wavelengths_nm, _ = wavelengths_of(channel, illuminant)
-    return ChannelRadiance(
-        channel=channel.GetName(),
-        w_per_m2_sr=need(camera, "plen:image:radiance"),
-        effective_nm=effective_nm(channel, illuminant),
-        losses=tuple(losses_at(camera, float(nm)) for nm in wavelengths_nm),
-    )
-
-
 def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenSensor with PlenSensorResponseAPI whose values are right one by one."""
     try:
@@ -143,14 +136,8 @@ def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
     except PipelineError as error:
         yield problem(sensor, "sensor-response", error.what, hint=error.hint)
     else:
-        yield from _check_filters(sensor)
-
-
-def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
-    """Colour filters that let through what is no channel of the sensor."""
-    channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
-    for name in dict.fromkeys(read(sensor, _FILTERS) or ()):
-        if name not in channels:
+        channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
+        for name in dict.fromkeys(name for name in need(sensor, _FILTERS) if name not in channels):
             message = f'there is a colour filter "{name}", and the sensor has no such channel'
             hint = did_you_mean(name, channels) or f"its channels: {', '.join(channels)}"
             yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=hint)
@@ -158,24 +145,19 @@ def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
 
 def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
     """A camera that asks for raw images, although its sensor does not say how it responds to light."""
-    if read(camera, "plen:image:exposure") in ("level", "photons", "radiance") and not has_response(sensor):
+    attribute, exposure = camera.GetAttribute("plen:image:exposure"), read(camera, "plen:image:exposure")
+    if exposure not in ("none", None) and not has_response(sensor):
         message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"
         hint = (
             "reference one of sensors/ in the library, or apply PlenSensorResponseAPI to it:"
             ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
         )
-        yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)
-    elif read(camera, "plen:image:exposure") != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
+        yield problem(attribute, "no-response", message, hint=hint)
+    elif exposure != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
         message = f"raw.dng tells filters by their colours, and {', '.join(odd)} names none"
         yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=f"call them {', '.join(COLOURS)}")
-    if read(camera, "plen:image:exposure") == "radiance":
-        yield from _check_radiance(camera)
-
-
-def _check_radiance(camera: Usd.Prim) -> Iterator[Problem]:
-    """An exposure by radiance of a camera for which it is not defined, or through a coating that is none."""
-    exposure = camera.GetAttribute("plen:image:exposure")
-    if read(camera, "plen:camera:weight") == "area":
-        message = "radiance gives photons only where rays weigh irradiance, not area"
-        yield problem(exposure, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
-    yield from check_losses(camera)
+    if exposure == "radiance":
+        if read(camera, "plen:camera:weight") == "area":
+            message = "radiance gives photons only where rays weigh irradiance, not area"
+            yield problem(attribute, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
+        yield from check_losses(camera)

@@ -72,7 +72,6 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
 
 
 def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
-    """The spectrum of the ink or the paper of a target."""
     if patch := need(prim, f"plen:{what}:patch"):
         from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
 
@@ -85,15 +84,9 @@ def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
 
 @read_once
 def read_target(prim: Usd.Prim) -> AnyTarget:
-    """A target of any type.
-
-    Raises
-    ------
-    TargetError
-        Its values contradict each other.
-    """
+    """A target of any type; TargetError if its values contradict each other."""
     if prim.IsA("PlenMeshTarget"):
-        return read_mesh_target(prim)
+        return _read_mesh_target(prim)
     pattern = TYPES[str(prim.GetTypeName())]
     surface, shape = SHAPES[need(prim, "plen:shape")]
     return Target(
@@ -106,35 +99,29 @@ def _values(prim: Usd.Prim, fields: dict[str, str]) -> dict[str, Any]:
     return {field: need(prim, name) for field, name in fields.items()}
 
 
-def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
+def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:
     """The record of a PlenMeshTarget: triangles, corners in the target frame, colours as radiance."""
     mesh_prim = target(prim, "plen:mesh", "Mesh")
     if mesh_prim is None:
         raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
-    mesh = UsdGeom.Mesh(mesh_prim)
+    mesh, scale_mm, white = UsdGeom.Mesh(mesh_prim), stage_mm_per_unit(prim), need(prim, "plen:white")
     shape = fans(mesh)
-    points = np.array(shape.points, float).reshape(-1, 3)
-    colours = _colours(mesh, shape)
-    white = need(prim, "plen:white")
+    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
+    first = [min(times, default=0.0)]
+    # Affine, because the mesh may be scaled; its vertices are in the unit of the stage.
+    target_from_mesh = product(
+        np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh_prim, first, scale_mm)
+    )[0]
+    target_from_mesh[:3, :3] *= scale_mm
+    vertices_mm = apply(target_from_mesh, np.array(shape.points, float).reshape(-1, 3))
     return MeshTarget(
-        vertices_mm=_triples(apply(_target_from_mesh(prim, mesh_prim), points)),
+        # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
+        vertices_mm=tuple((x, y, z) for x, y, z in (vertices_mm + 0.0).tolist()),
         triangles=shape.triangles,
-        albedo=tuple(tuple(white * shade for shade in row) for row in colours),  # type: ignore[misc]
+        albedo=tuple(tuple(white * shade for shade in row) for row in _colours(mesh, shape)),  # type: ignore[misc]
         points_mm=need(prim, "plen:points"),
         normals=need(prim, "plen:normals"),
     )
-
-
-def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
-    """Transform from the mesh to its rigid target, with mm per unit included; affine, because the mesh may be
-    scaled.
-    """
-    scale_mm = stage_mm_per_unit(prim)
-    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
-    first = [min(times, default=0.0)]
-    matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
-    matrix[:3, :3] *= scale_mm
-    return matrix
 
 
 def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
@@ -146,16 +133,11 @@ def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
     return [tuple(values[place][0] for place in places) for places in shape.places(colour.GetInterpolation())]
 
 
-def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
-    return tuple((x + 0.0, y + 0.0, z + 0.0) for x, y, z in points.tolist())
-
-
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenTarget as a whole; `wrong` holds the prims with wrong values."""
-    parts = [*_check_shape(prim), *_check_mesh(prim), *_check_print(prim)]
-    yield from parts
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
+    parts = [*_check_shape(prim), *(_check_mesh(prim, mesh) if mesh else ()), *_check_print(prim)]
+    yield from parts
     if parts or prim.GetPath() in wrong or (mesh and mesh.GetPath() in wrong):
         return
     try:
@@ -170,26 +152,18 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     except TargetError as error:
         yield problem(prim, error.code, error.what, hint=error.hint)
         return
-    yield from _check_contrast(prim, record)
-    if isinstance(record, MeshTarget):
-        yield from _check_on_mesh(prim, record)
-
-
-def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
-    """A warning if a target is uniformly dark or bright, so that its pattern is invisible."""
     white = prim.GetAttribute("plen:white")
     if isinstance(record, MeshTarget):
         if not np.any(record.albedo):
-            message = "the mesh is dark all over: its images are black"
-            hint = "write a plen:white and colours above 0"
+            message, hint = "the mesh is dark all over: its images are black", "write a plen:white and colours above 0"
             yield problem(white, "no-contrast", message, hint=hint, severity="warning")
+        yield from _check_on_mesh(prim, record)
     elif record.pattern.white == record.pattern.black:
         message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
         yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
 
 
 def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if a shape is stated for a mesh target."""
     shape = read(prim, "plen:shape")
     if prim.IsA("PlenMeshTarget") and shape not in ("flat", None):
         message = f'a mesh has its own shape, and "plen:shape" is {shape}'
@@ -197,7 +171,6 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
-    """Problems of spectra of ink and paper that are none."""
     for what in ("ink", "paper"):
         yield from _check_patch(prim, what)
         table, values = (read(prim, f"plen:{what}:{name}") or () for name in ("wavelengths", "reflectance"))
@@ -213,7 +186,6 @@ def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_patch(prim: Usd.Prim, what: str) -> Iterator[Problem]:
-    """Problems of the patch of the ColorChecker that an ink or a paper is said to be."""
     patch, place = read(prim, f"plen:{what}:patch"), prim.GetAttribute(f"plen:{what}:patch")
     if not patch:
         return
@@ -232,11 +204,8 @@ def _check_patch(prim: Usd.Prim, what: str) -> Iterator[Problem]:
             yield problem(place, error.code, error.what, hint=error.hint)
 
 
-def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
     """Problems of a mesh that would not move with its target, or that would move relative to it."""
-    mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
-    if mesh is None:
-        return
     relationship = prim.GetRelationship("plen:mesh")
     if not mesh.GetPath().HasPrefix(prim.GetPath()):
         message = f"<{mesh.GetPath()}> does not lie below its target <{prim.GetPath()}>"

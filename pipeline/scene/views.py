@@ -1,5 +1,5 @@
-"""Views: the visible part of a target in every frame of a camera, found with a few rays per point
-(`camera.figures.outlook`), and warnings where that is nothing or little.
+"""Warnings that take some rays: parts of a camera that hardly fit together, mostly because of a wrong unit, and frames
+in which a camera sees nothing of a target, or little (`camera.figures.outlook`).
 """
 
 from collections import Counter
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pxr import Usd
 
+from pipeline.camera.figures.doubts import doubts, pixel_doubts
 from pipeline.camera.figures.outlook import (
     Fate,
     Outlook,
@@ -21,9 +22,15 @@ from pipeline.camera.figures.outlook import (
 )
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
-from pipeline.scene.dataset import Dataset, Frame
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+from pipeline.scene.lens import ordered_surfaces
+from pipeline.scene.losses import check_angles
+from pipeline.scene.microlenses import by_type
+from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.scene.usd.values import read, target
 from pipeline.spelling import frames_in_words
 
 if TYPE_CHECKING:
@@ -60,6 +67,50 @@ _REASONS = {
 }
 
 
+def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator[Problem]:
+    """Warnings about each camera, at the attribute most likely to blame; an error if no ray can be traced."""
+    alone = [prim for prim in stage.Traverse() if prim.IsA("PlenSensor")] if not cameras else []
+    for prim in alone:
+        for doubt in pixel_doubts(read_sensor(prim)):
+            pitch = prim.GetAttribute("plen:pixelPitch")
+            yield problem(pitch, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
+    for entry in cameras:
+        prim = stage.GetPrimAtPath(entry.prim_path)
+        try:
+            camera = focused(entry.camera)
+        except (PipelineError, ArithmeticError) as error:
+            yield of_reader(prim, error)
+            continue
+        try:
+            for doubt in doubts(camera):
+                place = _blamed(prim, camera, doubt.part)
+                yield problem(place, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
+        except CameraError as error:
+            yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
+        except ArithmeticError:
+            continue  # a pupil on the sensor or at infinity: no figure tells whether that was intended
+        yield from check_angles(prim, camera)
+
+
+def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:
+    """The prim or the attribute that states a doubtful part of a camera."""
+    lens, sensor, array = (
+        target(prim, f"plen:camera:{name}", kind)
+        for name, kind in (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
+    )
+    if part == "stop" and read(prim, "plen:camera:stopMatch") != "microlenses":
+        return ordered_surfaces(lens)[camera.prescription.stop_index].GetAttribute("plen:semiDiameter")
+    if part == "sensor":
+        # An override of the stage itself is more likely to be wrong than a file of the library.
+        attributes = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
+        root = prim.GetStage().GetRootLayer()
+        ours = (attribute for attribute in attributes if attribute.GetPropertyStack()[0].layer == root)
+        return next(ours, attributes[0])
+    if part == "focal_lengths":
+        return array.GetAttribute(by_type(array))
+    return {"image": sensor, "microlenses": array}.get(part, prim)
+
+
 @dataclass(frozen=True, slots=True)
 class View:
     """The part of a target that a camera sees.
@@ -79,7 +130,7 @@ class View:
     outlook: Outlook
 
 
-def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
+def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     """The view of a camera of a dataset on the target with this index."""
     frames, target = dataset.frames, dataset.targets[number]
     marked = target.target.points()
@@ -166,16 +217,12 @@ def _hidden(
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
     """Warnings for each camera and target if the camera sees no point, or few points, of the target in some frames."""
     for entry in dataset.cameras:
-        try:
-            camera = focused(entry.camera)
-        except (PipelineError, ArithmeticError) as error:
-            yield of_reader(stage.GetPrimAtPath(entry.prim_path), error)
-            continue
-        for number, target in enumerate(dataset.targets):
-            if not target.target.points().kinds:
-                continue  # the target has no points
-            view = look(dataset, entry.name, camera, number)
-            prim = stage.GetPrimAtPath(target.prim_path)
+        camera = focused(entry.camera)  # `check_doubts` has focused it, too
+        for number, board in enumerate(dataset.targets):
+            if not board.target.points().kinds:
+                continue
+            view = _look(dataset, entry.name, camera, number)
+            prim = stage.GetPrimAtPath(board.prim_path)
             fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             is_few = (view.share > 0) & (view.share < _FEW)
             kinds = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
@@ -188,28 +235,22 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
 
 
 def _listed(missed: dict[int, int]) -> str:
-    """A list of frames by the reason why points are missing there, as text."""
-    reasons = dict.fromkeys(_REASONS[fate] for fate in missed.values())
-    frames = {
-        reason: frames_in_words(number for number, fate in missed.items() if _REASONS[fate] == reason)
-        for reason in reasons
-    }
-    return "; ".join(f"{numbers} ({reason})" for reason, numbers in frames.items())
-
-
-def _turned_deg(points_mm: np.ndarray, front: np.ndarray) -> float:
-    """Median angle between the front of points and their direction to the camera [deg]; 180 shows the back."""
-    cosine = -np.sum(points_mm * front, axis=-1) / np.linalg.norm(points_mm, axis=-1)
-    return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0))))
+    """The frames by the reason why points are missing there, as text."""
+    frames = dict[str, list[int]]()
+    for number, fate in missed.items():
+        frames.setdefault(_REASONS[fate], []).append(number)
+    return "; ".join(f"{frames_in_words(numbers)} ({reason})" for reason, numbers in frames.items())
 
 
 def _hint(camera: Camera, view: View, missed: dict[int, int]) -> str:
     """A hint to mend the first frame."""
     number, fate = next(iter(missed.items()))
     index = view.numbers.index(number)
-    x, y, z = view.points_mm[index].mean(axis=0)
+    points_mm = view.points_mm[index]
+    x, y, z = points_mm.mean(axis=0)
     if fate == Fate.AWAY:
-        turned = _turned_deg(view.points_mm[index], view.front[index])
+        cosine = -np.median(np.sum(points_mm * view.front[index], axis=1) / np.linalg.norm(points_mm, axis=1))
+        turned = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         return f"in frame {number} its front, +Z, looks {turned:.0f} degrees past the camera: turn it about its X or Y"
     if fate == HIDDEN:
         return "move it, or the object in front of it"

@@ -111,7 +111,7 @@ def test_a_number_is_cut_where_usd_reads_another_one(tmp_path, kind, spelling):
         value = layer.QueryTimeSample("/A.x", 0.5) if "timeS" in spelling else layer.GetAttributeAtPath("/A.x").default
         read = float(value[0] if "[" in spelling else value)
         changed.append(read != float(literal))
-        assert [line for *_, line in text_map(path).cut] == ([4] if read != float(literal) else [])
+        assert [flaw.line for flaw in text_map(path).flaws] == ([4] if read != float(literal) else [])
     assert True in changed and False in changed
 
 
@@ -138,7 +138,7 @@ def "A"
     int h = 7
 }
 """)
-    found = [(at, line) for at, *_, line in text_map(path).cut]
-    assert found == [("/A.a", 5), ("/A.a", 6), ("/A.b", 8), ("/A.c", 10), ("/A.d", 13), ("/A.f", 16)]
+    cut = [(flaw.path, flaw.line) for flaw in text_map(path).flaws]
+    assert cut == [("/A.a", 5), ("/A.a", 6), ("/A.b", 8), ("/A.c", 10), ("/A.d", 13), ("/A.f", 16)]
     lines = text_map(path).lines
     assert (lines["/A.d[2.0]"], lines["/A.e"], lines["/A.h"]) == (13, 15, 18)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 from pxr import Usd
 
@@ -11,13 +10,9 @@ from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, problem, shown_path
-from pipeline.scene.usd.usda_lines import line_of_metadata
+from pipeline.scene.usd.problems import Problem, metadata_problem, problem
 from pipeline.scene.usd.values import read, target, targets
 
-OVER_LIMIT = "over-limit"
-
-LONG_BUILD = "long-build"
 RAYS_PER_S = 4e6
 """Rays per second of one core of 2026, a careful estimate: images of a singlet were traced at 8e6, moments of a
 double Gauss at 16e6.
@@ -30,18 +25,20 @@ below a night, in which large datasets are built on purpose.
 
 def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of size of one prim of any type. Values out of range are reported elsewhere and ignored here."""
+    meshes = []
     if prim.IsA("PlenDataset"):
         yield from _check_frames(prim)
-        for mesh in seen_meshes(prim):
-            yield from _check_mesh(mesh)
+        meshes = seen_meshes(prim)
     elif prim.IsA("PlenTarget"):
         yield from _check_points(prim)
-        if mesh := target(prim, "plen:mesh", "Mesh"):
-            yield from _check_mesh(mesh)
+        meshes = targets(prim, "plen:mesh", "Mesh")
     elif prim.IsA("PlenMicrolensArray"):
         yield from _check_microlenses(prim)
     elif prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"):
         yield from _check_camera(prim)
+    for mesh in meshes:
+        count = len(read(mesh, "faceVertexIndices") or ())  # of face corners, which are no fewer than triangles
+        yield from _over("triangles", count, f"{count:,} corners of faces", mesh.GetAttribute("faceVertexIndices"))
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
@@ -52,9 +49,8 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
         if read(root, "plen:frames"):
             yield over
         else:
-            file = root.GetStage().GetRootLayer().realPath
-            line = line_of_metadata(file, "endTimeCode")
-            yield replace(over, file=shown_path(file), line=line, at=str(root.GetPath()))
+            layer, at = root.GetStage().GetRootLayer(), str(root.GetPath())
+            yield metadata_problem(layer, "endTimeCode", over.code, over.message, hint=over.hint, at=at)
 
 
 def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
@@ -103,7 +99,8 @@ def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
     if prim.IsA("PlenMeshTarget"):
         name, count = "plen:points", len(read(prim, "plen:points") or ())
     else:
-        name, count = "plen:columns", _pattern_points(prim) * _faces(prim)
+        faces = {"cube": 6, "stairs": read(prim, "plen:shape:steps") or 1}.get(read(prim, "plen:shape"), 1)
+        name, count = "plen:columns", _pattern_points(prim) * faces
     attribute = prim.GetAttribute(name if prim.HasAttribute(name) else "plen:shape:steps")
     yield from _over("points", count, f"{count:,} points", attribute)
 
@@ -122,22 +119,11 @@ def _pattern_points(prim: Usd.Prim) -> int:
     return int(columns * rows) or 2 * int(columns + rows) or 3
 
 
-def _faces(prim: Usd.Prim) -> int:
-    shape = read(prim, "plen:shape")
-    return {"cube": 6, "stairs": read(prim, "plen:shape:steps") or 1}.get(shape, 1)
-
-
-def _check_mesh(mesh: Usd.Prim) -> Iterator[Problem]:
-    indices = read(mesh, "faceVertexIndices")
-    count = len(indices or ())  # number of face corners, which is at least that of triangles
-    yield from _over("triangles", count, f"{count:,} corners of faces", mesh.GetAttribute("faceVertexIndices"))
-
-
 def _over(name: str, count: int, what: str, attribute: Usd.Attribute) -> Iterator[Problem]:
     most = getattr(limits(), name)
     if count > most:
         message = f"{what} are more than the limit of {most:,} {name.replace('_', ' ')}"
-        yield problem(attribute, OVER_LIMIT, message, hint=how_to_raise(name, count))
+        yield problem(attribute, "over-limit", message, hint=how_to_raise(name, count))
 
 
 def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
@@ -174,4 +160,4 @@ def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             "fewer samples or frames, or more noise; of position images a smaller plen:truth:supersampling, or direct"
         )
         attribute = stage.GetPrimAtPath(camera.prim_path).GetAttribute(name)
-        yield problem(attribute, LONG_BUILD, f"{what} {seconds / 3600:,.0f} hours", hint=hint, severity="warning")
+        yield problem(attribute, "long-build", f"{what} {seconds / 3600:,.0f} hours", hint=hint, severity="warning")

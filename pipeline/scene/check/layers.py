@@ -39,7 +39,7 @@ _LINKS = {
     "PlenTarget": "plen:targets",
 }
 """Types of parts, and the relationships that name them."""
-_TOLD = 4
+_MOST_NAMES = 4
 """Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
@@ -92,15 +92,10 @@ def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
 
 
 def _check_texts(stage: Usd.Stage) -> Iterator[Problem]:
-    """Problems of statements that overwrite an earlier one, and of numbers that USD would cut."""
     for layer in used_layers(stage):
-        written, file = text_map(layer.realPath), shown_path(layer.realPath)
-        for path, message, line in written.repeated:
-            hint = "USD silently keeps the last one; remove one"
-            yield Problem(code="written-twice", message=message, file=file, line=line, at=path, hint=hint)
-        for path, message, taken, line in written.cut:
-            hint = f"USD would silently use {taken}"
-            yield Problem(code="not-whole", message=message, file=file, line=line, at=path or None, hint=hint)
+        file = shown_path(layer.realPath)
+        for code, path, message, hint, line in text_map(layer.realPath).flaws:
+            yield Problem(code=code, message=message, file=file, line=line, at=path or None, hint=hint)
 
 
 def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
@@ -116,7 +111,8 @@ def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
     for other in others:
         kept = _names(other) - _names(first)
         if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
-            names = f"{', '.join(rest[:_TOLD])}{f' and {len(rest) - _TOLD} more' if len(rest) > _TOLD else ''}"
+            more = f" and {len(rest) - _MOST_NAMES} more" if len(rest) > _MOST_NAMES else ""
+            names = f"{', '.join(rest[:_MOST_NAMES])}{more}"
             message = f'"{prim.GetName()}" is {_file(first)} laid over {_file(other)}, of which it keeps {names}'
             hint = f"a reference replaces nothing: define another prim beside it, and name that one in {link}"
             yield problem(prim, "merged", message, hint=hint)
@@ -159,19 +155,16 @@ def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
                 file = Ar.GetResolver().Resolve(file_of(layer.ComputeAbsolutePath(asset))).GetPathString()
                 if file in outside and file_of(layer.realPath) not in outside:
                     named.setdefault(file, (layer.realPath, text_map(layer.realPath).assets.get(asset, 1)))
-    return [_outside(file, *place) for file, place in named.items()] or [
-        _outside(file, root, 1) for file, root in outside.items()
+    return [
+        Problem(
+            code="asset-outside",
+            message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
+            file=shown_path(user),
+            line=line,
+            hint=OUTSIDE_HINT,
+        )
+        for file, (user, line) in (named or {file: (root, 1) for file, root in outside.items()}).items()
     ]
-
-
-def _outside(layer: str, user: str, line: int) -> Problem:
-    return Problem(
-        code="asset-outside",
-        message=f"{shown_path(real_path(layer))} lies outside the folders that a stage may read",
-        file=shown_path(user),
-        line=line,
-        hint=OUTSIDE_HINT,
-    )
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
@@ -185,9 +178,14 @@ def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetName() in NAMES and is_picture(attribute) and not attribute.GetNumTimeSamples():
-            # Previews are of viewers: a copied dataset.usda builds without its pictures.
-            yield from () if is_in_preview(prim) else _check_picture(attribute)
+            if not is_in_preview(prim):  # previews are of viewers: a copied dataset.usda builds without its pictures
+                try:
+                    picture_of(attribute)
+                except UnreadableValue as error:
+                    yield problem(error.thing, error.code, error.what, hint=error.hint)
             continue
+        # Other renderers project by tables of files, which nothing of ours reads.
+        is_table = prim.GetTypeName() == "Camera" and attribute.GetName().startswith(LENS_DISTORTION_NAMES)
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
         for asset in [asset for value in values for asset in _assets(value)]:
             if asset.resolvedPath and not is_inside(file_of(asset.resolvedPath), roots):
@@ -196,22 +194,9 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
-            elif asset.path and not _is_of_others(attribute):
+            elif asset.path and not is_table:
                 message = f"@{asset.path}@: files other than layers are not supported yet"
                 yield problem(attribute, "not-yet-supported", message)
-
-
-def _check_picture(attribute: Usd.Attribute) -> Iterator[Problem]:
-    try:
-        picture_of(attribute)
-    except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what, hint=error.hint)
-
-
-def _is_of_others(attribute: Usd.Attribute) -> bool:
-    """Whether an attribute names a table by which other renderers project: nothing of ours reads it."""
-    is_camera = attribute.GetPrim().GetTypeName() == "Camera"
-    return is_camera and str(attribute.GetName()).startswith(LENS_DISTORTION_NAMES)
 
 
 def _assets(value: object) -> list[Sdf.AssetPath]:

@@ -63,7 +63,6 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
-    """Problems of one prim whose transform moves a camera, a target or an occluder."""
     for op in xform_ops(prim):
         attribute = op.GetAttr()
         if attribute.HasSpline():
@@ -71,15 +70,14 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
             continue
         times = set(attribute.GetTimeSamples())
         present = [number for number in frames if not times or number in times]
-        if len(present) < len(frames):
-            missing = sorted(set(frames).difference(present))
-            message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
+        if missing := sorted(set(frames).difference(present)):
+            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+            listed = ", ".join(map(str, missing[:5])) + more
+            message = f'"{attribute.GetName()}" has no sample at time code {listed}'
             hint = "USD would interpolate silently; write one sample per frame"
             yield problem(attribute, "no-pose-sample", message, hint=hint)
-        for number in present:
+        for number in present if times else present[:1]:
             yield from _check_op(op, number, number if times else None)
-            if not times:
-                break
 
 
 def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterator[Problem]:
@@ -99,11 +97,6 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
         else:
             message = f"the quaternion is {off:.3g} off unit length; it is normalised"
             yield problem(attribute, "normalised", message, severity="warning", time=sample)
-
-
-def _listed(frames: list[int]) -> str:
-    shown = ", ".join(map(str, frames[:5]))
-    return shown if len(frames) <= 5 else f"{shown} and {len(frames) - 5} more"
 
 
 def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
@@ -137,27 +130,19 @@ def _check_before_camera(
     for board, corners in zip(boards, hulls, strict=True):
         vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
         nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
-        near_mm = {frame: float(z) for frame, z in zip(frames, nearest_mm, strict=True) if z <= first_mm}
-        if near_mm:
-            away_mm = float(np.linalg.norm(vision_from_board[frames.index(next(iter(near_mm))), :3, 3]))
-            yield _too_near(board, camera_name(camera, root), near_mm, first_mm, away_mm)
-
-
-def _too_near(board: Usd.Prim, camera: str, near_mm: dict[int, float], first_mm: float, away_mm: float) -> Problem:
-    """One problem for all frames, told by the first: distances of the nearest corner before the stop, by frame, and of
-    the board's origin.
-    """
-    number, nearest_mm = next(iter(near_mm.items()))
-    is_behind = nearest_mm <= 0
-    where, side = ("behind", "behind") if is_behind else ("into the lens of", "before")
-    frames = frames_in_words(near_mm) + (f"; in frame {number}" if len(near_mm) > 1 else ":")
-    message = (
-        f'"{board.GetName()}" reaches {where} "{camera}" in {frames} its nearest corner lies {abs(nearest_mm):.6g} mm'
-        f" {side} the stop, and the first vertex {first_mm:.6g} mm before it"
-    )
-    moving = moving_op(board)
-    hint = "the camera looks along its -Z: what it sees has a negative z"
-    if away_mm < _METRES_MM:
-        hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
-    code = "behind-camera" if is_behind else "inside-lens"
-    return problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)
+        too_near = np.flatnonzero(nearest_mm <= first_mm)
+        if not len(too_near):
+            continue
+        first = too_near[0]  # one problem for all frames, told by the first
+        number, z_mm, away_mm = frames[first], nearest_mm[first], np.linalg.norm(vision_from_board[first, :3, 3])
+        where, side = ("behind", "behind") if z_mm <= 0 else ("into the lens of", "before")
+        listed = frames_in_words(frames[i] for i in too_near) + (f"; in frame {number}" if len(too_near) > 1 else ":")
+        message = (
+            f'"{board.GetName()}" reaches {where} "{camera_name(camera, root)}" in {listed} its nearest corner lies'
+            f" {abs(z_mm):.6g} mm {side} the stop, and the first vertex {first_mm:.6g} mm before it"
+        )
+        hint = "the camera looks along its -Z: what it sees has a negative z"
+        if away_mm < _METRES_MM:
+            hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
+        moving, code = moving_op(board), "behind-camera" if z_mm <= 0 else "inside-lens"
+        yield problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

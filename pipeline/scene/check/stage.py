@@ -16,8 +16,7 @@ from pipeline.scene.check.layers import check_assets, check_layers, check_merged
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.properties import check_properties
 from pipeline.scene.exports import check_exports
-from pipeline.scene.glass import check_glass
-from pipeline.scene.lens import check_group_place, check_groups, check_lens, check_nominal
+from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_response, has_response
@@ -52,7 +51,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()
     for prim in prims:
-        of_prim = [*check_prim(prim), *check_properties(prim)]
+        of_prim = [*_check_prim(prim), *check_properties(prim)]
         problems += of_prim
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
@@ -112,40 +111,28 @@ def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
     for prim in filter(_is_dangling, _outermost(stage)):
         siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
         message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
-        hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
+        hint = did_you_mean(prim.GetName(), siblings)
+        if siblings and not hint:
+            where = "on the stage" if prim.GetParent().IsPseudoRoot() else f"below <{prim.GetParent().GetPath()}>"
+            hint = f"{where} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
         yield problem(prim, "over-without-def", message, hint=hint)
-
-
-def _those_there(parent: Usd.Prim, names: list[str]) -> str | None:
-    where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
-    return f"{where} there are {', '.join(names[:20])}{' …' if len(names) > 20 else ''}" if names else None
 
 
 def _is_dangling(prim: Usd.Prim) -> bool:
     return not (prim.IsDefined() or prim.IsAbstract() or not prim.IsActive())
 
 
-def check_prim(prim: Usd.Prim) -> list[Problem]:
+def _check_prim(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
-    return [
-        *_check_type(prim),
-        *_check_apis(prim),
-        *_check_xform_order(prim),
-        *_check_variants(prim),
-        *_check_clips(prim),
-    ]
-
-
-def _check_clips(prim: Usd.Prim) -> Iterator[Problem]:
-    if prim.HasAuthoredMetadata("clips") or prim.HasAuthoredMetadata("clipSets"):
-        yield problem(prim, "not-yet-supported", "value clips are not supported yet")
-
-
-def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
     name = prim.GetTypeName()
     if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
-        hint = did_you_mean(name, _known_types())
+        hint = did_you_mean(name, _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint)
+    yield from _check_apis(prim)
+    yield from _check_xform_order(prim)
+    yield from _check_variants(prim)
+    if prim.HasAuthoredMetadata("clips") or prim.HasAuthoredMetadata("clipSets"):
+        yield problem(prim, "not-yet-supported", "value clips are not supported yet")
 
 
 def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
@@ -155,7 +142,8 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
         if name in LENS_DISTORTION and prim.GetTypeName() == "Camera":
             continue
         if not registry.FindAppliedAPIPrimDefinition(name):
-            hint = did_you_mean(name, _known_apis() | LENS_DISTORTION)
+            known = _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
+            hint = did_you_mean(name, known | LENS_DISTORTION)
             yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
             continue
         # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
@@ -183,21 +171,18 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     unused = [attribute for attribute in ops if attribute.GetName() not in named]
     if unused:
         names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
-        whole = ", ".join(f'"{name}"' for name in [*named, *_in_usual_order(unused)])
+        usual = sorted((attribute.GetName() for attribute in unused), key=_rank)
+        whole = ", ".join(f'"{name}"' for name in [*named, *usual])
         stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
         hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
         message = f"{names} {stand} in no xformOpOrder, so {move} nothing"
         yield problem(unused[0], "unused-xform-op", message, hint=hint)
 
 
-def _in_usual_order(ops: list[Usd.Attribute]) -> list[str]:
-    """Names of operations with translations before rotations before scales, as most programs write them."""
-    ranks = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
-
-    def rank(name: str) -> int:
-        return next((i for i, start in enumerate(ranks) if name.startswith(start)), len(ranks))
-
-    return sorted((op.GetName() for op in ops), key=rank)
+def _rank(op: str) -> int:
+    """Place of an operation with translations before rotations before scales, as most programs write them."""
+    usual = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
+    return next((i for i, start in enumerate(usual) if op.startswith(start)), len(usual))
 
 
 def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
@@ -209,14 +194,6 @@ def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
         elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
             hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
             yield problem(prim, "unknown-variant", f'variant set "{name}" has no variant "{choice}"', hint=hint)
-
-
-def _known_types() -> set[str]:
-    return _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName)
-
-
-def _known_apis() -> set[str]:
-    return _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
 
 
 def _known(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:

@@ -19,8 +19,6 @@ _SYNTAX = re.compile(
     r"(?P<message>.*?)(?: in <(?P<at>[^>]*)>)?\s*$",
     re.DOTALL,
 )
-_OF_TEXT = ("usd-syntax", "encoding")
-"""Codes of layers that cannot be read as text."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 PARTS = "PreviewParts"
 """Name of the prim below a Camera of an output folder whose payload are lens elements and rays, for viewers."""
@@ -34,23 +32,20 @@ _SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
 """Names of files of USD, and of those that `files.lenses` reads."""
-_TOLD = 4
+_MOST_NAMES = 4
 """Number of names in one hint: the intended stage is among a few, or cannot be guessed."""
 _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
 def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
-    """The stage, and the problems of its composition.
-
-    Raises
-    ------
-    StageError
-        The stage cannot be opened: missing file, not USD, syntax error in any of its layers.
-    """
+    """The stage, and the problems of its composition; StageError if it, or any layer of it, is missing or no USD."""
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
     if not path.is_file():
-        raise StageError([_missing(path)])
+        file, is_there = shown_path(path), os.path.lexists(path)
+        code, message = ("file-kind", f"{file} is not a plain file") if is_there else ("file-missing", "no such file")
+        hint = _hint_of_folder(path) if is_there else _hint_of_missing_stage(path)
+        raise StageError([Problem(code=code, message=message, file=file, line=1 if is_there else None, hint=hint)])
     # Collects the warnings of all threads, which USD would print to stderr.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
@@ -61,34 +56,29 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
     files = {layer.identifier: layer.realPath for layer in stage.GetUsedLayers()}
-    errors = [error for error in stage.GetCompositionErrors() if not _is_of_parts(error)]
+    # A copied dataset.usda builds without the parts of its cameras, which a build made for viewers.
+    errors = [
+        error
+        for error in stage.GetCompositionErrors()
+        if not (isinstance(error, Pcp.ErrorInvalidAssetPath) and error.rootSite.path.name == PARTS)
+    ]
     problems = list(dict.fromkeys(_from_composition(error, files) for error in errors))
-    if unreadable := [problem for problem in problems if problem.code in _OF_TEXT]:
+    if unreadable := [problem for problem in problems if problem.code in ("usd-syntax", "encoding")]:
         raise StageError(unreadable)  # all other problems may follow from what could not be read
     return stage, problems
 
 
-def _missing(path: Path) -> Problem:
-    file = shown_path(path)
-    if os.path.lexists(path):
-        message = f"{file} is not a plain file"
-        return Problem(code="file-kind", message=message, file=file, line=1, hint=of_folder(path))
-    return Problem(code="file-missing", message="no such file", file=file, hint=of_missing_stage(path))
-
-
-def _is_of_parts(error: Pcp.ErrorBase) -> bool:
-    """Whether the file is missing that a build made for viewers: a copied dataset.usda builds without it."""
-    return isinstance(error, Pcp.ErrorInvalidAssetPath) and error.rootSite.path.name == PARTS
-
-
 def _from_opening(exception: Tf.ErrorException, path: Path) -> list[Problem]:
-    """The reasons why USD cannot read the root layer."""
     texts = [_text(partial(getattr, error, "commentary")).strip() for error in exception.args]
     if problems := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
         return problems
     # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
-    file, hint = shown_path(path), of_format(path)
+    file, hint = shown_path(path), None
+    if path.suffix.lower() in _LENSES:
+        hint = f"`pipeline import lens {path.name}` makes a stage of a lens file"
+    elif path.suffix not in _STAGES:
+        hint = f"stages are files of USD: {', '.join(_STAGES)}"
     return [
         Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=hint)
         for text in reasons
@@ -107,7 +97,7 @@ def _syntax_problem(match: re.Match[str], used: str | None = None) -> Problem:
     """A text that USD cannot parse; `used` is a hint that names the layer that uses it."""
     if problem := _encoding_problem(Path(match["file"]), used):
         return problem
-    message, mend = of_syntax(match["file"], int(match["line"]), match["message"])
+    message, mend = _reworded(match["file"], int(match["line"]), match["message"])
     return Problem(
         code="usd-syntax",
         message=message,
@@ -144,7 +134,7 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     text = _ANONYMOUS_LAYER.sub("", _text(partial(str, error))).strip()
     introduced = re.search(r"(?:introduced by|of layer) @([^@]*)@(?:<([^>]*)>)?", text)
     # The text repeats asset paths, which may hold anything: only layers of the stage are considered.
-    layer, path = _site(error)
+    layer, path = error.rootSite.layerStack.rootLayer.realPath, str(error.rootSite.path)
     if introduced and introduced[1] in files:
         layer, path = files[introduced[1]], introduced[2] or path
     # An asset that can be opened may be mentioned more than once; then the prim is more helpful.
@@ -155,24 +145,15 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
         return _syntax_problem(inner, f"the file is used by {shown_path(layer)}:{line or 1}")
     hint = _FORWARD_SLASHES if "\\" in text else None
     if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
-        hint = of_missing_asset(_as_written(asset[1], layer), layer)
+        hint = _hint_of_missing_asset(asset[1], layer)
     if text.startswith("Cycle detected"):
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, is_introduced, _ = text.partition(" introduced by ")
     if is_introduced and reason:
         message = f"{message}: {reason.rstrip('. ')}"
     message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
-    return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
-
-
-def _as_written(asset: str, layer: str) -> str:
-    """An asset path as written in the layer; in messages some are resolved."""
-    name = asset.rpartition("/")[2]
-    return next((asset_path for asset_path in text_map(layer).assets if asset_path.rpartition("/")[2] == name), asset)
-
-
-def _site(error: Pcp.ErrorBase) -> tuple[str, str]:
-    return error.rootSite.layerStack.rootLayer.realPath, str(error.rootSite.path)
+    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__.removeprefix("Error")).lower()
+    return Problem(code=f"usd-{kind}", message=message, file=shown_path(layer), line=line, at=path, hint=hint)
 
 
 def _line_of_asset(layer: str, text: str) -> int | None:
@@ -180,12 +161,6 @@ def _line_of_asset(layer: str, text: str) -> int | None:
     names = {mentioned.rpartition("/")[2] for mentioned in re.findall(r"@([^@]*)@", text)}
     lines = [line for asset, line in text_map(layer).assets.items() if asset.rpartition("/")[2] in names]
     return lines[0] if len(lines) == 1 else None
-
-
-def _code(error: Pcp.ErrorBase) -> str:
-    """Code of an error of USD: ErrorInvalidAssetPath -> usd-invalid-asset-path."""
-    name = type(error).__name__.removeprefix("Error")
-    return "usd-" + re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower()
 
 
 def write_out_instances(stage: Usd.Stage) -> None:
@@ -207,25 +182,25 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
     write_out_instances(stage)
     problems = []
     for top in reversed(tops):  # nested instances first
-        if ignored := list(_ignored(stage.GetPrimAtPath(top), before)):
-            problems.append(_problem(top, ignored))
-        before |= {prim.GetPath(): prim.GetPrimStack() for prim in _range(stage.GetPrimAtPath(top))}
+        below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in _all_below(stage.GetPrimAtPath(top))}
+        # What counts only since the instance was written out; for each prim the strongest opinion first.
+        ignored = [
+            spec
+            for path, specs in below.items()
+            for spec in specs
+            if path != top and spec.layer != stage.GetSessionLayer() and spec not in before.get(path, [])
+        ]
+        if ignored:
+            problems.append(_below_instance(top, ignored))
+        before |= below
     return problems[::-1]
 
 
-def _ignored(top: Usd.Prim, before: dict[Sdf.Path, list[Sdf.PrimSpec]]) -> Iterator[Sdf.PrimSpec]:
-    """Opinions on prims below an instance that count only since it was written out; for each prim strongest first."""
-    session = top.GetStage().GetSessionLayer()
-    for prim in _range(top):
-        known = before.get(prim.GetPath(), [])
-        yield from (spec for spec in prim.GetPrimStack() if prim != top and spec.layer != session and spec not in known)
-
-
-def _range(top: Usd.Prim) -> Iterator[Usd.Prim]:
+def _all_below(top: Usd.Prim) -> Iterator[Usd.Prim]:
     return iter(Usd.PrimRange(top, Usd.PrimAllPrimsPredicate))
 
 
-def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
+def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
     first = ignored[0]
     names = list(dict.fromkeys(spec.name for spec in ignored if spec.layer == first.layer))
     file = first.layer.realPath
@@ -239,7 +214,7 @@ def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
     )
 
 
-def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
+def _reworded(file: str, line: int, message: str) -> tuple[str, str | None]:
     """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
     if duplicate := _DUPLICATE.match(message):
         items = re.findall(r"<[^>]*>", duplicate[2])
@@ -262,37 +237,29 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     return message, None
 
 
-def of_folder(path: Path) -> str | None:
+def _hint_of_folder(path: Path) -> str | None:
     """A hint with the stages in a folder that was given instead of a stage; None if it is not a folder."""
     if not path.is_dir():
         return None
-    names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
-    return (
-        f"it is a folder, in which there is {', '.join(names[:_TOLD])}" if names else "it is a folder without a stage"
-    )
+    names = ", ".join(sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)[:_MOST_NAMES])
+    return f"it is a folder, in which there is {names}" if names else "it is a folder without a stage"
 
 
-def of_format(path: Path) -> str | None:
-    """A hint for a file that is not one of USD; None if its name is that of a USD file."""
-    if path.suffix in _STAGES:
-        return None
-    if path.suffix.lower() in _LENSES:
-        return f"`pipeline import lens {path.name}` makes a stage of a lens file"
-    return f"stages are files of USD: {', '.join(_STAGES)}"
-
-
-def of_missing_asset(asset: str, layer: str) -> str | None:
+def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
     """A hint with files of similar names and the searched folders; None if the file exists.
 
     Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
     """
+    # Some paths in messages are resolved, and not as written in the layer.
+    name = mentioned.rpartition("/")[2]
+    asset = next((path for path in text_map(layer).assets if path.rpartition("/")[2] == name), mentioned)
     folder, relative = Path(layer).parent, Path(asset)
     inside = not relative.is_absolute() and ".." not in relative.parts
     stages = _stages_by_name((folder / relative).parent if inside else folder, folder)
     return None if asset in stages else _meant(asset, stages, "@{}@", folder)
 
 
-def of_missing_stage(path: Path) -> str:
+def _hint_of_missing_stage(path: Path) -> str:
     """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
     shown = Path(shown_path(path))
     base = path.parent if shown.is_absolute() else Path.cwd()
@@ -302,15 +269,8 @@ def of_missing_stage(path: Path) -> str:
 def _stages_by_name(folder: Path, base: Path) -> set[str]:
     """Stages in a folder, relative to `base`, and all stages of the library."""
     library = Path(library_path())
-    try:
-        here = {path.relative_to(base).as_posix() for path in folder.iterdir() if _is_stage(path)}
-    except OSError:
-        here = set()
-    return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
-
-
-def _is_stage(path: Path) -> bool:
-    return path.suffix.startswith(".usd")
+    files = [(path, base) for path in folder.glob("*")] + [(path, library) for path in library.rglob("*")]
+    return {path.relative_to(start).as_posix() for path, start in files if path.suffix in _STAGES}
 
 
 def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:

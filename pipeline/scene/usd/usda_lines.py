@@ -1,39 +1,58 @@
 """Line numbers in .usda text: of prims, properties, time samples and assets.
 
-While parsing, Sdf drops line numbers and the first of two equal statements. To show the place of a valid but wrong
-value, the text is scanned again; names, brackets and strings are enough. On the way, numbers that USD would silently
-cut are noted: literals with a fraction for integer types, and anything but 0 and 1 for bool.
+While parsing, Sdf drops line numbers, the first of two equal statements, and the fractions of whole numbers. To show
+the place of a valid but wrong value, the text is scanned again; names, brackets and strings are enough.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from pxr import Ar, Sdf
 
+_COMMENT = r"\#[^\n]*|//[^\n]*|/\*.*?(?:\*/|\Z)"
 # An unclosed string extends to the end of the line or the text; otherwise each of a million would be searched for.
 _TOKEN = re.compile(
-    r"""(?P<string>\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}(?:\\.|[^\\])*?(?:'{3}|\Z)
+    rf"""(?P<string>\"{{3}}(?:\\.|[^\\])*?(?:\"{{3}}|\Z)|'{{3}}(?:\\.|[^\\])*?(?:'{{3}}|\Z)
                   |"(?:\\.|[^"\\\n])*"?|'(?:\\.|[^'\\\n])*'?)
-      | (?P<comment>\#[^\n]*|//[^\n]*|/\*.*?(?:\*/|\Z))
+      | (?P<comment>{_COMMENT})
       | (?P<asset>@@@.*?(?:@@@|\Z)|@[^@\n]*@?)
       | (?P<path><[^>\n]*>?)
       | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
       | (?P<number>[-+]?[\d.][\w.+-]*)
       | (?P<numbers>\[(?=[\s(]*+[\d.+-])[\s\d,().eE+-]++\])
-      | (?P<punct>[{}()\[\]=,;:])
+      | (?P<punct>[{{}}()\[\]=,;:])
       | (?P<newline>\n)""",
     re.VERBOSE | re.DOTALL,
 )
 """Pattern of tokens. A large mesh is mostly arrays of numbers: a whole array is one token, `numbers`."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
-SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
+_SUFFIX = r"\.(?:timeSamples|connect|spline)$"
 """Suffixes that usda writes after the name of an attribute."""
-_WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
+_WHOLE = re.compile(r"\b(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))\s*(?:\[\s*\])?\s+(?P<name>[A-Za-z_][\w:.]*)\s*$")
+"""A declaration of whole numbers or flags, at the end of a text."""
+_LONGEST_NAME = 300
+"""Longest declaration that is looked for [characters]."""
+_VALUE = re.compile(
+    rf"\s*(?:\{{(?:[^}}#/]++|{_COMMENT}|/)*+\}}|\[(?:[^\]#/]++|{_COMMENT}|/)*+\]|\([^)]*\)|[-+\d.][\w.+-]*)", re.DOTALL
+)
 _DIGITS = re.compile(r"[\s\d,()[\]-]*")
-_NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")
+_NUMBER = re.compile(rf"{_COMMENT}|(?P<number>[-+]?[\d.][\w.+-]*+)(?!\s*:)", re.DOTALL)
+"""A number that is not the time of a sample, or a comment."""
+
+
+class Flaw(NamedTuple):
+    """A valid statement of which USD silently takes something else."""
+
+    code: str
+    path: str
+    message: str
+    hint: str
+    line: int
 
 
 @dataclass(slots=True)
@@ -44,24 +63,21 @@ class TextMap:
     ----------
     lines : dict
         Line of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, for paths inside variants, `/A{set=name}B`.
-    repeated : list
-        (path, what, line) of statements that overwrite an earlier one: USD silently keeps the last.
+    flaws : list
+        Statements that overwrite an earlier one, and numbers that USD would cut.
     assets : dict
         Line of the first mention of each asset path.
     bodies : dict
         Offset in the text [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
     metadata : dict
         Lines of the metadata of the layer.
-    cut : list
-        (path, what, value in USD, line) of numbers that USD would cut to whole ones.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
-    repeated: list[tuple[str, str, int]] = field(default_factory=list)
+    flaws: list[Flaw] = field(default_factory=list)
     assets: dict[str, int] = field(default_factory=dict)
     bodies: dict[str, int] = field(default_factory=dict)
     metadata: dict[str, int] = field(default_factory=dict)
-    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -88,30 +104,39 @@ def text_map(file: str | Path) -> TextMap:
     return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
 
 
-def map_of(data: bytes) -> TextMap:
-    """Map of the bytes of a layer; empty if they are not text."""
-    return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
-
-
 @lru_cache(maxsize=64)
 def _scanned(path: str, _mtime_ns: int) -> TextMap:
-    return map_of(_member(path) if Ar.IsPackageRelativePath(path) else _content(Path(path)))
+    content = _content(path)
+    return _Scanner(content.decode("utf-8", errors="replace")).map if content.startswith(b"#usda") else TextMap()
 
 
-def _content(path: Path) -> bytes:
-    """Bytes of a text file; for a package those of its first member, its default layer."""
-    with path.open("rb") as stream:
-        head = stream.read(5)
-    if head == b"#usda":
-        return path.read_bytes()
-    if head[:2] == b"PK" and (package := Sdf.ZipFile.Open(str(path))):
-        return _member(Ar.JoinPackageRelativePath([str(path), *package.GetFileNames()[:1]]))
-    return b""
-
-
-def _member(path: str) -> bytes:
+def _content(path: str) -> bytes:
+    """Bytes of a text file or a member of a package; for a package those of its first member, its default layer."""
+    if not Ar.IsPackageRelativePath(path):
+        with Path(path).open("rb") as stream:
+            head = stream.read(5)
+        package = Sdf.ZipFile.Open(path) if head[:2] == b"PK" else None
+        if not package:
+            return Path(path).read_bytes() if head == b"#usda" else b""
+        path = Ar.JoinPackageRelativePath([path, *package.GetFileNames()[:1]])
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     return bytes(asset.GetBuffer()) if asset else b""
+
+
+def _cut_numbers(text: str, start: int, line: int, is_bool: bool) -> Iterator[tuple[str, int]]:
+    """Literals of a value that is no whole number or no flag, with their lines; the value is at `start`."""
+    value = _VALUE.match(text, start)
+    if not value or (not is_bool and _DIGITS.fullmatch(value[0])):
+        return  # most values are digits: large meshes have millions
+    position = start
+    for match in _NUMBER.finditer(text, start, value.end()):
+        line, position = line + text.count("\n", position, match.start()), match.start()
+        try:
+            number = float(match["number"] or 0)
+        except ValueError:
+            continue  # USD reports it
+        if number not in (0.0, 1.0) if is_bool else number - number == 0 and not number.is_integer():
+            yield match["number"], line
 
 
 class _Scanner:
@@ -121,8 +146,9 @@ class _Scanner:
     None for a bracket that does not change the path: metadata, values, dictionaries.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, text: str) -> None:
         self.map = TextMap()
+        self.text = text
         self.seen: set[str] = set()
         self.stack: list[tuple[str, str] | None] = []
         self.words: list[tuple[str, int]] = []  # of the statement so far
@@ -130,18 +156,13 @@ class _Scanner:
         self.samples: str | None = None  # a property with timeSamples, before their "{"
         self.number: tuple[str, int] | None = None  # the number before a ":"
         self.end = 0  # offset of the end of the token in the text
-        self.values = CutNumbers(self.map.cut)
-
-    def scan(self, text: str) -> TextMap:
         line, position = 1, 0
         for match in _TOKEN.finditer(text):
             line += text.count("\n", position, match.start())
             position, self.end = match.start(), match.end()
             self._token(match.lastgroup or "", match.group(), line)
-        return self.map
 
     def _token(self, kind: str, token: str, line: int) -> None:
-        self.values.token(kind, token, line, len(self.stack))
         if kind == "word":
             self.words.append((token, line))
         elif kind == "number":
@@ -151,7 +172,7 @@ class _Scanner:
         elif kind == "string":
             self._string(token.strip("\"'"), line)
         elif kind == "punct":
-            self._punctuation(token)
+            self._punctuation(token, line)
         else:
             if kind == "asset":
                 self.map.assets.setdefault(token.strip("@"), line)
@@ -169,7 +190,7 @@ class _Scanner:
         elif not self.words and self.stack and (self.stack[-1] or "")[:1] == ("set",):
             self.opening = ("variant", name, line, depth)
 
-    def _punctuation(self, token: str) -> None:
+    def _punctuation(self, token: str, line: int) -> None:
         if token == "{":
             self._open_brace()
         elif token in "([":
@@ -183,7 +204,7 @@ class _Scanner:
                 self.stack.pop()
         elif token == "=":
             self._property()
-            self.values.begin(self._path(), len(self.stack))
+            self._value(line)
         elif token == ":":
             self._sample()
         else:
@@ -211,11 +232,23 @@ class _Scanner:
         if len(self.words) < 2 or not path:
             return
         name, line = self.words[-1]
-        bare = SUFFIX.sub("", name)
-        self.map.lines.setdefault(f"{path}.{bare}", line)
+        bare = f"{path}.{re.sub(_SUFFIX, '', name)}"
+        self.map.lines.setdefault(bare, line)
         edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
-        self._note(f"{path}.{bare}", f"{edit} {name}".strip(), f'"{name}" is written twice', line)
-        self.samples = f"{path}.{bare}" if name.endswith(".timeSamples") else None
+        self._note(bare, f"{edit} {name}".strip(), f'"{name}" is written twice', line)
+        self.samples = bare if name.endswith(".timeSamples") else None
+
+    def _value(self, line: int) -> None:
+        """Note the numbers after the "=" of a statement that USD would cut."""
+        start = max(self.text.rfind("\n", 0, self.end) + 1, self.end - _LONGEST_NAME)
+        if not (declared := _WHOLE.search(self.text[start : self.end - 1])):
+            return
+        prim, name = self._path(), re.sub(_SUFFIX, "", declared["name"])
+        for literal, its_line in _cut_numbers(self.text, self.end, line, bool(declared["bool"])):
+            wanted = "be true or false" if declared["bool"] else "hold whole numbers"
+            taken = "true" if declared["bool"] else str(int(float(literal)))
+            message, hint = f'"{name}" must {wanted}, not {literal}', f"USD would silently use {taken}"
+            self.map.flaws.append(Flaw("not-whole", f"{prim}.{name}" if prim else "", message, hint, its_line))
 
     def _sample(self) -> None:
         top = self.stack[-1] if self.stack else None
@@ -228,10 +261,11 @@ class _Scanner:
             self.map.lines.setdefault(top[1] + key, line)
             self._note(top[1], key, f"the time sample at {token} is written twice", line)
 
-    def _note(self, path: str, key: str, what: str, line: int) -> None:
+    def _note(self, path: str, key: str, message: str, line: int) -> None:
         full = f"{path} {key}"
         if full in self.seen:
-            self.map.repeated.append((path, what, line))
+            hint = "USD silently keeps the last one; remove one"
+            self.map.flaws.append(Flaw("written-twice", path, message, hint, line))
         self.seen.add(full)
 
     def _path(self) -> str:
@@ -247,78 +281,3 @@ class _Scanner:
             elif kind == "prim":
                 path += name if path.endswith("}") else "/" + name
         return path
-
-
-@dataclass(slots=True)
-class CutNumbers:
-    """Follower of the tokens of a text, which knows where the value of a statement begins and ends.
-
-    Attributes
-    ----------
-    cut : list
-        (path, message, value in USD, line) of numbers that USD would replace.
-    """
-
-    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
-    _words: list[str] = field(default_factory=list)
-    _path: str = ""
-    _name: str = ""
-    _is_bool: bool = False
-    _depth: int | None = None
-    _number: tuple[str, int] | None = None
-
-    def begin(self, prim: str, depth: int) -> None:
-        """Begin a value after the "=" of a statement, in the body of a prim or, without a path, elsewhere."""
-        *types, name = self._words or [""]
-        match = _WHOLE.fullmatch(types[-1]) if types else None
-        self._depth = depth if match else None
-        if match:
-            self._name, self._is_bool = SUFFIX.sub("", name), bool(match["bool"])
-            self._path = f"{prim}.{self._name}" if prim else ""
-
-    def token(self, kind: str, token: str, line: int, depth: int) -> None:
-        """Process the next token, with `depth` open brackets before it."""
-        if kind == "word":
-            self._words.append(token)
-        elif token not in ("[", "]", "="):  # int [] is a type, too
-            self._words = []
-        if self._depth is not None and kind == "numbers":
-            self._array(token, line, depth)
-        elif self._depth is not None and kind not in ("newline", "comment"):
-            self._value(kind, token, line, depth)
-
-    def _array(self, token: str, line: int, depth: int) -> None:
-        """Process an array of plain numbers with its brackets."""
-        assert self._depth is not None
-        if self._is_bool or not _DIGITS.fullmatch(token):  # most tokens are digits: large meshes have millions
-            for offset, text in enumerate(token.split("\n")):
-                for number in _NUMBER.findall(text):
-                    self._judge(number, line + offset)
-        self._number = None
-        if depth <= self._depth:
-            self._depth = None
-
-    def _value(self, kind: str, token: str, line: int, depth: int) -> None:
-        assert self._depth is not None
-        if self._number and token != ":":  # otherwise it was the time of a sample
-            self._judge(*self._number)
-        self._number = None
-        if kind == "number" and depth > self._depth:
-            self._number = (token, line)
-        elif kind == "number":
-            self._judge(token, line)
-        closes = token in ("}", ")", "]") and kind == "punct" and depth - 1 <= self._depth
-        opens = token in ("{", "(", "[") and kind == "punct"
-        if closes or (depth <= self._depth and not opens):
-            self._depth = None
-
-    def _judge(self, token: str, line: int) -> None:
-        try:
-            number = float(token)
-        except ValueError:
-            return  # USD reports it
-        if self._is_bool and number not in (0.0, 1.0):
-            self.cut.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
-        elif not self._is_bool and number - number == 0 and not number.is_integer():
-            message = f'"{self._name}" must hold whole numbers, not {token}'
-            self.cut.append((self._path, message, str(int(number)), line))

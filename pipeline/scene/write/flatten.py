@@ -6,7 +6,7 @@ build. Values that follow from a lens or a target replace existing ones.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -59,19 +59,6 @@ def _leave_out_tables(layer: Sdf.Layer) -> None:
             attribute = layer.GetAttributeAtPath(path)
             if attribute and attribute.typeName in (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray):
                 attribute.owner.RemoveProperty(attribute)
-
-
-def name_pictures(layer: Sdf.Layer, files: Mapping[Sdf.Path, str]) -> None:
-    """Let attributes of a flattened stage name pictures beside it, in place of files of this machine.
-
-    Parameters
-    ----------
-    files : mapping
-        Paths from the folder of the flattened stage, by paths of attributes.
-    """
-    for path, file in files.items():
-        if attribute := layer.GetAttributeAtPath(path):
-            attribute.default = Sdf.AssetPath(f"./{file}")
 
 
 def text_for_viewers(
