@@ -70,8 +70,8 @@ def check(
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
     from pipeline.graph.sizes import cost_lines
-    from pipeline.scene.fix import said_of
     from pipeline.scene.load import load
+    from pipeline.scene.write.viewers import note_on_viewers
 
     stages_read = [(path, load(path, tuple(allow_root or ()), look=True)) for path in stages]
     problems = [(path, problem) for path, loaded in stages_read for problem in loaded.problems]
@@ -88,8 +88,8 @@ def check(
             for line in cost_lines(loaded.dataset, loaded.cameras):
                 note(line)
     for path in stages if not errors else ():
-        if said := said_of(path, write=fix):
-            note(printable(said))  # it names the file of the stage, which may have any name
+        if advice := note_on_viewers(path, write=fix):
+            note(printable(advice))  # it names the file of the stage, which may have any name
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 

@@ -15,7 +15,7 @@ from pipeline.fits.omniverse import seen_by_omniverse
 from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera, page
 from pipeline.results.opening import Opened, opened
 from pipeline.results.ready_camera import ReadyCamera
-from pipeline.scene.write.lens_distortion import distortion_layer
+from pipeline.scene.write.text import distortion_layer
 
 _DEFAULT = "brown"
 """Model that is fitted where none is named: what OpenCV fits by default."""

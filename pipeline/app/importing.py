@@ -12,10 +12,10 @@ from pipeline.files.lenses.read import read_camera_file, read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
-from pipeline.scene.fix import fix
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.write.text import camera_text, lens_text
+from pipeline.scene.write.viewers import fix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,7 @@ from pathlib import Path
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
 from pipeline.folders import share
-from pipeline.scene.library import array_figures, sensor_figures, title_of
-from pipeline.scene.load import load
+from pipeline.scene.load import array_figures, load, sensor_figures, title_of
 from pipeline.spelling import did_you_mean
 
 Figures = dict[str, float | str | list[float] | None]

@@ -15,7 +15,7 @@ from pipeline.fits.field import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera
 from pipeline.formats import Convention, Origin
-from pipeline.scene.write.lens_distortion import AppliedSchema, SeenCamera
+from pipeline.scene.write.text import AppliedSchema, SeenCamera
 
 _PIXELS = Convention(origin=Origin.HALF)
 """Meaning of pixels in its attributes."""

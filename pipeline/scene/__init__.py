@@ -2,6 +2,6 @@
 before any stage is opened.
 """
 
-from pipeline.scene.usd.register import register
+from pipeline.scene.usd.roots import register
 
 register()

@@ -42,9 +42,7 @@ _F_NUMBERS = "plen:image:fNumbers"
 
 
 def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
-    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names are relative to its
-    root.
-    """
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order, named relative to its root."""
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     seed = read(root, "plen:seed") or 0
     cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
@@ -56,11 +54,12 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """The entry of one camera with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
     sensor = target(prim, "plen:camera:sensor", "PlenSensor")
+    name, model = need(lens, "plen:name") or lens.GetName(), need(prim, _MODEL)
     file, line = place(prim)
     return CameraEntry(
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
-        lens_name=_lens_name(prim, lens),
+        lens_name=name if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}",
         index_source=index_source(lens),
         wavelength_nm=need(prim, "plen:camera:wavelength"),
         weight=need(prim, "plen:camera:weight"),
@@ -96,15 +95,8 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     )
 
 
-def _lens_name(prim: Usd.Prim, lens: Usd.Prim) -> str:
-    name, model = need(lens, "plen:name") or lens.GetName(), need(prim, "plen:camera:model")
-    return str(name) if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}"
-
-
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
-    """The record of a Camera with PlenCameraAPI, with the model of its lens that it asks for; a request if it states an
-    object in focus or a stop to be matched.
-    """
+    """The record of a Camera with the model of its lens; a request if a focus or a matched stop is asked for."""
     return with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
 
 
@@ -187,18 +179,16 @@ def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator
     if sensor_mm is None:
         return
     last_mm = prescription.vertices_from_stop_mm[-1]
-    film = [("sensor", _SENSOR, sensor_mm)]
-    microlens_mm = read(camera, "plen:camera:microlensDistance")
-    if microlens_mm is not None:
-        film.append(("microlens array", "plen:camera:microlensDistance", sensor_mm - microlens_mm))
-    for what, name, distance_mm in film:
-        if distance_mm <= last_mm:
-            message = (
-                f"the {what} is {distance_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
-                f" {last_mm:.6g} mm behind it"
-            )
-            yield problem(camera.GetAttribute(name), "inside-lens", message)
-            return
+    array_mm = sensor_mm - (read(camera, "plen:camera:microlensDistance") or 0.0)
+    if array_mm <= last_mm:
+        is_sensor = sensor_mm <= last_mm
+        what, behind_mm = ("sensor", sensor_mm) if is_sensor else ("microlens array", array_mm)
+        message = (
+            f"the {what} is {behind_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
+            f" {last_mm:.6g} mm behind it"
+        )
+        attribute = camera.GetAttribute(_SENSOR if is_sensor else "plen:camera:microlensDistance")
+        yield problem(attribute, "inside-lens", message)
 
 
 def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:

@@ -148,17 +148,13 @@ class CameraEntry:
 
     @property
     def square_px(self) -> float:
-        """Edge of the square around a position on which the rays of J start [px]: that of the fine pixel, or 0 for
-        footprint `point`.
-        """
+        """Edge of the square around a position where the rays of J start [px]: of the fine pixel, or 0 for a point."""
         return 1.0 / self.sampling.supersampling if self.footprint == "pixel" else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TargetEntry:
-    """A calibration target of the dataset; `name` is its prim's name, `printed` holds spectra of its ink and paper, and
-    `coat` is what lies on both.
-    """
+    """A calibration target, named like its prim; `printed`: spectra of ink and paper, `coat`: what lies on both."""
 
     name: str
     prim_path: str
@@ -194,16 +190,8 @@ class LampEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureEntry:
-    """A picture on a surface or in the sky.
-
-    Attributes
-    ----------
-    name : str
-        Digest of its content, and its colour space.
-    suffix, encoded : str
-        Kind of the file, and its bytes in base 64.
-    space : str
-        `auto`, `raw` or `sRGB`.
+    """A picture on a surface or in the sky: its name is a digest of its content, and its colour space (`auto`, `raw` or
+    `sRGB`); `encoded` holds the bytes of the file in base 64.
     """
 
     name: str
@@ -219,18 +207,8 @@ class PictureEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Poses at one integer time code.
-
-    Attributes
-    ----------
-    camera_from_world : dict
-        Pose per camera name, vision frame.
-    world_from_target : dict
-        Pose per target name, target frame.
-    world_from_occluder : dict
-        Pose per prim path of each visible occluder, frame of the mesh; any affine transform.
-    world_from_lamp : dict
-        Pose per prim path of each visible lamp.
+    """Poses at one integer time code: of cameras (vision frame) and targets by name, of visible occluders (any affine
+    transform of the frame of the mesh) and visible lamps by prim path.
     """
 
     number: int
@@ -242,16 +220,8 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AskedExports:
-    """Exports that a stage asks for.
-
-    Attributes
-    ----------
-    formats : tuple of str
-        Names of formats, in the order of the stage.
-    position : str
-        Kind of position of a point: exact, chief, saddle or centroid.
-    noise : dict
-        Fields of `exports.noise.Noise`.
+    """Names of formats that a stage asks for, in its order; the kind of position of a point (exact, chief, saddle or
+    centroid); and fields of `exports.noise.Noise`.
     """
 
     formats: tuple[str, ...] = ()

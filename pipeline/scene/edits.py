@@ -53,9 +53,12 @@ def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
 def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
     """What differs between two states of a stage, the outermost first; `file` is in the new state."""
     stage, _ = open_stage(file)
-    changed = [
-        _edit(key, old.get(key), new.get(key)) for key in old.keys() | new.keys() if old.get(key) != new.get(key)
-    ]
+    changed = []
+    for key in [key for key in old.keys() | new.keys() if old.get(key) != new.get(key)]:
+        path, _, field = key.partition("|")
+        path, _, time = path.partition("@")
+        time_code = float(time) if time else None
+        changed.append(Edit(at=path, field=field or None, time=time_code, old=old.get(key), new=new.get(key)))
     edits: list[Edit] = []
     wholes: list[tuple[str, str | None]] = []  # prims that came or went; arcs, with the file that names them
     for edit in sorted(changed, key=_order):
@@ -66,12 +69,6 @@ def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
             wholes.append((edit.at, place_of_edit[0] if edit.field else None))
         edits.append(replace(edit, file=place_of_edit[0], line=place_of_edit[1]))
     return edits
-
-
-def _edit(key: str, old: Any, new: Any) -> Edit:
-    path, _, field = key.partition("|")
-    path, _, time = path.partition("@")
-    return Edit(at=path, field=field or None, time=float(time) if time else None, old=old, new=new)
 
 
 def _is_whole(edit: Edit) -> bool:

@@ -70,9 +70,7 @@ def is_in_images(prim: Usd.Prim) -> bool:
 
 
 def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Lights of a stage that count, of any kind, in stage order: all but those for viewers alone and those that are
-    invisible and stay so.
-    """
+    """Lights that count, of any kind, in stage order: neither for viewers alone, nor invisible for ever."""
     return [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI) and is_in_images(prim)]
 
 
@@ -265,13 +263,13 @@ def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bo
     pose = np.array(frame.world_from_target[target.name])
     places, fronts = apply(pose, points.position_mm[some]), points.plane_axes[some][:, :, 2] @ pose[:3, :3].T
     return any(
-        _shines(lamps[path], np.array(matrix), places, fronts)
+        shines(lamps[path], np.array(matrix), places, fronts)
         for path, matrix in frame.world_from_lamp.items()
         if path in lamps
     )
 
 
-def _shines(
+def shines(
     lamp: Lamp,
     world_from_lamp: Float64[np.ndarray, "4 4"],
     places_mm: Float64[np.ndarray, "n 3"],

@@ -144,9 +144,7 @@ def knows_one_wavelength(lens: Usd.Prim) -> bool:
 
 @read_once
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
-    """The medium behind a surface, from its glass and compared with the printed index; GlassError if the glass is
-    unknown or contradicts that index.
-    """
+    """The medium behind a surface; GlassError if its glass is unknown or contradicts the printed index."""
     has_index = surface.GetAttribute("plen:index").HasAuthoredValue()
     return row.medium(
         glass=need(surface, "plen:glass"),
@@ -157,9 +155,7 @@ def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
 
 
 def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
-    """Refractive index behind each surface of a lens at a wavelength; printed ones are the same at all. GlassError if
-    a glass is not known, or not at that wavelength.
-    """
+    """Index behind each surface at a wavelength, or as printed; GlassError if a glass is not known there."""
     if not uses_catalogue(lens):
         return tuple(need(prim, "plen:index") for prim in ordered_surfaces(lens))
     return tuple(medium_behind(prim, lens).index(wavelength_nm) + 0.0 for prim in ordered_surfaces(lens))

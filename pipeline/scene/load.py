@@ -1,5 +1,6 @@
 """Loading of stages: the path of a stage becomes records or problems."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd, UsdUtils
 
 from pipeline.errors import PipelineError, UsageError
+from pipeline.files.jsonfile import Json
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.camera import read_camera_entries
@@ -18,13 +20,14 @@ from pipeline.scene.lamps import check_shone
 from pipeline.scene.lens import read_lens_entry
 from pipeline.scene.pictures import read_pictures, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
+from pipeline.scene.sensor import read_sensor
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.usd.opening import check_instances, open_stage
 from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
-from pipeline.scene.usd.values import UnreadableValue, unchanging
+from pipeline.scene.usd.values import UnreadableValue, need, unchanging
 from pipeline.scene.views import check_doubts, check_seen
-from pipeline.scene.write.flatten import flattened, text_for_viewers
+from pipeline.scene.write.viewers import flattened, text_for_viewers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,22 +56,11 @@ class Loaded:
 
 
 def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False) -> Loaded:
-    """Open, check and read a stage. Problems of the stage never raise.
+    """Open, check and read a stage, a dataset or any part of one. Problems of the stage never raise; UsageError if the
+    path cannot be that of a stage.
 
-    Parameters
-    ----------
-    path : str or Path
-        A dataset, or any part of one: a lens, a rig.
-    allow_roots : iterable of str or Path
-        Folders that the stage may read from, besides its project and the shipped library.
-    look : bool
-        Also trace some rays, to warn of targets that a camera does not see and of parts that hardly fit together
-        (`pipeline check`).
-
-    Raises
-    ------
-    UsageError
-        The path cannot be that of a stage.
+    `allow_roots` are folders that the stage may read from, besides its project and the shipped library. With `look`
+    some rays are traced, too, to warn of targets that a camera does not see and of parts that hardly fit together.
     """
     allow_roots = tuple(allow_roots)
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
@@ -76,12 +68,18 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
             raise UsageError(f"{what} {flaw}", hint="give it another name")
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
-        return _loaded(real_path(path), allowed_roots(Path(path), allow_roots), look)
+        stage, problems = open_stage(path)
+        if ignored := check_instances(stage):
+            return _refused(problems + ignored)
+        roots = allowed_roots(Path(path), allow_roots)
+        with unchanging(), reading_below(roots):
+            return _read(stage, roots, look, problems)
     except StageError as error:
         return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
         # Damaged bytes of a binary layer that USD's own checks accept; any access raises an error.
-        message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
+        comments = [part.commentary for part in error.args if hasattr(part, "commentary")] or [str(error)]
+        message = f"the stage, or a layer of it, is damaged: {shortened(comments[0].strip())}"
         return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
     finally:
         messages.TakeUncoalescedDiagnostics()
@@ -91,16 +89,7 @@ def _refused(problems: list[Problem]) -> Loaded:
     return Loaded(dataset=None, problems=problems, flattened="")
 
 
-def _loaded(root: Path, roots: list[Path], look: bool) -> Loaded:
-    stage, problems = open_stage(root)
-    if ignored := check_instances(stage):
-        return _refused(problems + ignored)
-    with unchanging(), reading_below(roots):
-        return _read(stage, roots, look, problems)
-
-
 def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Problem]) -> Loaded:
-    """Check and read a composed stage, of which opening has told some problems."""
     problems = without_followers(problems + check(stage, roots))
     loaded = _refused(problems)
     if loaded.errors:
@@ -139,23 +128,9 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     )
 
 
-def _reason(error: Exception) -> str:
-    """First line of an error message of USD or of the text decoder."""
-    comments = [part.commentary for part in error.args if hasattr(part, "commentary")]
-    return shortened((comments or [str(error)])[0].strip())
-
-
 @arguments_settled(UsageError)
 def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Dataset:
-    """The records of a dataset.
-
-    Raises
-    ------
-    StageError
-        The stage has errors, or holds no dataset; it carries all problems.
-    UsageError
-        An argument is not a path.
-    """
+    """The records of a dataset; StageError with all problems if there is none, UsageError for what is no path."""
     return require_dataset(load(path, allow_roots), path)
 
 
@@ -168,3 +143,37 @@ def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
     hint = "make a PlenDataset the default prim"
     file = shown_path(real_path(path))
     raise StageError([Problem(code="no-dataset", message="the stage holds no dataset", file=file, line=1, hint=hint)])
+
+
+def sensor_figures(path: Path) -> Json:
+    """Key figures of a sensor that is alone in a file, as in the library; StageError if the file is no stage."""
+    stage, _ = open_stage(path)  # a prim lives as long as its stage
+    prim = stage.GetDefaultPrim()
+    sensor = read_sensor(prim)
+    figures: Json = {"width_px": sensor.width_px, "height_px": sensor.height_px, "pitch_mm": sensor.pitch_mm}
+    # Figures of a sensor that says how it counts photons.
+    for name, attribute in (("bits", "plen:response:bitDepth"), ("full_well_electrons", "plen:response:fullWell")):
+        if prim.HasAttribute(attribute) and prim.GetAttribute(attribute).HasAuthoredValue():
+            figures[name] = need(prim, attribute)
+    return figures
+
+
+def array_figures(path: Path) -> Json:
+    """Key figures of a microlens array that is alone in a file; StageError if the file is no stage."""
+    stage, _ = open_stage(path)
+    prim = stage.GetDefaultPrim()
+    return {
+        "pitch_mm": need(prim, "plen:pitch"),
+        "focal_lengths_mm": list(need(prim, "plen:focalLengths")),
+        "layout": need(prim, "plen:layout"),
+        "model": need(prim, "plen:model"),
+        "size_mm": [need(prim, "plen:width"), need(prim, "plen:height")],
+    }
+
+
+def title_of(path: Path) -> str:
+    """First sentence of the description of a file; empty if it has none."""
+    stage, _ = open_stage(path)
+    words = " ".join(str(stage.GetRootLayer().documentation).split())
+    # A sentence ends with a dot, other than that of an initial, or with a colon.
+    return re.split(r"(?<=[\w)]{2})[.:] ", words)[0].rstrip(".")

@@ -7,7 +7,6 @@ from pxr import Usd
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.errors import PipelineError
 from pipeline.optics.glass.absorption import Absorption, measured, stated
 from pipeline.optics.glass.errors import BadAbsorption, GlassError
 from pipeline.optics.prescription import PrescriptionError
@@ -85,9 +84,7 @@ def _read_coating(surface: Usd.Prim) -> CoatingData:
 
 @read_once
 def _read_absorption(surface: Usd.Prim, lens: Usd.Prim) -> Absorption | None:
-    """Absorption over the wavelength behind a PlenSurface; None where its medium is the same at all. GlassError if the
-    table is none, or no table has the glass.
-    """
+    """Absorption behind a PlenSurface; None if it is the same at all wavelengths, GlassError without a usable table."""
     wavelengths_nm = need(surface, "plen:internalTransmittanceWavelengths")
     values = need(surface, "plen:internalTransmittanceTable")
     is_written = surface.GetAttribute("plen:internalTransmittance").HasAuthoredValue()
@@ -128,7 +125,12 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
         except UnreadableValue:
             continue  # reported where the value is checked
         except (PrescriptionError, GlassError) as error:
-            yield _wrong(surface, error)
+            attribute = surface.GetAttribute(_BLAMED.get(error.code, "plen:glass"))
+            table = surface.GetAttribute("plen:internalTransmittanceWavelengths")
+            if error.code == "wavelength-out-of-range" and table.HasAuthoredValue():
+                attribute = table
+            place = attribute if attribute.HasAuthoredValue() else surface
+            yield problem(place, error.code, error.what, hint=error.hint)
         else:
             yield from _check_covered(surface, coating, seen_nm)
 
@@ -149,14 +151,6 @@ def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
         if angles_deg and met_deg > angles_deg[-1] + _SLACK_DEG:
             what = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
             yield _short(surface, "plen:coatingAngles", f"{what} up to {met_deg:.2f}")
-
-
-def _wrong(surface: Usd.Prim, error: PipelineError) -> Problem:
-    blamed = surface.GetAttribute(_BLAMED.get(error.code, "plen:glass"))
-    written = surface.GetAttribute("plen:internalTransmittanceWavelengths")
-    if error.code == "wavelength-out-of-range" and written.HasAuthoredValue():
-        blamed = written
-    return problem(blamed if blamed.HasAuthoredValue() else surface, error.code, error.what, hint=error.hint)
 
 
 def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[float]) -> Iterator[Problem]:

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Iterator, Set
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Sdf, Sdr, Usd, UsdGeom, UsdShade
@@ -52,15 +51,14 @@ _GREY = (0.18, 0.18, 0.18)
 """Colour of what has none [1]: UsdPreviewSurface's."""
 
 
-@dataclass(frozen=True, slots=True)
-class Shaded:
+class _Shaded(NamedTuple):
     """A material, and the primvar with its texture coordinates; empty: it has none."""
 
     material: Material
     primvar: str
 
 
-def read_material(material: UsdShade.Material) -> Shaded:
+def read_material(material: UsdShade.Material) -> _Shaded:
     """The record of a Material; UnreadableValue if a shader, a connection or a value cannot be used."""
     surface = _shader(material.ComputeSurfaceSource()[0], material.GetPrim(), "UsdPreviewSurface")
     for name, idle in _UNUSED.items():
@@ -69,7 +67,7 @@ def read_material(material: UsdShade.Material) -> Shaded:
             attribute = surface.GetInput(name).GetAttr()
             raise NotSupported(f'"inputs:{name}" is not supported', attribute, hint=f"write {idle:g}, or leave it out")
     reader = _Inputs(surface)
-    fields: dict[str, Any] = {field: reader.read(name, value) for name, (field, value) in _FALLBACKS.items()}
+    fields = {field: reader.read(name, value) for name, (field, value) in _FALLBACKS.items()}
     if _plain(surface, "useSpecularWorkflow", 0):
         fields["specular_color"] = reader.read("specularColor", (0.0, 0.0, 0.0))
     threshold, ior = (_number(surface, name, value) for name, value in (("opacityThreshold", 0.0), ("ior", 1.5)))
@@ -82,7 +80,7 @@ def read_material(material: UsdShade.Material) -> Shaded:
     if len(reader.primvars) > 1:
         what = f"its textures read coordinates from {' and '.join(sorted(reader.primvars))}"
         raise NotSupported(what, material.GetPrim(), hint="use one set of texture coordinates")
-    return Shaded(record, next(iter(reader.primvars), ""))
+    return _Shaded(record, next(iter(reader.primvars), ""))
 
 
 class _Inputs:
@@ -137,8 +135,7 @@ def _transform(shader: UsdShade.Shader) -> Numbers:
     return c * sx, -s * sy, tx, s * sx, c * sy, ty
 
 
-@dataclass(frozen=True, slots=True)
-class _Connected:
+class _Connected(NamedTuple):
     """The output that an input is connected to."""
 
     shader: UsdShade.Shader
@@ -246,7 +243,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
     )
 
 
-def _material_of(prim: Usd.Prim) -> Shaded:
+def _material_of(prim: Usd.Prim) -> _Shaded:
     """The material that is bound to a mesh or a subset, else the display colour of the mesh."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
     if material:
@@ -257,7 +254,7 @@ def _material_of(prim: Usd.Prim) -> Shaded:
     if len(values) > 1:
         what = f'"primvars:displayColor" has {len(values)} colours'
         raise NotSupported(what, colour.GetAttr(), hint="write one colour, or bind a material with a texture")
-    return Shaded(Material(diffuse_color=Input(value=values[0] if values else _GREY), ior=1.0), "")
+    return _Shaded(Material(diffuse_color=Input(value=values[0] if values else _GREY), ior=1.0), "")
 
 
 def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
@@ -271,7 +268,7 @@ def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
     return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
 
 
-def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[Shaded]) -> tuple[Numbers, ...]:
+def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[_Shaded]) -> tuple[Numbers, ...]:
     """Texture coordinates at the corners of all triangles."""
     names = list(dict.fromkeys(each.primvar for each in shaded if all_of([each.material])))
     if len(names) > 1:

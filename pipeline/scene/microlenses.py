@@ -1,7 +1,6 @@
 """A microlens array: attributes that belong together or contradict each other, and arrays that cannot exist."""
 
 from collections.abc import Iterator, Set
-from typing import Any
 
 from pxr import Sdf, Usd
 
@@ -45,7 +44,7 @@ _NEAREST = 0.1
 def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -> MicrolensArray:
     """The record of a PlenMicrolensArray at a distance from the sensor, at the wavelength of a camera."""
     model, aperture = need(prim, "plen:model"), need(prim, "plen:aperture")
-    parts: dict[str, Any] = {field: read(prim, name) for field, name in _OPTIONAL.items()}
+    parts = {field: read(prim, name) for field, name in _OPTIONAL.items()}
     if model != "refractive":
         parts["focal_lengths_mm"] = need(prim, "plen:focalLengths")
     else:
@@ -72,9 +71,7 @@ def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -
 
 
 def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
-    """Index of the microlenses of a PlenMicrolensArray at a wavelength: of its glass, or as printed. GlassError if the
-    glass is unknown, or unknown at that wavelength.
-    """
+    """Index of the microlenses at a wavelength, of their glass or as printed; GlassError if the glass has none."""
     glass = need(prim, "plen:glass")
     if not glass:
         return float(need(prim, "plen:index"))

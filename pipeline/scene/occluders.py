@@ -33,9 +33,7 @@ def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
 
 @read_once
 def read_occluder(prim: Usd.Prim) -> Occluder:
-    """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI. TargetError or ValueError if its faces do
-    not match its points or each other.
-    """
+    """A Mesh in its own frame [mm], dark without PlenOccluderAPI; TargetError or ValueError for contradictory faces."""
     mesh, scale_mm = fans(UsdGeom.Mesh(prim)), stage_mm_per_unit(prim)
     return Occluder(
         vertices_mm=tuple((x * scale_mm, y * scale_mm, z * scale_mm) for x, y, z in mesh.points),

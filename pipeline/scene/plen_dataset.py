@@ -1,4 +1,4 @@
-"""A dataset as a whole: its contents, frames and names, and how it differs from what a USD viewer shows."""
+"""A dataset as a whole: its contents, frames, names and exports, and how it differs from what a USD viewer shows."""
 
 import unicodedata
 from collections import Counter
@@ -8,9 +8,10 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom
 
+from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.camera import read_camera_entry
-from pipeline.scene.dataset import Dataset, Frame, Matrix
-from pipeline.scene.exports import read_exports
+from pipeline.scene.channels import images_of
+from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix
 from pipeline.scene.lamps import check_lamps, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entry
@@ -45,6 +46,17 @@ sight.
 _MOST_PATHS = 4
 """Number of prims that the warning about a type lists; further ones are counted."""
 _AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
+NOISE = {
+    "noise_px": "plen:exports:noise",
+    "outliers": "plen:exports:outliers",
+    "outlier_px": "plen:exports:outlierReach",
+    "missed": "plen:exports:missed",
+    "seed": "plen:exports:noiseSeed",
+}
+"""Attributes of the noise, by field of `exports.noise.Noise`."""
+_ASKED = "plen:exports"
+_GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
+"""Types of targets whose points may form a grid."""
 
 
 def read_dataset(root: Usd.Prim) -> Dataset:
@@ -72,7 +84,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
         lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
         pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
-        exports=read("exports", read_exports, root),
+        exports=read("exports", _read_exports, root),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
     )
@@ -243,3 +255,68 @@ def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
     if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
         return False
     return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes(prim) else frames[:1]))
+
+
+def _read_exports(root: Usd.Prim) -> AskedExports:
+    return AskedExports(
+        formats=tuple(need(root, "plen:exports")),
+        position=need(root, "plen:exports:position"),
+        noise={field: need(root, name) for field, name in NOISE.items()},
+    )
+
+
+def check_exports(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the formats that a dataset names."""
+    asked = read(root, _ASKED) or ()
+    place = root.GetAttribute(_ASKED)
+    for name in [name for name, count in Counter(asked).items() if count > 1]:
+        yield problem(place, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
+    cameras = targets(root, "plen:cameras", "Camera")
+    for name in dict.fromkeys(asked):
+        try:
+            wanted = format_of(name)
+        except ExportError as error:
+            yield problem(place, error.code, error.what, hint=error.hint)
+            continue
+        taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
+        if cameras and not taken:
+            kind = "conventional" if _is_plenoptic(cameras[0]) else "plenoptic"
+            others = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
+            message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
+            yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
+        elif sum(map(images_of, taken)) < wanted.least_cameras:
+            message = f'"{name}" relates cameras to each other, and the dataset has one'
+            yield problem(place, "export-cameras", message, hint="take it out, or add a camera")
+        yield from _check_targets(root, name, wanted)
+        yield from _check_position(root, name, taken)
+
+
+def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
+    prims, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
+    if wanted.targets is Targets.ANY:
+        return
+    if len(prims) > 1:
+        message = f'"{name}" describes one target, and the dataset has {len(prims)}'
+        yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
+        return
+    board = prims[0] if prims and wanted.targets is Targets.BOARD else None
+    counts = [read(board, axis) or 0 for axis in ("plen:columns", "plen:rows")] if board else []
+    if board and not (board.GetTypeName() in _GRIDS and min(counts) > 1 and not read(board, "plen:asymmetric")):
+        message = f'"{name}" describes boards whose points form a grid, and {prims[0].GetName()} has none'
+        hint = "checkerboards, ChArUco boards and symmetric circle grids have one, of two columns and rows at least"
+        yield problem(place, "export-targets", message, hint=hint)
+
+
+def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    position = read(root, f"{_ASKED}:position")
+    if position in (None, EXACT):
+        return
+    lacking = [camera for camera in cameras if position not in (read(camera, "plen:truth:columns") or ())]
+    if lacking:
+        message = f'"{name}" is to take the positions "{position}", which <{lacking[0].GetPath()}> does not compute'
+        hint = f'write plen:truth:columns = ["{position}"] on the camera'
+        yield problem(root.GetAttribute(f"{_ASKED}:position"), "export-position", message, hint=hint)
+
+
+def _is_plenoptic(camera: Usd.Prim) -> bool:
+    return bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))

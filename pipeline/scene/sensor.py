@@ -127,8 +127,13 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
     return tuple(colours for colours in seen if colours and seen[0])
 
 
-def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenSensor with PlenSensorResponseAPI whose values are right one by one."""
+def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenSensor whose values are right one by one."""
+    if (tilt := need(sensor, "plen:tilt")) != (0.0, 0.0):
+        message, hint = f'"plen:tilt" = {tilt} is not supported yet', "supported: (0.0, 0.0)"
+        yield problem(sensor.GetAttribute("plen:tilt"), "not-yet-supported", message, hint=hint)
+    if not has_response(sensor):
+        return
     try:
         read_response(sensor)
     except UnreadableValue as error:

@@ -90,13 +90,13 @@ def read_target(prim: Usd.Prim) -> AnyTarget:
     pattern = TYPES[str(prim.GetTypeName())]
     surface, shape = SHAPES[need(prim, "plen:shape")]
     return Target(
-        pattern(white=need(prim, "plen:white"), black=need(prim, "plen:black"), **_values(prim, pattern.ATTRIBUTES)),
-        surface(**_values(prim, shape)),
+        pattern(
+            white=need(prim, "plen:white"),
+            black=need(prim, "plen:black"),
+            **{field: need(prim, name) for field, name in pattern.ATTRIBUTES.items()},
+        ),
+        surface(**{field: need(prim, name) for field, name in shape.items()}),
     )
-
-
-def _values(prim: Usd.Prim, fields: dict[str, str]) -> dict[str, Any]:
-    return {field: need(prim, name) for field, name in fields.items()}
 
 
 def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:
@@ -136,7 +136,10 @@ def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenTarget as a whole; `wrong` holds the prims with wrong values."""
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
-    parts = [*_check_shape(prim), *(_check_mesh(prim, mesh) if mesh else ()), *_check_print(prim)]
+    parts = [*(_check_mesh(prim, mesh) if mesh else ()), *_check_print(prim)]
+    if prim.IsA("PlenMeshTarget") and (shape := read(prim, "plen:shape")) not in ("flat", None):
+        message = f'a mesh has its own shape, and "plen:shape" is {shape}'
+        parts.insert(0, problem(prim.GetAttribute("plen:shape"), "shape-value", message, hint="remove it"))
     yield from parts
     if parts or prim.GetPath() in wrong or (mesh and mesh.GetPath() in wrong):
         return
@@ -161,13 +164,6 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     elif record.pattern.white == record.pattern.black:
         message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
         yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
-
-
-def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
-    shape = read(prim, "plen:shape")
-    if prim.IsA("PlenMeshTarget") and shape not in ("flat", None):
-        message = f'a mesh has its own shape, and "plen:shape" is {shape}'
-        yield problem(prim.GetAttribute("plen:shape"), "shape-value", message, hint="remove it")
 
 
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:

@@ -112,13 +112,10 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """The part of a target that a camera sees.
-
-    By frame, `share` has the points that are seen over those that face the camera; `fates` the fate of most points that
-    are not seen, among those that face the camera if any is seen, and None if all are seen; `points_mm` and `front`,
-    (frames, n, 3), positions and normals in the vision frame; `spacing_px` the distance of neighbouring points of one
-    kind that are seen, of the kind where it is largest.
+class _View:
+    """The part of a target that a camera sees, by frame: points that are seen over those that face the camera, the fate
+    of most of the others (None: all are seen), positions and normals in the vision frame, (frames, n, 3), and the
+    distance of neighbouring points of the kind where it is largest.
     """
 
     numbers: tuple[int, ...]
@@ -130,14 +127,14 @@ class View:
     outlook: Outlook
 
 
-def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
+def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> _View:
     """The view of a camera of a dataset on the target with this index."""
     frames, target = dataset.frames, dataset.targets[number]
     marked = target.target.points()
     count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
     kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
     points, front, kinds = marked.position_mm[kept], marked.plane_axes[kept][:, :, 2], np.array(marked.kinds)[kept]
-    poses = np.array([_pose(frame, name, target.name) for frame in frames])
+    poses = np.array([_vision_from_target(frame, name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
     outlooks = outlook(camera, places, fronts)
@@ -157,15 +154,9 @@ def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
             if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, seen]) / _WIDEST_BLUR):
                 fate[index, seen] = MERGED
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
-    fates = [_missed(row) for row in fate]
-    return View(tuple(frame.number for frame in frames), share, fates, places, fronts, spacing, outlooks)
-
-
-def _missed(fate: np.ndarray) -> int | None:
-    missed = fate[fate != Fate.SEEN]
-    if len(missed) < len(fate):
-        missed = missed[missed != Fate.AWAY]
-    return Counter(missed.tolist()).most_common(1)[0][0] if len(missed) else None
+    missed = [row[(row != Fate.SEEN) & ((row != Fate.AWAY) | (row != Fate.SEEN).all())] for row in fate]
+    fates = [Counter(row.tolist()).most_common(1)[0][0] if len(row) else None for row in missed]
+    return _View(tuple(frame.number for frame in frames), share, fates, places, fronts, spacing, outlooks)
 
 
 def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
@@ -181,8 +172,7 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
 
 
-def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
-    """vision_from_target, (4, 4)."""
+def _vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
 
 
@@ -190,7 +180,7 @@ def surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
     """All targets and occluders of a frame, in the vision frame of a camera."""
     from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 
-    targets = [(entry.target, _pose(frame, name, entry.name)) for entry in dataset.targets]
+    targets = [(entry.target, _vision_from_target(frame, name, entry.name)) for entry in dataset.targets]
     vision = np.array(frame.camera_from_world[name])
     occluders = [
         (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))
@@ -242,7 +232,7 @@ def _listed(missed: dict[int, int]) -> str:
     return "; ".join(f"{frames_in_words(numbers)} ({reason})" for reason, numbers in frames.items())
 
 
-def _hint(camera: Camera, view: View, missed: dict[int, int]) -> str:
+def _hint(camera: Camera, view: _View, missed: dict[int, int]) -> str:
     """A hint to mend the first frame."""
     number, fate = next(iter(missed.items()))
     index = view.numbers.index(number)

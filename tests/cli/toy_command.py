@@ -52,7 +52,7 @@ def load(path, allow_roots=(), *, look=False):
     return types.SimpleNamespace(dataset=None, cameras=(), problems=problems, flattened="")
 
 
-def said_of(path, *, write):
+def note_on_viewers(path, *, write):
     """What viewers miss in a stage."""
     return
 
@@ -85,7 +85,7 @@ def compiling():
 def fakes() -> dict[str, types.ModuleType]:
     """What the command imports of other rooms."""
     modules = {}
-    rooms = {"app.build": (project, build_with), "scene.load": (load,), "scene.fix": (said_of,)}
+    rooms = {"app.build": (project, build_with), "scene.load": (load,), "scene.write.viewers": (note_on_viewers,)}
     for name, functions in {f"pipeline.{room}": functions for room, functions in rooms.items()}.items():
         modules[name] = types.ModuleType(name)
         modules[name].TASKS = ("toykit.tasks",)

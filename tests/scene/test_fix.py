@@ -7,8 +7,8 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.errors import UsageError
-from pipeline.scene.fix import fix, said_of
 from pipeline.scene.load import load, open_dataset
+from pipeline.scene.write.viewers import fix, note_on_viewers
 
 ROOT = Path(__file__).resolve().parents[2]
 SNIPPET = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[1]
@@ -59,17 +59,17 @@ def written(folder: Path, text: str) -> Path:
 def test_the_snippet_of_the_readme_gets_six_types_and_stays_the_same_dataset(tmp_path):
     path = written(tmp_path, SNIPPET)
     before = open_dataset(path)
-    assert "`pipeline check --fix`" in said_of(path, write=False)
+    assert "`pipeline check --fix`" in note_on_viewers(path, write=False)
     assert path.read_text(encoding="utf-8") == SNIPPET
 
-    said_of(path, write=True)
+    note_on_viewers(path, write=True)
     lines = path.read_text(encoding="utf-8").splitlines()
     old = SNIPPET.splitlines()
     start = lines.index("    fallbackPrimTypes = {")
     assert lines[:start] + lines[start + 8 :] == old
     assert len(lines) == len(old) + 8  # six types in a dictionary
     assert open_dataset(path) == before
-    assert said_of(path, write=False) is None
+    assert note_on_viewers(path, write=False) is None
 
 
 def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_path):

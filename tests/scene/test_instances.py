@@ -63,12 +63,6 @@ def path(tmp_path):
     return written
 
 
-def test_what_is_said_below_an_instance_is_refused_at_its_line(path):
-    [problem] = load(path(below=PITCH)).problems
-    assert (problem.code, problem.line, problem.at) == ("below-instance", 15, "/Two/Left")
-    assert "two.usda" in problem.file and "Sensor" in problem.message and "instanceable" in problem.hint
-
-
 @pytest.mark.parametrize("below", [SCOPE, OTHER_LENS])
 def test_new_prims_and_references_are_such_opinions(path, below):
     assert [problem.code for problem in load(path(below=below)).problems] == ["below-instance"]

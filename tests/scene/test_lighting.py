@@ -6,7 +6,7 @@ from base64 import b64decode
 
 import numpy as np
 import pytest
-from laws.lit import looked
+from laws.lit import lamp, looked, scene, towards
 from PIL import Image
 from stage_text import head
 
@@ -17,9 +17,12 @@ from pipeline.graph.frame_contents import Things
 from pipeline.graph.poses import target_poses
 from pipeline.records.plain import from_plain
 from pipeline.render.lighting.lit_scene import LitScene, LitView
+from pipeline.render.lighting.records import Lamp
+from pipeline.scene.lamps import shines
 from pipeline.scene.load import load
 from pipeline.targets.occluder import Occluder
-from pipeline.targets.target import target_from_plain
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target, target_from_plain
 
 DATASET = """
 def PlenDataset "Scene"
@@ -271,3 +274,28 @@ def test_a_texture_without_file_or_coordinates_is_named_at_its_shader(tmp_path):
         assert [one.code for one in errors][:1] == [code], [str(one) for one in errors]
         assert word in f"{errors[0].message} {errors[0].hint}"
         assert errors[0].line
+
+
+BOARD = Target(Checkerboard(columns=4, rows=3, square_mm=10.0, white=1.0, black=1.0))
+SPOT = (5.0, 5.0, 500.0)
+SIZES = {
+    "rect": (20.0, 10.0),
+    "disk": (15.0, 0.0),
+    "sphere": (12.0, 0.0),
+    "cylinder": (20.0, 5.0),
+    "distant": (0.1, 0.0),
+}
+
+
+@pytest.mark.parametrize("kind", SIZES)
+@pytest.mark.parametrize("z", [(0.0, 0.1, -1.0), (0.1, 0.0, 1.0)])
+@pytest.mark.parametrize("centre", [(30.0, 0.0, 200.0), (30.0, 0.0, 800.0)])
+def test_what_the_check_says_is_what_an_image_shows(kind: str, z: tuple, centre: tuple) -> None:
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])  # the front of the board faces the eye at the origin
+    pose[2, 3] = SPOT[2]
+    placed = lamp(kind, SIZES[kind], towards(z, centre))
+    around = scene([], [placed], targets=[(BOARD, pose, None)])
+    is_lit = looked(around, SPOT, (100.0, 0.0, 0.0), 256)[0] > 0
+    places, fronts = np.array([SPOT]), pose[None, :3, 2]
+    is_reached = shines(from_plain(Lamp, placed.lamp), np.array(placed.vision_from_lamp), places, fronts)
+    assert is_reached == is_lit

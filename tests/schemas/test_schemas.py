@@ -10,34 +10,14 @@ import pytest
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
 from pipeline.scene.check.properties import conditions_in
-from pipeline.scene.usd.register import library_path, plugin_path
+from pipeline.scene.usd.roots import library_path, plugin_path
 from pipeline.scene.usd.values import range_of
 
 ROOT = Path(__file__).resolve().parents[2]
-TARGETS = (
-    "PlenCheckerboard",
-    "PlenCharuco",
-    "PlenAprilGrid",
-    "PlenCircleGrid",
-    "PlenDeltille",
-    "PlenStars",
-    "PlenSiemensStar",
-    "PlenSlantedEdge",
-    "PlenLines",
-    "PlenMeshTarget",
-)
-CONCRETE = (
-    "PlenDataset",
-    "PlenLens",
-    "PlenLensGroup",
-    "PlenSurface",
-    "PlenMicrolensArray",
-    "PlenSensor",
-    "PlenChannel",
-    *TARGETS,
-)
+SOURCE = Sdf.Layer.FindOrOpen((ROOT / "schemas/plenScene/resources/plenScene/schema.usda").as_posix())
+CONCRETE = [prim.name for prim in SOURCE.rootPrims if prim.typeName]
 CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
-APIS = (*CAMERA_APIS, "PlenOccluderAPI", "PlenSensorResponseAPI")
+APIS = [prim.name for prim in SOURCE.rootPrims if prim.name.endswith("API")]
 
 
 def definition(name):
@@ -62,9 +42,8 @@ def documentation(schema, name):
 def is_numeric(schema, name):
     """Whether an attribute holds numbers."""
     value = definition(schema).GetAttributeDefinition(name).GetTypeName().defaultValue
-    return isinstance(value, int | float | Gf.Vec2i | Gf.Vec2d | Vt.IntArray | Vt.DoubleArray) and not isinstance(
-        value, bool
-    )
+    is_number = isinstance(value, int | float | Gf.Vec2i | Gf.Vec2d | Vt.IntArray | Vt.DoubleArray)
+    return is_number and not isinstance(value, bool)
 
 
 NUMBERS = [pair for pair in ATTRIBUTES if is_numeric(*pair)]
@@ -72,9 +51,8 @@ NUMBERS = [pair for pair in ATTRIBUTES if is_numeric(*pair)]
 
 def run(code, **environment):
     """Run code in a fresh Python with nothing of ours imported; gives what it prints."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True, text=True, check=False
-    )
+    command, variables = [sys.executable, "-c", code], {**os.environ, **environment}
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
     return done.stdout + done.stderr
 
 
@@ -175,10 +153,7 @@ def test_required_and_target_names_are_properties():
 
 
 CONDITIONS = [
-    (schema, name, rule)
-    for schema, name in ATTRIBUTES
-    for rules in [conditions_in(documentation(schema, name))]
-    for rule in (*rules.needed, *rules.only)
+    (schema, name, rule) for schema, name in ATTRIBUTES for rule in conditions_in(documentation(schema, name))
 ]
 
 
@@ -217,7 +192,7 @@ def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_be
     for (schema, decides), values in read.items():
         for token, names in values.items():
             for name in names:
-                only = conditions_in(documentation(schema, name)).only
+                only = [rule for rule in conditions_in(documentation(schema, name)) if rule.kind == "Only"]
                 assert [(rule.name, rule.tokens) for rule in only] == [(decides, (token,))]
 
 
@@ -268,4 +243,6 @@ def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
     for schema in ("PlenCharuco", "PlenAprilGrid"):
         assert tuple(definition(schema).GetPropertyMetadata("plen:dictionary", "allowedTokens")) == DICTIONARIES
     assert list(definition("PlenLines").GetPropertyMetadata("plen:shape", "allowedTokens")) == list(SHAPES)
-    assert set(TARGETS) == {*TYPES, "PlenMeshTarget"}
+    stage = Usd.Stage.CreateInMemory()
+    targets = {name for name in CONCRETE if stage.DefinePrim(f"/{name}", name).IsA("PlenTarget")}
+    assert targets == {*TYPES, "PlenMeshTarget"}

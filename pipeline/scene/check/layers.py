@@ -43,11 +43,14 @@ _MOST_NAMES = 4
 """Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
-def check_layers(stage: Usd.Stage) -> list[Problem]:
+def check_layers(stage: Usd.Stage) -> Iterator[Problem]:
     """Problems of the layers themselves."""
-    numbers = list(_check_numbers(stage))
-    alike = numbers or _check_alike(stage)
-    return [*_check_root(stage), *alike, *_check_texts(stage)]
+    yield from _check_root(stage)
+    yield from list(_check_numbers(stage)) or _check_alike(stage)
+    for layer in used_layers(stage):
+        file = shown_path(layer.realPath)
+        for code, path, message, hint, line in text_map(layer.realPath).flaws:
+            yield Problem(code=code, message=message, file=file, line=line, at=path or None, hint=hint)
 
 
 def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
@@ -91,17 +94,9 @@ def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
     return root.GetInfo(key) if root.HasInfo(key) else fallback
 
 
-def _check_texts(stage: Usd.Stage) -> Iterator[Problem]:
-    for layer in used_layers(stage):
-        file = shown_path(layer.realPath)
-        for code, path, message, hint, line in text_map(layer.realPath).flaws:
-            yield Problem(code=code, message=message, file=file, line=line, at=path or None, hint=hint)
-
-
 def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if two independent files define a part and something of the weaker one remains.
-
-    Files that build on each other, and opinions of the stage itself, are no problem.
+    """A problem if two independent files define a part and something of the weaker remains; files that build on each
+    other, and opinions of the stage itself, are no problem.
     """
     link = next((link for name, link in _LINKS.items() if prim.IsA(name)), None)
     index = prim.GetPrimIndex() if link else None
@@ -167,16 +162,11 @@ def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     ]
 
 
-def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of asset values: pictures that cannot be read, other files outside all roots, those that are missing,
-    and those that nothing reads, but tables of other renderers.
-    """
+def check_assets(stage: Usd.Stage, roots: list[Path]) -> Iterator[Problem]:
+    """Problems of asset values: pictures that cannot be read, and files outside all roots, missing, or never read."""
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
-    return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
-
-
-def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
-    for attribute in prim.GetAuthoredAttributes():
+    for attribute in (attribute for prim in prims for attribute in prim.GetAuthoredAttributes()):
+        prim = attribute.GetPrim()
         if attribute.GetName() in NAMES and is_picture(attribute) and not attribute.GetNumTimeSamples():
             if not is_in_preview(prim):  # previews are of viewers: a copied dataset.usda builds without its pictures
                 try:
@@ -187,7 +177,8 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
         # Other renderers project by tables of files, which nothing of ours reads.
         is_table = prim.GetTypeName() == "Camera" and attribute.GetName().startswith(LENS_DISTORTION_NAMES)
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
-        for asset in [asset for value in values for asset in _assets(value)]:
+        arrays = [[value] if isinstance(value, Sdf.AssetPath) else value for value in values]
+        for asset in [asset for array in arrays if isinstance(array, list | Sdf.AssetPathArray) for asset in array]:
             if asset.resolvedPath and not is_inside(file_of(asset.resolvedPath), roots):
                 message = f"@{asset.path}@ lies outside the folders that a stage may read"
                 yield problem(attribute, "asset-outside", message, hint=OUTSIDE_HINT)
@@ -197,9 +188,3 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
             elif asset.path and not is_table:
                 message = f"@{asset.path}@: files other than layers are not supported yet"
                 yield problem(attribute, "not-yet-supported", message)
-
-
-def _assets(value: object) -> list[Sdf.AssetPath]:
-    if isinstance(value, Sdf.AssetPath):
-        return [value]
-    return list(value) if isinstance(value, Sdf.AssetPathArray) else []

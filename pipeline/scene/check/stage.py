@@ -15,11 +15,10 @@ from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.layers import check_assets, check_layers, check_merged, check_used
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.properties import check_properties
-from pipeline.scene.exports import check_exports
 from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
-from pipeline.scene.plen_dataset import check_dataset, check_only_dataset, find_dataset
-from pipeline.scene.sensor import check_response, has_response
+from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
+from pipeline.scene.sensor import check_sensor
 from pipeline.scene.targets import check_target
 from pipeline.scene.usd.problems import Problem, authored_apis, did_you_mean, problem
 from pipeline.scene.usd.values import LENS_DISTORTION
@@ -38,17 +37,19 @@ _MOST_OPS = 100
 
 
 def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """All problems of a composed stage: layers first, then prims in order, then the dataset.
-
-    Parameters
-    ----------
-    roots : list of Path
-        Folders that the stage may read from, from `usd.roots.allowed_roots`.
-    """
+    """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
     if outside := check_used(stage, roots):
         return outside
-    problems = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
-    prims = all_prims(stage)
+    problems = [*check_layers(stage), *check_assets(stage, roots)]
+    prims = list[Usd.Prim]()
+    everything = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    next(everything)  # the pseudo-root
+    for prim in everything:
+        if prim.IsDefined() or prim.IsAbstract() or not prim.IsActive():
+            prims.append(prim)
+        else:
+            everything.PruneChildren()
+            problems.append(_of_dangling(prim))
     wrong: set[Sdf.Path] = set()
     for prim in prims:
         of_prim = [*_check_prim(prim), *check_properties(prim)]
@@ -86,40 +87,20 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems = [problem for type_name, whole in _WHOLES if prim.IsA(type_name) for problem in whole(prim)]
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
-    if prim.GetPath() not in wrong and prim.IsA("PlenSensor") and has_response(prim):
-        problems += check_response(prim)
+    problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
     return problems + (list(check_camera(prim)) if _is_camera(prim) else [])
 
 
-def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Every defined prim in stage order, including abstract and inactive ones and instances."""
-    return [prim for prim in _outermost(stage) if not _is_dangling(prim)]
-
-
-def _outermost(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """Every prim but the pseudo-root; of those that nothing defines the outermost."""
-    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
-    next(prims)
-    for prim in prims:
-        yield prim
-        if _is_dangling(prim):
-            prims.PruneChildren()
-
-
-def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
-    """Problems of overs on prims that nothing defines."""
-    for prim in filter(_is_dangling, _outermost(stage)):
-        siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
-        message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
-        hint = did_you_mean(prim.GetName(), siblings)
-        if siblings and not hint:
-            where = "on the stage" if prim.GetParent().IsPseudoRoot() else f"below <{prim.GetParent().GetPath()}>"
-            hint = f"{where} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
-        yield problem(prim, "over-without-def", message, hint=hint)
-
-
-def _is_dangling(prim: Usd.Prim) -> bool:
-    return not (prim.IsDefined() or prim.IsAbstract() or not prim.IsActive())
+def _of_dangling(prim: Usd.Prim) -> Problem:
+    """The problem of an over on a prim that nothing defines."""
+    parent = prim.GetParent()
+    siblings = [sibling.GetName() for sibling in parent.GetAllChildren() if sibling.IsDefined()]
+    message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
+    hint = did_you_mean(prim.GetName(), siblings)
+    if siblings and not hint:
+        where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+        hint = f"{where} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
+    return problem(prim, "over-without-def", message, hint=hint)
 
 
 def _check_prim(prim: Usd.Prim) -> Iterator[Problem]:

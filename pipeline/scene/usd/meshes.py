@@ -42,13 +42,7 @@ class Fans:
 
 
 def fans(mesh: UsdGeom.Mesh) -> Fans:
-    """The triangles of a mesh: n - 2 of a face with n corners, none of a hole.
-
-    Raises
-    ------
-    ValueError
-        Counts and indices of the faces contradict each other.
-    """
+    """The triangles of a mesh: n - 2 of a face with n corners, none of a hole; ValueError if the faces contradict."""
     take(mesh.GetPath())
     points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
     if sum(counts) != len(indices) or min(counts, default=3) < 3:

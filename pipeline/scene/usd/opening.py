@@ -2,15 +2,14 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
-from pipeline.scene.usd.register import library_path
-from pipeline.scene.usd.roots import real_path
+from pipeline.scene.usd.roots import library_path, real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
 from pipeline.spelling import nearest
 
@@ -172,9 +171,8 @@ def write_out_instances(stage: Usd.Stage) -> None:
 
 
 def check_instances(stage: Usd.Stage) -> list[Problem]:
-    """Write the instances out, and report opinions on prims below them, which USD ignores.
-
-    Afterwards these opinions count, so such a stage must not be read.
+    """Write the instances out, and report opinions on prims below them, which USD ignores. Afterwards these opinions
+    count, so such a stage must not be read.
     """
     everything = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
@@ -182,7 +180,8 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
     write_out_instances(stage)
     problems = []
     for top in reversed(tops):  # nested instances first
-        below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in _all_below(stage.GetPrimAtPath(top))}
+        instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
+        below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}
         # What counts only since the instance was written out; for each prim the strongest opinion first.
         ignored = [
             spec
@@ -194,10 +193,6 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
             problems.append(_below_instance(top, ignored))
         before |= below
     return problems[::-1]
-
-
-def _all_below(top: Usd.Prim) -> Iterator[Usd.Prim]:
-    return iter(Usd.PrimRange(top, Usd.PrimAllPrimsPredicate))
 
 
 def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
@@ -246,9 +241,8 @@ def _hint_of_folder(path: Path) -> str | None:
 
 
 def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
-    """A hint with files of similar names and the searched folders; None if the file exists.
-
-    Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
+    """A hint with files of similar names and the searched folders, of the layer and the library alone: names in
+    others must not be shown to any stage. None if the file exists.
     """
     # Some paths in messages are resolved, and not as written in the layer.
     name = mentioned.rpartition("/")[2]
@@ -260,7 +254,6 @@ def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
 
 
 def _hint_of_missing_stage(path: Path) -> str:
-    """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
     shown = Path(shown_path(path))
     base = path.parent if shown.is_absolute() else Path.cwd()
     return _meant(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)

@@ -52,18 +52,14 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
 
 
 def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
-    """Transforms from the frame of a prim to the world.
-
-    Returns
-    -------
-    (n, 4, 4) float64
-        One transform per time, acting on column vectors [mm]; rigid only if those of the stage are.
-    """
+    """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is."""
     world_from_prim = np.eye(4)
     for link in ancestry(prim):
         parent_from_link = np.eye(4)
         for op in xform_ops(link):
-            parent_from_link = product(parent_from_link, _op_matrices(op, times, mm_per_unit))
+            asked = times if op.MightBeTimeVarying() else times[:1]
+            moved = np.array([_op_matrix(op, float(time), mm_per_unit) for time in asked])
+            parent_from_link = product(parent_from_link, moved)
         world_from_prim = product(parent_from_link, world_from_prim)
     return np.broadcast_to(world_from_prim, (len(times), 4, 4))
 
@@ -94,13 +90,6 @@ def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, f
 def is_orient(op: UsdGeom.XformOp) -> bool:
     """Whether an operation is a rotation by a quaternion."""
     return op.GetOpType() == UsdGeom.XformOp.TypeOrient
-
-
-def _op_matrices(op: UsdGeom.XformOp, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
-    """Matrices of an operation at some times, (n, 4, 4), or (4, 4) if it is constant."""
-    if not op.MightBeTimeVarying():
-        return _op_matrix(op, float(times[0]), mm_per_unit)
-    return np.array([_op_matrix(op, float(time), mm_per_unit) for time in times])
 
 
 def _op_matrix(op: UsdGeom.XformOp, time: float, mm_per_unit: float) -> np.ndarray:

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from pxr import Sdf, Usd
 
@@ -47,7 +46,7 @@ class Problem:
         """Whether it prevents a build."""
         return self.severity == "error"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, str | int | None]:
         """Plain values for `--json`, every field present."""
         return asdict(self)
 
@@ -134,18 +133,11 @@ def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[st
     file = stack[0].layer.realPath
     if not file:
         return None, None
-    path = str(stack[0].path) + ("" if time is None else sample_key(_time_in_layer(thing, time)))
+    path = str(stack[0].path)
+    if time is not None and isinstance(thing, Usd.Property):  # a reference may shift and scale times
+        _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
+        path += sample_key(float(layer_to_stage.GetInverse() * time))
     return shown_path(file), line_of(file, path)
-
-
-def _time_in_layer(thing: Usd.Prim | Usd.Property, time: float) -> float:
-    """A time of the stage, converted to that of the file with the strongest opinion: a reference may shift and scale
-    times.
-    """
-    if not isinstance(thing, Usd.Property):
-        return time
-    _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
-    return float(layer_to_stage.GetInverse() * time)
 
 
 def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
@@ -169,30 +161,25 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
     """
     broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
 
-    def follows(problem: Problem) -> bool:
-        if problem.code.startswith("usd-"):
-            return False
-        named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
-        return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
-
     def prim(problem: Problem) -> str:
         return (problem.at or "").partition(".")[0]
 
     unusable = {prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code}
 
-    def repeats(problem: Problem) -> bool:
-        return problem.code == UnreadableValue.code and prim(problem) in unusable
+    def follows(problem: Problem) -> bool:
+        if problem.code == UnreadableValue.code and prim(problem) in unusable:
+            return True
+        named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
+        below = any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
+        return below and not problem.code.startswith("usd-")
 
-    kept = [problem for problem in problems if not follows(problem) and not repeats(problem)]
+    kept = [problem for problem in problems if not follows(problem)]
     has_reason = any(problem.is_error and problem.code != IMPOSSIBLE for problem in kept)
     return [problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason]
 
 
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
-    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim.
-
-    Every check that reads the same reports it, and `check` names it once.
-    """
+    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim."""
     if isinstance(error, UnreadableValue):
         return problem(error.thing, error.code, error.what)
     if isinstance(error, PipelineError):

@@ -1,20 +1,54 @@
-"""Files of a stage: its layers, and asset roots, the folders that it may read, which keep a dataset in one place.
+"""Files of a stage: our schemas and library, its layers, and asset roots, the folders that it may read.
 
-Asset roots are the project of the stage, the shipped library, and what the caller adds. Real paths are compared, so
-that neither `..` nor a link leads out. USD itself opens whatever a layer names: a stranger's stage needs the walls of
-docs/strangers.md.
+Asset roots are the project of the stage, the shipped library, and what the caller adds: they keep a dataset in one
+place. Real paths are compared, so that neither `..` nor a link leads out. USD itself opens whatever a layer names: a
+stranger's stage needs the walls of docs/strangers.md.
 """
 
 import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pxr import Ar, Sdf, Tf, Usd
+from pxr import Ar, Plug, Sdf, Tf, Usd
 
+from pipeline.errors import EnvironmentFault
 from pipeline.folders import share
 
+PLUGIN_NAME = "plenScene"
 OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
+
+
+class SchemaNotLoaded(EnvironmentFault):
+    """The schemas were registered too late: USD has already built its schema registry."""
+
+
+def plugin_path() -> str:
+    """Folder to put on PXR_PLUGINPATH_NAME, so that any USD program knows the plenScene schemas."""
+    return share("schemas").as_posix()
+
+
+def library_path() -> str:
+    """Folder of the shipped stages, to put on PXR_AR_DEFAULT_SEARCH_PATH for other USD programs."""
+    return share("stages").as_posix()
+
+
+def register() -> None:
+    """Register schemas and library; SchemaNotLoaded if a stage was opened before, so that USD would ignore them."""
+    registry = Plug.Registry()
+    # USD may have found it already through PXR_PLUGINPATH_NAME.
+    if registry.GetPluginWithName(PLUGIN_NAME) is None:
+        registry.RegisterPlugins(plugin_path())
+    # This call builds USD's schema registry now, in the importing thread: built first in another thread it may hang,
+    # and without the call a late import would only be noticed as prims without a type.
+    if Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None:
+        raise SchemaNotLoaded(
+            "USD ignores the plenScene schemas, because it had opened a stage before they were registered",
+            hint=f"import pipeline.scene before opening a stage, or set PXR_PLUGINPATH_NAME={plugin_path()}",
+        )
+    # Setting the path replaces that of the environment variable, so it is repeated here.
+    theirs = [folder for folder in os.environ.get("PXR_AR_DEFAULT_SEARCH_PATH", "").split(os.pathsep) if folder]
+    Ar.DefaultResolver.SetDefaultSearchPath([library_path(), *theirs])
 
 
 def real_path(path: str | Path) -> Path:
@@ -23,16 +57,14 @@ def real_path(path: str | Path) -> Path:
 
 
 def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Path]:
-    """Real paths of the folders whose files a stage may read.
-
-    The project that holds the stage (nearest ancestor with pyproject.toml, pipeline.toml or .git, else the stage's own
-    folder), the shipped library, and what the caller adds.
+    """Real paths of the folders whose files a stage may read: the project that holds the stage (nearest ancestor with
+    pyproject.toml, pipeline.toml or .git, else the stage's own folder), the shipped library, and what the caller adds.
     """
     folder = real_path(stage_file).parent
     project = next(
         (up for up in (folder, *folder.parents) if any((up / mark).exists() for mark in _PROJECT_MARKS)), folder
     )
-    return [project, real_path(share("stages")), *map(real_path, more)]
+    return [project, real_path(library_path()), *map(real_path, more)]
 
 
 def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:

@@ -57,20 +57,9 @@ class Flaw(NamedTuple):
 
 @dataclass(slots=True)
 class TextMap:
-    """Lines of statements in one file.
-
-    Attributes
-    ----------
-    lines : dict
-        Line of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, for paths inside variants, `/A{set=name}B`.
-    flaws : list
-        Statements that overwrite an earlier one, and numbers that USD would cut.
-    assets : dict
-        Line of the first mention of each asset path.
-    bodies : dict
-        Offset in the text [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
-    metadata : dict
-        Lines of the metadata of the layer.
+    """Lines of statements in one file: of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, inside variants,
+    `/A{set=name}B`; of the first mention of each asset path; and of the metadata of the layer. `bodies` has the offset
+    [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
     """
 
     lines: dict[str, int] = field(default_factory=dict)

@@ -13,7 +13,7 @@ import numpy as np
 from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
-from pipeline.scene.usd.register import PLUGIN_NAME
+from pipeline.scene.usd.roots import PLUGIN_NAME
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
@@ -112,16 +112,10 @@ class NotSupported(UnreadableValue):
 
     code = "not-yet-supported"
 
-    def __init__(self, what: str, thing: Usd.Prim | Usd.Property, *, hint: str) -> None:
-        super().__init__(what, thing)
-        self.hint = hint
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """An interval, from the line `Range:` of an attribute's documentation: with open ends, with infinity, and without
-    numbers nearer to zero than `gap`.
-    """
+    """An interval, from the line `Range:` of a documentation, without numbers nearer to zero than `gap`."""
 
     low: float
     high: float
@@ -168,21 +162,12 @@ def range_of(documentation: str) -> Range | None:
     )
 
 
-def entries_of(documentation: str) -> tuple[int, int] | None:
-    """Least and largest number of entries of an array, as its documentation states; None if it states nothing."""
-    match = _ENTRIES.search(documentation)
-    return (int(match[1]), int(match[2])) if match else None
-
-
 _MANY = 100
 """Number of entries above which NumPy is faster: meshes have thousands."""
 
 
 def plain(value: Any) -> Any:
-    """A value of USD as a Python object, with 0.0 for -0.0.
-
-    This way task and key see the same number: 1 / -0.0 differs from 1 / 0.0.
-    """
+    """A value of USD as a Python object, with 0.0 for -0.0: task and key see the same number, but 1 / -0.0 differs."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
@@ -269,12 +254,12 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
         return None
     text = definition.GetPropertyMetadata(name, "documentation") or ""
     is_ours = name.startswith("plen:")
-    tokens = definition.GetPropertyMetadata(name, "allowedTokens") or []
+    entries = _ENTRIES.search(text) if is_ours else None
     rule = Rule(
         kind=type(attribute.GetTypeName().defaultValue),
         span=range_of(text) if is_ours else FOREIGN.get(name),
-        entries=entries_of(text) if is_ours else None,
-        tokens=frozenset(tokens),
+        entries=(int(entries[1]), int(entries[2])) if entries else None,
+        tokens=frozenset(definition.GetPropertyMetadata(name, "allowedTokens") or ()),
     )
     fallback = attribute.GetFallbackValue()
     return replace(rule, fallback=plain(fallback)) if fallback is not None and rule.holds(fallback) else rule
@@ -299,13 +284,7 @@ def read(prim: Usd.Prim, name: str) -> Any:
 
 
 def need(prim: Usd.Prim, name: str) -> Any:
-    """Value of one of our attributes or its fallback.
-
-    Raises
-    ------
-    UnreadableValue
-        There is no value, or it has a wrong type.
-    """
+    """Value of one of our attributes or its fallback; UnreadableValue if there is none, or its rule excludes it."""
     value = read(prim, name)
     if value is None:
         raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"', prim.GetAttribute(name) or prim)

@@ -55,13 +55,7 @@ Part = PartMesh | PartCopies | PartRays
 
 
 def parts_text(parts: Iterable[Part], meters_per_unit: float, up_axis: str) -> str:
-    """Text of the layer.
-
-    Parameters
-    ----------
-    meters_per_unit, up_axis : float, str
-        Those of the stage that names it: USD converts neither.
-    """
+    """Text of the layer, in the unit and with the axis of the stage that names it: USD converts neither."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, meters_per_unit)
     UsdGeom.SetStageUpAxis(stage, up_axis)

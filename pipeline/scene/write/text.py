@@ -1,53 +1,51 @@
-"""Writing of lenses and cameras as USD text, in the form that USD itself would write; used by every importer."""
+"""Writing of USD text, in the form that USD itself would write: lenses and cameras, for every importer, and a layer
+over a stage that says in schemas of other renderers what a camera is to them.
+"""
 
+import os
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, Vt
+from pxr import Gf, Sdf, Usd, Vt
 
 from pipeline.camera.figures.first_order_figures import viewfinder
-from pipeline.camera.parts.camera import Camera, PrintedCamera, Sensor
+from pipeline.camera.parts.camera import Camera, PrintedCamera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.frames import mm_per_unit
 from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
-from pipeline.scene.write.flatten import pinhole
+from pipeline.scene.write.viewers import TENTHS, pinhole
 
 _DOC_WIDTH = 112
 """Longest line of documentation [characters]: with indentation it stays within the 120 of the project."""
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
 _VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
 """Attributes of the pinhole with the field of view of the camera."""
+_KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
+"""Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
+CHILD = "Pinhole"
+"""Name of the camera at the centre of projection, below ours, whose origin is the centre of the aperture stop."""
 
 
 def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
-    """Text of a layer with a printed lens.
-
-    Parameters
-    ----------
-    lens : PrintedLens
-    prim_name : str, optional
-        Name of the root prim; by default derived from the name of the lens.
-
-    Raises
-    ------
-    PrescriptionError
-        The lens cannot be represented.
-    """
+    """Text of a layer with a printed lens; PrescriptionError if it cannot be represented."""
     prescription_of(lens)  # raises
     name = prim_name or identifier(lens.name)
-    layer = new_layer(name, lens_documentation(lens), ("PlenLens", "PlenSurface"))
+    layer = _new_layer(name, _lens_documentation(lens), ("PlenLens", "PlenSurface"))
     prim = Sdf.PrimSpec(layer, name, Sdf.SpecifierDef, "PlenLens")
     prim.kind = "component"
-    write_lens(prim, lens)
-    return text_of(layer)
+    _write_lens(prim, lens)
+    return _text_of(layer)
 
 
-def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
-    """Write the attributes and surfaces of a PlenLens."""
-    names, efl_mm = surface_names(lens), lens.nominal_efl_mm
+def _write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
+    names = ["Stop" if surface.is_stop else f"S{i}" for i, surface in enumerate(lens.surfaces, 1)]
+    efl_mm = lens.nominal_efl_mm
     _author(
         prim,
         name=lens.name,
@@ -59,20 +57,16 @@ def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
         _write_surface(Sdf.PrimSpec(prim, child, Sdf.SpecifierDef, "PlenSurface"), surface)
 
 
-def lens_documentation(lens: PrintedLens) -> str:
-    """Documentation of a lens: name, provenance, nominal and computed figures."""
+def _lens_documentation(lens: PrintedLens) -> str:
     figures_mm = first_order(prescription_of(lens))
     computed = (
         f"Computed at infinity with the indices below: EFL {figures_mm.efl_mm:.4f} mm, BFD {figures_mm.bfd_mm:.4f} mm,"
         f" f/{abs(figures_mm.f_number):.2f}."
     )
-    figures = f"{_nominal(lens)} {computed}"
-    return filled([f"{lens.name}.", *lens.provenance, figures])
-
-
-def surface_names(lens: PrintedLens) -> list[str]:
-    """Names of the prims of the surfaces: S1, S2 and so on, and Stop."""
-    return ["Stop" if surface.is_stop else f"S{i}" for i, surface in enumerate(lens.surfaces, 1)]
+    stated = (("EFL", lens.nominal_efl_mm), ("BFD", lens.nominal_bfd_mm))
+    nominal = ", ".join(f"{name} {value:.8g} mm" for name, value in stated if value is not None)
+    figures = f"Nominal: {nominal}." if nominal else "The source states neither EFL nor BFD."
+    return _filled([f"{lens.name}.", *lens.provenance, f"{figures} {computed}"])
 
 
 def identifier(text: str) -> str:
@@ -82,22 +76,13 @@ def identifier(text: str) -> str:
     return joined if joined[:1].isalpha() else f"Lens{joined}"
 
 
-def _nominal(lens: PrintedLens) -> str:
-    known = [
-        f"{name} {value:.8g} mm"
-        for name, value in (("EFL", lens.nominal_efl_mm), ("BFD", lens.nominal_bfd_mm))
-        if value is not None
-    ]
-    return f"Nominal: {', '.join(known)}." if known else "The source states neither EFL nor BFD."
-
-
-def filled(paragraphs: Iterable[str]) -> str:
+def _filled(paragraphs: Iterable[str]) -> str:
     """Paragraphs, wrapped for the documentation of a layer."""
     lines = [textwrap.fill(text, _DOC_WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs]
     return "\n\n".join(lines)
 
 
-def new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
+def _new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
     """A new layer in millimetres with its default prim and fallback types for USD without our plug-in."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.defaultPrim = name
@@ -110,8 +95,7 @@ def new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
     return layer
 
 
-def text_of(layer: Sdf.Layer) -> str:
-    """Text of a layer as USD itself would write it."""
+def _text_of(layer: Sdf.Layer) -> str:
     return str(layer.ExportToString().rstrip("\n") + "\n")
 
 
@@ -141,13 +125,7 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
 
 
 def camera_text(camera: PrintedCamera) -> str:
-    """Text of a layer with one camera and the default prim Rig.
-
-    Raises
-    ------
-    PipelineError
-        The camera cannot be represented.
-    """
+    """Text of a layer with one camera and the default prim Rig; PipelineError if the camera cannot be represented."""
     record = Camera(
         prescription=prescription_of(camera.lens),
         sensor=camera.sensor,
@@ -157,16 +135,22 @@ def camera_text(camera: PrintedCamera) -> str:
     preview = (
         "The Camera's own focalLength and apertures are a pinhole preview: principal distance and size of the sensor."
     )
-    layer = new_layer("Rig", filled([f"{camera.name}.", *camera.provenance, preview]), _TYPES)
+    layer = _new_layer("Rig", _filled([f"{camera.name}.", *camera.provenance, preview]), _TYPES)
     rig = Sdf.PrimSpec(layer, "Rig", Sdf.SpecifierDef, "Xform")
     rig.kind = "assembly"
     _write_camera(Sdf.PrimSpec(rig, "Camera", Sdf.SpecifierDef, "Camera"), camera, record)
-    write_lens(Sdf.PrimSpec(rig, "Lens", Sdf.SpecifierDef, "PlenLens"), camera.lens)
-    _write_sensor(Sdf.PrimSpec(rig, "Sensor", Sdf.SpecifierDef, "PlenSensor"), camera.sensor)
+    _write_lens(Sdf.PrimSpec(rig, "Lens", Sdf.SpecifierDef, "PlenLens"), camera.lens)
+    sensor = camera.sensor
+    _author(
+        Sdf.PrimSpec(rig, "Sensor", Sdf.SpecifierDef, "PlenSensor"),
+        offset=_offset(sensor.offset_x_mm, sensor.offset_y_mm),
+        pixelPitch=sensor.pitch_mm,
+        resolution=(_int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")),
+    )
     if camera.microlenses:
         array = Sdf.PrimSpec(rig, "Microlenses", Sdf.SpecifierDef, "PlenMicrolensArray")
         _write_array(array, camera.microlenses)
-    return text_of(layer)
+    return _text_of(layer)
 
 
 def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) -> None:
@@ -187,15 +171,6 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
         "camera:microlensDistance": camera.microlenses.distance_mm if camera.microlenses else None,
     }
     _author(prim, **lengths_mm)
-
-
-def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
-    _author(
-        prim,
-        offset=_offset(sensor.offset_x_mm, sensor.offset_y_mm),
-        pixelPitch=sensor.pitch_mm,
-        resolution=(_int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")),
-    )
 
 
 def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
@@ -237,3 +212,76 @@ def _author(prim: Sdf.PrimSpec, **values: Any) -> None:
             kind = definition.GetAttributeDefinition(f"plen:{name}").GetTypeName()
             attribute = Sdf.AttributeSpec(prim, f"plen:{name}", kind, Sdf.VariabilityUniform)
             attribute.default = type(kind.defaultValue)(value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AppliedSchema:
+    """An applied schema with name, type and value of its attributes, and the model with which it counts."""
+
+    name: str
+    model: str
+    attributes: tuple[tuple[str, str, Any], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenCamera:
+    """A camera as other renderers see it.
+
+    `model` is the value of `omni:lensdistortion:model`: the schema that counts. `centre_mm` is the centre of projection
+    in the vision frame; `principal_mm` and `size_mm` are distance and size of the film of a plain pinhole, for programs
+    without the schemas. `about` has the paragraphs of the documentation of the layer.
+    """
+
+    prim_path: str
+    schemas: Sequence[AppliedSchema]
+    model: str
+    centre_mm: tuple[float, float, float]
+    principal_mm: float
+    size_mm: tuple[float, float]
+    about: tuple[str, ...]
+
+
+def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
+    """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
+    below = Sdf.Layer.FindOrOpen(str(stage))
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    below_out = os.path.relpath(stage.resolve(), out.resolve().parent).replace(os.sep, "/")
+    layer.subLayerPaths = [below_out if below_out.startswith(".") else f"./{below_out}"]
+    layer.documentation = _filled(seen.about)
+    for name in _KEPT:
+        if below.pseudoRoot.HasInfo(name):
+            layer.pseudoRoot.SetInfo(name, below.pseudoRoot.GetInfo(name))
+    camera = Sdf.CreatePrimInLayer(layer, seen.prim_path)
+    _apply(camera, seen.schemas, seen.model)
+    child = Sdf.PrimSpec(camera, CHILD, Sdf.SpecifierDef, "Camera")
+    _apply(child, [schema for schema in seen.schemas if schema.model == seen.model], seen.model)
+    unit_mm = mm_per_unit(below.pseudoRoot.GetInfo("metersPerUnit"))
+    x, y, z = (length / unit_mm for length in seen.centre_mm)
+    _write(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))  # it looks along -z
+    order = Sdf.AttributeSpec(child, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+    order.default = ["xformOp:translate"]
+    film = TENTHS / unit_mm
+    plain = {
+        "focalLength": seen.principal_mm,
+        "horizontalAperture": seen.size_mm[0],
+        "verticalAperture": seen.size_mm[1],
+    }
+    for name, length_mm in plain.items():
+        _write(child, name, Sdf.ValueTypeNames.Float, film * length_mm)
+    return _text_of(layer)
+
+
+def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> None:
+    names = Sdf.TokenListOp()
+    names.prependedItems = [schema.name for schema in schemas]
+    prim.SetInfo("apiSchemas", names)
+    _write(prim, "omni:lensdistortion:model", Sdf.ValueTypeNames.Token, model, is_custom=True)
+    for schema in schemas:
+        for name, kind, value in schema.attributes:
+            usd_type = Sdf.ValueTypeNames.Find(kind)
+            _write(prim, name, usd_type, type(usd_type.defaultValue)(value), is_custom=True)
+
+
+def _write(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any, *, is_custom: bool = False) -> None:
+    """Write an attribute; a custom one where USD has no schema of that name: others read it all the same."""
+    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityVarying, is_custom).default = value

@@ -1,0 +1,298 @@
+"""What USD viewers without our plug-in need: in the dataset.usda of a build, or inserted into the text of a stage.
+
+The dataset.usda of an output folder is a stage in one layer. Beside the composed stage it has fallback types for our
+prim types, the field of view of each Camera as a USD pinhole, a mesh for each target, and what a build makes besides:
+pictures of targets and parts of cameras. They do not affect a build. Values that follow from a lens or a target replace
+existing ones. `pipeline check --fix` inserts types and fields of view that a stage lacks into its text, in which
+comments, layout and existing statements stay.
+"""
+
+import math
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
+
+from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
+from pipeline.camera.focusing.focus_request import solved
+from pipeline.errors import PipelineError, UsageError
+from pipeline.frames import mm_per_unit
+from pipeline.scene.camera import read_camera_entries
+from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
+from pipeline.scene.targets import PREVIEW
+from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
+from pipeline.scene.usd.problems import shown_path
+from pipeline.scene.usd.usda_lines import text_map
+from pipeline.scene.usd.values import LENS_DISTORTION_NAMES
+from pipeline.targets.preview import PreviewFaces, preview_faces
+from pipeline.targets.target import Target
+
+TENTHS = 10.0
+"""Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
+_FARTHEST_MM, _LEAST_MM = 1e6, 1.0
+"""Clipping range [mm]: its far end, and its least near end, used if the stop is the first element of the lens."""
+_LARGEST = 1e30
+"""Largest value that is written: USD keeps these values in single precision."""
+
+Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
+_PLACES = "st"
+"""Name of the primvar that places points on a picture: the one that viewers look for."""
+_VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
+_SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
+
+
+def flattened(stage: Usd.Stage) -> Sdf.Layer:
+    """The composed stage in one layer.
+
+    References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
+    would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
+    must have been written out (`write_out_instances`), because flattening would leave their prototypes beside the root.
+    """
+    layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
+    files = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
+    for prim in stage.TraverseAll():
+        if not (spec := layer.GetPrimAtPath(prim.GetPath())):
+            continue
+        for attribute in list(spec.attributes):
+            if attribute.name.startswith(LENS_DISTORTION_NAMES) and attribute.typeName in files:
+                spec.RemoveProperty(attribute)
+        if prim.IsA(UsdGeom.Camera):
+            _leave_out_parts(spec)
+    return layer
+
+
+def text_for_viewers(
+    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], dataset: Dataset | None = None
+) -> str:
+    """Text of a flattened stage with what viewers need; completing it again changes nothing. A build makes parts of the
+    cameras of a dataset and pictures of its targets, beside the layer; meshes that it reads are not overwritten.
+    """
+    paths = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    types = _fallback_types(layer.GetPrimAtPath(path).typeName for path in paths if path.IsPrimPath())
+    if wanted := {**types, **(layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {})}:
+        layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
+    unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
+    built, kept = set[str](), set[str]()
+    if dataset:
+        built = {camera.prim_path for camera in dataset.cameras} | {target.prim_path for target in dataset.targets}
+        kept = {occluder.prim_path for occluder in dataset.occluders}
+    for camera in cameras:
+        prim = layer.GetPrimAtPath(camera.prim_path)
+        _write_camera(prim, camera, unit_mm)
+        if camera.prim_path in built:  # a prim whose payload are the parts of the camera
+            _leave_out_parts(prim)
+            parts = Sdf.PrimSpec(prim, PARTS, Sdf.SpecifierDef, "Scope")
+            parts.payloadList.Prepend(Sdf.Payload(f"./{camera.parts_file}"))
+            purpose = Sdf.AttributeSpec(parts, "purpose", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform)
+            purpose.default = UsdGeom.Tokens.guide
+    for target in targets:
+        if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
+            picture = f"./{target.picture_file}" if target.prim_path in built else None
+            prim = layer.GetPrimAtPath(target.prim_path)
+            _write_board(prim, preview_faces(target.target), unit_mm, picture)
+    return layer.ExportToString().rstrip("\n") + "\n"
+
+
+def _fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
+    """Fallback types for our prim types, in the order of the names."""
+    known = Usd.SchemaRegistry().GetFallbackPrimTypes()
+    return {name: known[name] for name in sorted(set(names)) if name in known}
+
+
+def _view_of(camera: CameraEntry) -> Viewfinder | None:
+    """Field of view of a camera, for viewers; None of one that cannot be built, of which `check` reports why."""
+    try:
+        return viewfinder(solved(camera.camera))
+    except PipelineError:
+        return None
+
+
+def pinhole(view: Viewfinder | None, unit_mm: float) -> Attributes:
+    """USD attributes of the pinhole with the field of view of a camera; empty if single precision cannot hold them."""
+    if view is None:
+        return {}
+    film = TENTHS / unit_mm
+    in_focus = math.isfinite(view.focus_mm)
+    values = {
+        "fStop": view.f_number if in_focus else 0.0,
+        "focalLength": film * view.principal_mm,
+        "focusDistance": view.focus_mm / unit_mm if in_focus else 0.0,
+        "horizontalAperture": film * view.size_mm[0],
+        "horizontalApertureOffset": film * view.offset_mm[0],
+        "verticalAperture": film * view.size_mm[1],
+        "verticalApertureOffset": film * view.offset_mm[1],
+    }
+    if not (view.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
+        return {}
+    return {name: (Sdf.ValueTypeNames.Float, value) for name, value in values.items()}
+
+
+def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
+    view = _view_of(camera)
+    attributes = pinhole(view, unit_mm)
+    if view and "clippingRange" not in prim.attributes:
+        ends = Gf.Vec2f(max(view.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
+        attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
+    for name, (kind, value) in attributes.items():
+        if name in prim.properties:
+            del prim.properties[name]
+        Sdf.AttributeSpec(prim, name, kind).default = value
+
+
+def _leave_out_parts(camera: Sdf.PrimSpec) -> None:
+    """Remove the parts of a camera that an earlier build named."""
+    if PARTS in camera.nameChildren:
+        del camera.nameChildren[PARTS]
+
+
+def _write_board(prim: Sdf.PrimSpec, faces: PreviewFaces, unit_mm: float, picture: str | None) -> None:
+    """Write the preview below a target in place of an older mesh; the picture is a PNG of its linear reflectance."""
+    if not np.abs(faces.points_mm / unit_mm).max() < _LARGEST:
+        return
+    if PREVIEW in prim.nameChildren:
+        if prim.nameChildren[PREVIEW].typeName != "Mesh":
+            return
+        del prim.nameChildren[PREVIEW]
+    alone = Usd.Stage.CreateInMemory()
+    mesh = _mesh(alone, faces, unit_mm)
+    if picture is not None:
+        _paint(alone, mesh, faces, picture)
+    Sdf.CreatePrimInLayer(prim.layer, prim.path.AppendChild(PREVIEW))
+    Sdf.CopySpec(alone.GetRootLayer(), mesh.GetPath(), prim.layer, prim.path.AppendChild(PREVIEW))
+
+
+def _mesh(stage: Usd.Stage, faces: PreviewFaces, unit_mm: float) -> UsdGeom.Mesh:
+    mesh, points = UsdGeom.Mesh.Define(stage, f"/{PREVIEW}"), (faces.points_mm / unit_mm).astype(np.float32)
+    mesh.CreateExtentAttr(_vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray([4] * len(faces.faces)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray(faces.faces.ravel().tolist()))
+    mesh.CreatePointsAttr(_vectors(points))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    grey = np.repeat(np.clip(faces.radiance, 0, 1)[:, None], 3, axis=1)
+    mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform).Set(_vectors(grey))
+    return mesh
+
+
+def _paint(stage: Usd.Stage, mesh: UsdGeom.Mesh, faces: PreviewFaces, picture: str) -> None:
+    """Bind the mesh to a matt UsdPreviewSurface with its picture."""
+    kind, vertex = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+    st = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(faces.sheet, np.float32))
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(_PLACES, kind, vertex).Set(st)
+    path = mesh.GetPath().AppendChild("Sheet")
+    board = UsdShade.Material.Define(stage, path)
+    reader = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_PLACES)
+    texture = UsdShade.Shader.Define(stage, path.AppendChild("Picture"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(picture))
+    places = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(places)
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")  # reflectances are linear
+    for axis in "ST":
+        texture.CreateInput(f"wrap{axis}", Sdf.ValueTypeNames.Token).Set("clamp")
+    surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
+    surface.CreateIdAttr("UsdPreviewSurface")
+    colour = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(colour)
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
+    board.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(board)
+
+
+def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))
+
+
+def _lacking(stage: Usd.Stage) -> dict[str, list[str]]:
+    """Statements that viewers need and a root layer lacks, by the path of their prim; "" is its metadata."""
+    write_out_instances(stage)
+    layer, lines = stage.GetRootLayer(), dict[str, list[str]]()
+    used = {prim.GetTypeName() for prim in stage.TraverseAll()}
+    authored = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    missing = {name: kind[0] for name, kind in _fallback_types(used).items() if name not in authored}
+    if missing:
+        lines[""] = [f'token[] {name} = ["{kind}"]' for name, kind in missing.items()]
+    for entry in read_camera_entries(stage):
+        prim, unit_mm = stage.GetPrimAtPath(entry.prim_path), mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
+        view = {name: value for name, (_, value) in pinhole(_view_of(entry), unit_mm).items()}
+        names = [*_VIEW, *_SHIFT] if any(view.get(name) for name in _SHIFT) else _VIEW
+        wanted = [name for name in names if name in view and not prim.GetAttribute(name).HasAuthoredValue()]
+        if wanted and layer.GetPrimAtPath(prim.GetPath()):
+            lines[entry.prim_path] = [f"float {name} = {view[name]:.7g}" for name in wanted]
+    return lines
+
+
+def fix(path: Path) -> int:
+    """Insert the missing lines into the text of a stage, and count them; UsageError if there is no safe place."""
+    stage, _ = open_stage(path)
+    wanted = _lacking(stage)
+    if not wanted:
+        return 0
+    text = raw = path.read_bytes().decode("utf-8", errors="replace")
+    for at, block in sorted(_inserts(raw, path, wanted), reverse=True):
+        text = text[:at] + block + text[at:]
+    lines = [line for block in wanted.values() for line in block]
+    if not _states(text, stage.GetRootLayer(), wanted):
+        hint = "write them by hand:\n" + "\n".join(f"        {line}" for line in lines)
+        raise UsageError(f"{shown_path(path)}: no place was found for {len(lines)} lines", hint=hint)
+    path.write_bytes(text.encode("utf-8"))
+    return len(lines)
+
+
+def note_on_viewers(path: Path, *, write: bool) -> str | None:
+    """A line for a person about the statements that viewers miss; with `write` they are inserted first."""
+    name = shown_path(path.resolve())
+    if write:
+        count = fix(path)
+        return f"{name}: added for USD viewers, lines: {count}" if count else None
+    if not _lacking(open_stage(path)[0]):
+        return None
+    offer = f"to look at {name} in usdview or Blender, let `pipeline check --fix` add what they need"
+    return f"{offer}; the dataset.usda of a build has it"
+
+
+def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:
+    """Pieces of text with the position at which to insert them."""
+    bodies, inserts = text_map(path).bodies, list[tuple[int, str]]()
+    for prim, lines in wanted.items():
+        if prim:
+            inserts.append(_after(text, bodies.get(prim, 0), lines, 4 * prim.count("/")))
+        elif dictionary := re.compile(r"\bfallbackPrimTypes\s*=\s*\{").search(text):
+            inserts.append(_after(text, dictionary.end(), lines, 8))
+        else:
+            whole = ["fallbackPrimTypes = {", *(f"    {line}" for line in lines), "}"]
+            inserts.append(_after(text, bodies.get("", 0), whole, 4))
+    return inserts
+
+
+def _after(text: str, at: int, lines: list[str], indent: int) -> tuple[int, str]:
+    """The insertion of lines after a bracket: below the comment behind it, above anything else."""
+    rest = text[at:].partition("\n")[0]
+    is_free = not rest.strip() or rest.lstrip().startswith("#")
+    block = "".join(f"\n{' ' * indent}{line}" for line in lines)
+    return (at + len(rest), block) if is_free else (at, block + "\n")
+
+
+def _states(text: str, layer: Sdf.Layer, wanted: dict[str, list[str]]) -> bool:
+    """Whether a text states exactly the content of a layer plus the inserted lines."""
+    after, before = Sdf.Layer.CreateAnonymous(".usda"), Sdf.Layer.CreateAnonymous(".usda")
+    before.TransferContent(layer)
+    try:
+        if not after.ImportFromString(text):
+            return False
+    except Tf.ErrorException:
+        return False
+    types = _fallback_types(re.findall(r"token\[\] (\w+)", "\n".join(wanted.get("", ()))))
+    authored = before.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    if types:
+        before.pseudoRoot.SetInfo("fallbackPrimTypes", {**authored, **types})
+    for prim, lines in wanted.items():
+        for line in lines if prim else ():
+            _, name, _, value = line.split()
+            Sdf.AttributeSpec(before.GetPrimAtPath(prim), name, Sdf.ValueTypeNames.Float).default = float(value)
+    return bool(after.ExportToString() == before.ExportToString())
