@@ -24,7 +24,7 @@ import numpy as np
 from kept import keep
 
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.engine.running.memory import PeakMeter
+from pipeline.engine.running.memory import peak_bytes, reset_peak
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain
@@ -182,9 +182,10 @@ def work(spec: dict[str, Any]) -> None:
     inputs = {role: {name: Path(file) for name, file in files.items()} for role, files in spec["inputs"].items()}
     module, _, name = spec["kind"].partition(":")
     task = getattr(importlib.import_module(module), name or "run")
-    meter, start = PeakMeter(), time.process_time()
+    reset_peak()
+    start = time.process_time()
     task(from_plain(typing.get_type_hints(task)["params"], spec["params"]), inputs, Path(spec["out"]))
-    print(json.dumps({"peak_bytes": meter.read_bytes(), "cpu_s": round(time.process_time() - start, 2)}))
+    print(json.dumps({"peak_bytes": peak_bytes(), "cpu_s": round(time.process_time() - start, 2)}))
 
 
 def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str, Any]]:

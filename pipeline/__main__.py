@@ -12,9 +12,9 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
-    from pipeline.machine.streams import mend
+    from pipeline.machine.process import mend_streams
 
-    mend()
+    mend_streams()
     from pipeline import cli
 
     cli.main()

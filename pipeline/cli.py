@@ -34,7 +34,7 @@ from pipeline.app.verbs.terminal import (
     written,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
-from pipeline.machine.process_limits import require_room
+from pipeline.machine.process import require_room
 from pipeline.machine.processor import pin
 from pipeline.spelling import printable
 

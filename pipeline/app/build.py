@@ -10,7 +10,7 @@ from typing import Any
 
 import pipeline
 from pipeline.engine.events import Emit, silent, warner
-from pipeline.engine.locks import Errand, locked
+from pipeline.engine.locks import locked
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, TaskGraph
 from pipeline.engine.planning.libraries import installed_version
@@ -24,7 +24,7 @@ from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.devices import on_device
 from pipeline.graph.preview import folder_of, only_images, preview_of
 from pipeline.jit.files import is_whole, make_folder, say
-from pipeline.machine.another_python import command
+from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.dataset import Dataset
@@ -202,7 +202,7 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
     if _are_whole(listed):
         return
     make_folder(folder, warn)
-    with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
+    with locked(folder / "lock", doing="compiles kernels", say=warn):
         if not _are_whole(listed):
             # If the list exists, few kernels are damaged.
             names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None

@@ -28,7 +28,7 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.jit.files import opened
-from pipeline.machine.another_python import command
+from pipeline.machine.facts import command
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight

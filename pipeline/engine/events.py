@@ -1,9 +1,10 @@
 """Events of a build; progress, event files and reports read nothing else."""
 
 import contextlib
+import io
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TextIO
@@ -103,12 +104,11 @@ def warner(on_event: Emit) -> Callable[[str], None]:
     return lambda text: on_event(Warned(text=text))
 
 
-def fan_out(listeners: Iterable[Emit]) -> Emit:
+def fan_out(listeners: Sequence[Emit]) -> Emit:
     """A listener that passes every event on to several listeners."""
-    everyone = list(listeners)
 
     def emit(event: Event) -> None:
-        for listener in everyone:
+        for listener in listeners:
             listener(event)
 
     return emit
@@ -124,7 +124,10 @@ class EventFile:
     """
 
     def __init__(self, path: Path) -> None:
-        if not _HEAD.startswith(_beginning(path)):
+        # Nothing can be overwritten in a pipe or on a terminal.
+        with chosen_place("write events to", path), path.open("rb") if path.is_file() else io.BytesIO() as stream:
+            beginning = stream.read(len(_HEAD))
+        if not _HEAD.startswith(beginning):
             raise UsageError(
                 f"{path} exists and is not an event file of a build", hint="give --events a name that is free"
             )
@@ -142,14 +145,3 @@ class EventFile:
         if self._stream is not None:
             with contextlib.suppress(OSError):  # reported when it was written
                 self._stream.close()
-
-
-def _beginning(path: Path) -> bytes:
-    """The first bytes of a plain file; empty for a pipe or a terminal, where nothing can be overwritten."""
-    try:
-        if not path.is_file():
-            return b""
-        with path.open("rb") as stream:
-            return stream.read(len(_HEAD))
-    except OSError:
-        return b"it cannot be read, so it may be anything"

@@ -7,14 +7,11 @@ import hashlib
 import os
 import shutil
 import stat
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
-_CHUNK = 1 << 20
-"""Size of one read [bytes], 1 MiB: large enough that calls cost little, small beside the memory of a worker."""
 _FICLONE = 0x40049409
 """FICLONE of linux/fs.h: share the blocks of another file, with copy on write."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -42,26 +39,21 @@ def is_machines_fault(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _MACHINE_ERRORS
 
 
-@dataclass(slots=True)
-class Disk:
-    """Least disk space that an operation needs [bytes], as far as it is known; it may be updated meanwhile."""
-
-    needed: int | None = None
-
-
 @contextlib.contextmanager
-def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[Disk]:
-    """Turn a full disk or a read-only folder into an `EnvironmentFault` that names the operation."""
-    disk = Disk(needed)
+def machine_errors(doing: str, folder: Path, *, needed: Callable[[], int] | None = None) -> Iterator[None]:
+    """Turn a full disk or a read-only folder into an `EnvironmentFault` that names the operation.
+
+    `needed` tells the least disk space that it needs [bytes]; it is asked after an error.
+    """
     try:
-        yield disk
+        yield
     except OSError as error:
         if not is_machines_fault(error):
             raise
         hint = "choose another folder, or mend its permissions" if error.errno in _REFUSED else "build again"
         if error.errno in _FULL:
             free = shutil.disk_usage(nearest_existing(folder)).free
-            need = f"at least {disk.needed:,} bytes needed, " if disk.needed is not None else ""
+            need = f"at least {needed():,} bytes needed, " if needed else ""
             hint = f"{need}{free:,} bytes free on that disk"
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
 
@@ -98,12 +90,10 @@ def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
         return None
     try:
         with os.fdopen(handle, "rb") as stream:
-            if most is None:
-                return stream.read()
-            data = stream.read(most + 1)
+            data = stream.read() if most is None else stream.read(most + 1)
     except OSError:
         return None
-    return data if len(data) <= most else None
+    return data if most is None or len(data) <= most else None
 
 
 def digest_of(path: Path | str) -> str | None:
@@ -111,15 +101,11 @@ def digest_of(path: Path | str) -> str | None:
     handle = open_regular(path)
     if handle is None:
         return None
-    digest = hashlib.sha256()
     try:
-        while piece := os.read(handle, _CHUNK):
-            digest.update(piece)
+        with os.fdopen(handle, "rb", buffering=0) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return None
-    finally:
-        os.close(handle)
-    return digest.hexdigest()
 
 
 def is_no_file(path: Path | str) -> bool:
@@ -149,4 +135,4 @@ def copy(source: Path, target: Path) -> None:
         with contextlib.suppress(OSError):
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())
             return
-        shutil.copyfileobj(reader, writer, _CHUNK)
+        shutil.copyfileobj(reader, writer)

@@ -14,7 +14,6 @@ import socket
 import stat
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 _POLL_S = 0.02
@@ -26,23 +25,6 @@ _SILENT_S = 1.0
 _REPEAT_S = 60.0
 """Time after which a wait is reported again [s]: a terminal that is silent for minutes looks dead."""
 _NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-
-Say = Callable[[str], None]
-
-
-def silent(text: str) -> None:
-    """Ignore a message."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Errand:
-    """Why a lock is held or wanted: `doing` follows "which", as in `makes rays/Left`.
-
-    `say` is called with a sentence about the holder after a second of waiting, and again every minute.
-    """
-
-    doing: str = "works there"
-    say: Say = silent
 
 
 def try_lock(handle: int, *, shared: bool = False) -> bool | None:
@@ -56,62 +38,47 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
 
 @contextlib.contextmanager
 def locked(
-    path: Path, timeout_s: float = 3600.0, *, shared: bool = False, errand: Errand | None = None
+    path: Path,
+    timeout_s: float = 3600.0,
+    *,
+    shared: bool = False,
+    doing: str = "works there",
+    say: Callable[[str], None] = lambda text: None,
 ) -> Iterator[bool]:
-    """Hold a lock, or a shared one; yields False after the timeout or if the file system has no locks."""
+    """Hold the lock of a folder, or of a file, which is created; yields False after the timeout or without locks.
+
+    `doing` follows "which" in what waiting processes report, as in `makes rays/Left`. While this process waits, `say`
+    is called with a sentence about the holder after a second, and again every minute.
+    """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         handle = _opened(path)
     except OSError:
         yield False
         return
-    with _held(handle, timeout_s, path, errand or Errand(), shared=shared) as held:
-        yield held
-
-
-@contextlib.contextmanager
-def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | None = None) -> Iterator[bool]:
-    """Hold the lock of a folder as `locked` does; nothing is written into it, so it may be read-only."""
     try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:
-        yield False
-        return
-    with _held(handle, timeout_s, folder, errand or Errand()) as held:
-        yield held
-
-
-def _opened(path: Path) -> int:
-    """Open or create a lock file, but no link. A read-only one of another user can be locked, too."""
-    try:
-        return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
-    except PermissionError:
-        return os.open(path, os.O_RDONLY | _NO_LINK)
-
-
-@contextlib.contextmanager
-def _held(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: bool = False) -> Iterator[bool]:
-    """Wait for the lock of an open file, hold it, and close the file at the end."""
-    try:
-        held = try_lock(handle, shared=shared)
-        if held is False:
-            held = _waited(handle, timeout_s, path, errand, shared=shared)
+        start = time.monotonic()
+        say_at = start + _SILENT_S
+        while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < start + timeout_s:
+            if time.monotonic() >= say_at:
+                say(f"waiting for {_holder(handle, path)}")
+                say_at += _REPEAT_S
+            time.sleep(_POLL_S)
         if held and not shared:
-            _sign(handle, errand.doing)
+            _sign(handle, doing)
         yield bool(held)
     finally:
         os.close(handle)
 
 
-def _waited(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: bool) -> bool | None:
-    start = time.monotonic()
-    say_at = start + _SILENT_S
-    while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < start + timeout_s:
-        if time.monotonic() >= say_at:
-            errand.say(f"waiting for {_holder(handle, path)}")
-            say_at += _REPEAT_S
-        time.sleep(_POLL_S)
-    return held
+def _opened(path: Path) -> int:
+    """Open a folder, which may be read-only, or open or create a lock file that is no link."""
+    if path.is_dir():
+        return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
+    except PermissionError:  # a read-only one of another user can be locked, too
+        return os.open(path, os.O_RDONLY | _NO_LINK)
 
 
 def _sign(handle: int, doing: str) -> None:

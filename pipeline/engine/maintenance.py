@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.engine.files import is_unreadable
-from pipeline.engine.locks import Errand, locked
+from pipeline.engine.locks import locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.records import Blob
@@ -27,10 +27,9 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inventory:
-    """Numbers and sizes of the entries of a store; sizes in bytes.
+    """Numbers and sizes [bytes] of the entries of a store.
 
-    Pinned are blobs of the last builds whose output folders still exist: they are never removed. Quarantined are
-    damaged entries that were moved away for inspection.
+    Pinned are blobs of the last builds whose output folders still exist: they are never removed.
     """
 
     records: int
@@ -44,7 +43,7 @@ class Inventory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
-    """Entries that a collection removed or would remove; sizes in bytes. `quarantined` counts damaged entries."""
+    """Entries that a collection removed or would remove, with sizes [bytes]. `busy`: it had to leave all to a build."""
 
     records: int
     blobs: int
@@ -59,8 +58,7 @@ class Collected:
 class Checked:
     """Number of entries read, and names of those that are wrong, or in the place of a folder.
 
-    Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
-    records that refer to them.
+    They are now in quarantine. Unreadable ones count as damaged but stay, as do records that refer to them.
     """
 
     records: int
@@ -87,7 +85,8 @@ def bytes_of(text: str, setting: str) -> int:
 def info(store: Store, limit_bytes: int | None = None) -> Inventory:
     """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
-    kept = _blobs_of(store, pinned_keys(store))
+    pinned = filter(None, map(store.peek, pinned_keys(store)))
+    kept = {blob.sha256 for record in pinned for blob in record.outputs.values()}
     damaged = store.quarantined()
     return Inventory(
         records=sum(1 for _ in store.entries("record")),
@@ -104,10 +103,9 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
     """Remove the least recently used results until the blobs fit into the limit, and all blobs without a record.
 
     Records are removed before blobs, so a killed collector leaves no record of a missing blob. The order of use comes
-    from the times of the record files, which are never compared with a clock. Results of the last build of every output
-    folder that still has its manifest are kept, even beyond the limit.
+    from the times of the record files, which are never compared with a clock. Pinned results are kept in any case.
     """
-    with locked(store.root / "gc.lock", timeout_s=wait_s, errand=Errand(doing="collects what is not used")) as held:
+    with locked(store.root / "gc.lock", timeout_s=wait_s, doing="collects what is not used") as held:
         if not held and not dry_run:
             return Collected(records=0, blobs=0, bytes=0, bytes_left=store.size(), limit_bytes=limit_bytes, busy=True)
         sizes = {name: facts.st_size for name, facts in store.entries("blob")}
@@ -130,11 +128,9 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
 
 def check(store: Store) -> Checked:
     """Read every byte and move damaged entries to quarantine; the next build makes them again."""
-    sizes, damaged, incomplete = 0, list(store.displaced), list[str]()
-    unreadable: set[str] = set()
+    damaged, incomplete, unreadable = list(store.displaced), list[str](), set[str]()
     blobs = list(store.entries("blob"))
     for name, facts in blobs:
-        sizes += facts.st_size
         if not store.is_whole(Blob(sha256=name, size=facts.st_size)):
             damaged.append(name)
             if _stays(store, "blob", name):
@@ -150,29 +146,27 @@ def check(store: Store) -> Checked:
             if not unreadable & {blob.sha256 for blob in record.outputs.values()}:
                 store.give_up(key)
     return Checked(
-        records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
+        records=len(keys),
+        blobs=len(blobs),
+        bytes=sum(facts.st_size for _, facts in blobs),
+        damaged=tuple(damaged),
+        incomplete=tuple(incomplete),
     )
 
 
 def pinned_keys(store: Store) -> set[str]:
     """Keys of the last build of every output folder that still holds its manifest, or a file of a partial delivery."""
     keys: set[str] = set()
-    for name in store.notes("history"):
-        note = store.read_note("history", name)
+    for note in (store.read_note("history", name) for name in store.notes("history")):
         try:
-            if _holds_something(store, Path(note["out"])):
+            out = Path(note["out"])
+            ours = OurFiles(out, store).digests
+            is_partial = manifest.NAME not in ours and any((out / path).is_file() for path in ours)
+            if is_partial or (out / manifest.NAME).is_file():
                 keys.update(note["keys"].values())
         except (TypeError, KeyError, AttributeError, ValueError):
             continue  # not one of our histories
     return keys
-
-
-def _holds_something(store: Store, out: Path) -> bool:
-    """Whether an output folder is finished, or holds a file of a partial delivery."""
-    if (out / manifest.NAME).is_file():
-        return True
-    ours = OurFiles(out, store).digests
-    return manifest.NAME not in ours and any((out / path).is_file() for path in ours)
 
 
 def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
@@ -203,30 +197,20 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
 
 def _stays(store: Store, table: str, name: str) -> bool:
     """Whether a wrong entry is merely unreadable at present, which is reported."""
-    unreadable = is_unreadable(store.path(table, name))
-    if unreadable:
-        store.warn(f"cannot be read and stays in place: {store.path(table, name)}")
+    if unreadable := is_unreadable(path := store.path(table, name)):
+        store.warn(f"cannot be read and stays in place: {path}")
     return unreadable
 
 
-def _blobs_of(store: Store, keys: set[str]) -> set[str]:
-    records = filter(None, (store.peek(key) for key in keys))
-    return {blob.sha256 for record in records for blob in record.outputs.values()}
-
-
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
-    for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
-        for name in names:
-            _unlink(store, table, name)
+    """Remove entries, with what belongs to their records, the quarantine and what dead processes left."""
+    tables = {"record": records, "blob": blobs, "log": records, "spec": records, "lock": records}
+    for path in (store.path(table, name) for table, names in tables.items() for name in names):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise EnvironmentFault(f"cannot remove {path}: {error.strerror}", hint="is the store read-only?") from error
     for path in store.quarantined():
         with contextlib.suppress(OSError):  # a folder that is not empty was not made by the store and stays
             path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
     store.sweep(older_than_s=ABANDONED_S)
-
-
-def _unlink(store: Store, table: str, name: str) -> None:
-    path = store.path(table, name)
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise EnvironmentFault(f"cannot remove {path}: {error.strerror}", hint="is the store read-only?") from error

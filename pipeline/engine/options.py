@@ -18,40 +18,22 @@ _SHORTEST_S = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """Options of a build.
+    """Options of a build; UsageError if a value has the wrong type or is out of range.
 
-    Attributes
-    ----------
-    jobs : int or None
-        Number of worker processes; None: one per core. With 1 tasks run in this process, unless there is a timeout or
-        NumPy was loaded before `pipeline`: then there is one worker.
-    keep_going : bool
-        Continue after a failure with tasks that do not need the failed one.
-    force, until : tuple of str
-        Tasks (names, patterns, or paths of files in the output folder) that run in any case, and that are the last to
-        run. If only a part of the dataset is computed, the output folder is not touched.
-    targets : tuple of str
-        The same kinds of names, or files that no task makes: only what they need runs, and only their files are
-        delivered.
-    retries : int
-        Number of times that a failed task is tried again. A task whose worker died is always tried a few times.
-    timeout_s : float or None
-        Time limit of a task [s]; a task that takes longer fails.
-    check_percent : float
-        Share of the tasks that run a second time to compare their bytes [%].
-    engine : str or None
-        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
-    device : str or None
-        `cuda`: trace images and position images on a CUDA device, whose name enters their keys. See `graph.devices`.
-    allow_roots : tuple of str or Path
-        Further folders that the stage may reference.
-    preview : bool
-        Make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
-
-    Raises
-    ------
-    UsageError
-        A value has the wrong type or is out of range.
+    `jobs`: number of worker processes; None: one per core. With 1 tasks run in this process, unless there is a timeout
+    or NumPy was loaded before `pipeline`: then there is one worker.
+    `keep_going`: continue after a failure with tasks that do not need the failed one.
+    `force`, `until`: tasks (names, patterns, or paths of files in the output folder) that run in any case, and that are
+    the last to run. If only a part of the dataset is computed, the output folder is not touched.
+    `targets`: the same kinds of names, or files that no task makes: only what they need runs, and only their files are
+    delivered.
+    `retries`: number of times that a failed task is tried again. One whose worker died is always tried a few times.
+    `timeout_s`: time limit of a task [s]; a task that takes longer fails.
+    `check_percent`: share of the tasks that run a second time to compare their bytes [%].
+    `engine`: `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
+    `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; `graph.devices`.
+    `allow_roots`: further folders that the stage may reference.
+    `preview`: make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
     """
 
     jobs: int | None = None
@@ -90,16 +72,12 @@ ALONE = BuildOptions(jobs=1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caller:
-    """The caller's part of a run: its listener of events, its preparation, its signals, and what it knows.
+    """The caller's part of a run.
 
-    Attributes
-    ----------
-    prepare : callable or None
-        Called once in this process before the first task runs; not called if no task runs. Signals stop it at once.
-    interrupts : Interrupts or None
-        Open interrupts of a caller that does further work which signals may end.
-    peaks, places : dict
-        Peak memory of earlier tasks of each kind [bytes]: only as many run together as fit. `Project.places`.
+    `on_event` is its listener. `prepare` is called once in this process before the first task runs, and not if no task
+    runs; signals stop it at once. `interrupts` are open ones of a caller that does further work which signals may end.
+    `peaks` is the peak memory of earlier tasks by kind [bytes]: only as many run together as fit. `places` are those of
+    the project.
     """
 
     on_event: Emit = silent

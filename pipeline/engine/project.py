@@ -18,27 +18,14 @@ from pipeline.errors import UsageError
 class Project:
     """A graph and the destination of its results.
 
-    Attributes
-    ----------
-    files : dict
-        Posix path below `out` -> bytes, or (task name, output name).
-    head : dict
-        Further facts for the manifest, beside format, tasks and files; `head["stage"]` names the stage without a path
-        of this machine.
-    findings : dict
-        Facts that are added to the head when the tasks are done: key -> name -> (task, output); the output is a JSON
-        file.
-    out : Path
-        Output folder.
-    stage_id : str
-        Identity of the stage. `plan` compares with the last build of the same stage into the same folder.
-    reads : tuple of Path
-        Files from which the project was read; the output folder must not hold them.
-    places : dict
-        Second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage, for messages.
-    source : plain data or None
-        What the project was read from. The store keeps it, so that a later plan can name the edits, see `app.why`.
-        None: nothing is kept.
+    `files`: posix path below the output folder `out` -> bytes, or (task name, output name).
+    `head`: further facts for the manifest, beside format, tasks and files; `head["stage"]` names the stage without a
+    path of this machine.
+    `stage_id`: identity of the stage. `plan` compares with the last build of the same stage into the same folder.
+    `findings`: facts that are added to the head when the tasks are done: key -> name -> (task, output), a JSON file.
+    `reads`: files from which the project was read; the output folder must not hold them.
+    `places`: second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage.
+    `source`: plain data from which the project was read; the store keeps it for `app.why`, unless it is None.
     """
 
     graph: TaskGraph

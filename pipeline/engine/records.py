@@ -109,16 +109,9 @@ class Spec:
 class Reply:
     """What became of a task that was given to an engine.
 
-    Attributes
-    ----------
-    state : str
-        executed, cached, failed, or lost, if its worker died. begun and waiting announce that it has or lacks its lock.
-    differs : tuple of str
-        Outputs that are not what the store already had for the key.
-    machine, memory : bool
-        Whether the machine, or too little memory, and not the task is to blame.
-    damaged : bool
-        Whether an input was found damaged, or was written to while the task used it.
+    Its state is executed, cached, failed, or lost, if its worker died; begun and waiting announce that it has or lacks
+    its lock. `differs` are outputs that are not what the store already had for the key. `machine` and `memory`: not the
+    task is to blame. `damaged`: an input was found damaged, or was written to while the task used it.
     """
 
     name: str
@@ -138,20 +131,10 @@ class Reply:
 class TaskResult:
     """The end of a task.
 
-    Attributes
-    ----------
-    state : str
-        executed, cached (or computed meanwhile by another builder), failed or skipped.
-    seconds : float
-        Wall time spent now; 0 when cached [s].
-    key : str or None
-        None if the task was skipped before its inputs were known.
-    machine : bool
-        Whether it failed because of the machine (disk full, …).
-    place, spec : str or None
-        For a failed task: place of its subject in the stage, and the file from which `pipeline run-task` repeats it.
-    differs : tuple of str
-        Outputs that differ from earlier ones with the same key.
+    Its state is executed, cached (or computed meanwhile by another builder), failed or skipped; `seconds` is the wall
+    time spent now. The key is None if it was skipped before its inputs were known. A failed one may have failed because
+    of the `machine` (disk full, …), and has the `place` of its subject in the stage, and the file `spec` from which
+    `pipeline run-task` repeats it. `differs` are outputs that differ from earlier ones with the same key.
     """
 
     name: str

@@ -10,23 +10,32 @@ import json
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Collection
 from pathlib import Path
 
-from pipeline.machine.another_python import command
 from pipeline.machine.processor import NUMPY_FEATURES, level, pin, settings
 
 _CORE_OF = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 """Functions of OpenBLAS that name its kernels; their names depend on how it was built."""
 
 
+_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} import {1}; {1}()"
+
+
+def command(function: str, *arguments: str) -> list[str]:
+    """Command of a process that calls `module:name`, a function of ours without parameters, with these `sys.argv`.
+
+    It finds the same modules as this one, and with `-P` none in the working directory, where a json.py of somebody else
+    would take the place of Python's.
+    """
+    return [sys.executable, "-P", "-c", _BOOT.format(*function.split(":")), json.dumps(sys.path), *arguments]
+
+
 def facts(libraries: Collection[str]) -> dict[str, str]:
     """Facts about this process: `level` and `libc`, and `numpy` if it is among the libraries.
 
-    Returns
-    -------
-    dict of str
-        `x86_64-v3`, `glibc 2.36` and `OpenBLAS Haswell`; with the variables that choose other code, if they are set.
+    As `x86_64-v3`, `glibc 2.36` and `OpenBLAS Haswell`; with the variables that choose other code, if they are set.
     """
     libc = " ".join(platform.libc_ver()).strip() or platform.system()
     stated = {"level": level(), "libc": _with_settings(libc, ("GLIBC_TUNABLES",))}

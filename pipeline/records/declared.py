@@ -22,14 +22,13 @@ from typing import Any, TypeVar
 
 from pipeline.errors import PipelineError
 
-Check = Callable[[Any], Any]
-"""Gives a value as a field stores it, or WRONG."""
-WRONG = object()
-"""Result for a value that does not fit its type."""
+_WRONG = object()
+"""Result of a check for a value that does not fit its type."""
 _WIDEST = 1 << 63
 """First whole number that does not fit into 64 bits with a sign."""
 _LARGEST = 1e12
 """Largest magnitude of lengths, angles and other numbers of a camera: their squares are finite."""
+_UNIONS = (typing.Union, types.UnionType)
 _WORDS = {int: "a whole number", str: "a text", bool: "True or False", Path: "a Path", type(None): "None"}
 
 
@@ -47,90 +46,78 @@ class Sizes(enum.Enum):
         return abs(value) <= _LARGEST or (self is Sizes.OR_INFINITE and math.isinf(value))
 
 
-def held_by(hint: Any, value: Any, sizes: Sizes = Sizes.USUAL) -> Any:
-    """A value as a field of this type stores it, or WRONG: sequences become tuples, NumPy's numbers those of Python."""
-    return _check(hint, sizes)(value)
-
-
 @functools.cache  # records are made by the thousand, and taking an annotation apart costs more than checking a value
-def _check(hint: Any, sizes: Sizes) -> Check:
-    """The check of a type, as a function that gives a value as stored, or WRONG."""
+def _check(hint: Any, sizes: Sizes = Sizes.USUAL) -> Callable[[Any], Any]:
+    """Function that gives a value as a field of a type stores it, or _WRONG: sequences become tuples, NumPy's numbers
+    those of Python.
+    """
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
+    if origin in _UNIONS:
         return functools.partial(_any, [_check(kind, sizes) for kind in kinds])
     if origin is tuple:
-        is_open = kinds[-1] is Ellipsis
-        return functools.partial(_tuple, [_check(kind, sizes) for kind in kinds if kind is not Ellipsis], is_open)
+        return functools.partial(_tuple, [_check(k, sizes) for k in kinds if k is not ...], is_open=kinds[-1] is ...)
     if origin is collections.abc.Iterable:
         return functools.partial(_items, _check(kinds[0], sizes))
     if origin is collections.abc.Callable:
-        return lambda value: value if callable(value) else WRONG
+        return lambda value: value if callable(value) else _WRONG
     if hint is float:
         return functools.partial(_float, sizes)
-    if hint in (int, bool):
-        return _int if hint is int else _bool
+    if hint is int:
+        return _int
+    if hint is bool:  # also one of NumPy, whose type has one of two names by its version; nothing imports it for that
+        return lambda value: bool(value) if type(value).__name__ in ("bool", "bool_") else _WRONG
     of_type = os.PathLike if hint is Path else hint
-    return lambda value: value if isinstance(value, of_type) else WRONG
+    return lambda value: value if isinstance(value, of_type) else _WRONG
 
 
-def _any(checks: list[Check], value: Any) -> Any:
-    for check in checks:
-        if (held := check(value)) is not WRONG:
-            return held
-    return WRONG
+def _any(checks: list[Callable[[Any], Any]], value: Any) -> Any:
+    return next((held for check in checks if (held := check(value)) is not _WRONG), _WRONG)
 
 
-def _items(check: Check, value: Any) -> Any:
+def _items(check: Callable[[Any], Any], value: Any) -> Any:
     """Items of an iterable; a text counts as one value."""
     is_one = isinstance(value, str | bytes) or hasattr(value, "tolist") or not isinstance(value, Iterable)
-    return _tuple([check], True, value if is_one or isinstance(value, list | tuple) else list(value))
+    return _tuple([check], value if is_one else list(value), is_open=True)
 
 
-def _tuple(checks: list[Check], is_open: bool, value: Any) -> Any:
+def _tuple(checks: list[Callable[[Any], Any]], value: Any, *, is_open: bool) -> Any:
     """Items of a sequence, each of a type of its own, or any number of them of one type."""
     items = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(items, list | tuple) or not (is_open or len(items) == len(checks)):
-        return WRONG
+        return _WRONG
     held = tuple(map(checks[0], items)) if is_open else tuple(c(item) for c, item in zip(checks, items, strict=True))
-    if any(item is WRONG for item in held):
-        return WRONG
-    same = isinstance(value, tuple) and all(map(operator.is_, held, items))
-    return value if same else held
+    if any(item is _WRONG for item in held):
+        return _WRONG
+    return value if isinstance(value, tuple) and all(map(operator.is_, held, items)) else held
 
 
 def _float(sizes: Sizes, value: Any) -> Any:
     kind = type(value)
     if kind is not float and (kind is bool or not isinstance(value, numbers.Real)):
-        return WRONG
+        return _WRONG
     try:
         as_float = float(value)
     except OverflowError:
-        return WRONG
+        return _WRONG
     if not sizes.hold(as_float):
-        return WRONG
+        return _WRONG
     return value if kind is float or kind is int else as_float
 
 
 def _int(value: Any) -> Any:
     is_whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    return int(value) if is_whole and -_WIDEST <= value < _WIDEST else WRONG
+    return int(value) if is_whole and -_WIDEST <= value < _WIDEST else _WRONG
 
 
-def _bool(value: Any) -> Any:
-    """A flag, also one of NumPy, whose type has one of two names by its version; nothing imports NumPy for that."""
-    return bool(value) if type(value).__name__ in ("bool", "bool_") else WRONG
-
-
-def in_words(hint: Any, sizes: Sizes = Sizes.USUAL) -> str:
-    """A type of a field or argument in words."""
+def _in_words(hint: Any, sizes: Sizes = Sizes.USUAL) -> str:
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        return " or ".join(in_words(kind, sizes) for kind in kinds)
+    if origin in _UNIONS:
+        return " or ".join(_in_words(kind, sizes) for kind in kinds)
     if origin is tuple:
-        each = in_words(kinds[0], sizes)
-        return f"a sequence, each {each}" if kinds[-1] is Ellipsis else f"{len(kinds)} values, each {each}"
+        each = _in_words(kinds[0], sizes)
+        return f"a sequence, each {each}" if kinds[-1] is ... else f"{len(kinds)} values, each {each}"
     if origin in (collections.abc.Callable, collections.abc.Iterable):
-        return "a function" if origin is collections.abc.Callable else f"a list, each {in_words(kinds[0])}"
+        return "a function" if origin is collections.abc.Callable else f"a list, each {_in_words(kinds[0])}"
     if hint is float:
         return f"a number {sizes.value}"
     return _WORDS.get(hint, f"a {hint.__name__}")
@@ -146,16 +133,15 @@ def settle(
 
     Numbers of NumPy become Python's. NaN and what is larger than 1e12 is no number; infinity is one in the fields
     `infinite`, and whatever is finite in the fields `finite`: coefficients of high powers of small heights are huge.
-
-    Raises PipelineError: a field has a wrong value; the error has the given type.
+    Raises an error of the given type.
     """
     for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
         value = getattr(record, name)
         sizes = Sizes.OR_INFINITE if name in infinite else Sizes.FINITE if name in finite else Sizes.USUAL
-        held = held_by(hint, value, sizes)
-        if held is WRONG:
+        held = _check(hint, sizes)(value)
+        if held is _WRONG:
             what = f"{type(record).__name__}: {name} is {reprlib.repr(value)}"
-            raise error(what, hint=f"it has to be {in_words(hint, sizes)}")
+            raise error(what, hint=f"it has to be {_in_words(hint, sizes)}")
         if held is not value:
             object.__setattr__(record, name, held)
 
@@ -172,10 +158,10 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
                     continue  # checked by the record that they become
-                bound.arguments[name] = held_by(hints[name], value)
-                if bound.arguments[name] is WRONG:
+                bound.arguments[name] = _check(hints[name])(value)
+                if bound.arguments[name] is _WRONG:
                     what = f"{function.__name__}: {name} is {reprlib.repr(value)}"
-                    raise error(what, hint=f"it has to be {in_words(hints[name])}")
+                    raise error(what, hint=f"it has to be {_in_words(hints[name])}")
             return function(*bound.args, **bound.kwargs)
 
         return typing.cast(F, asked)
@@ -186,29 +172,23 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
 def number(
     name: str, value: Any, error: type[PipelineError], least: float = -math.inf, most: float = math.inf
 ) -> float:
-    """A finite number within bounds, given as an argument.
-
-    Raises PipelineError: the argument is wrong; the error has the given type.
-    """
-    return _within(name, float, value, error, least, most)
+    """A finite number within bounds, given as an argument; raises an error of the given type."""
+    return float(_within(name, float, value, error, (least, most)))
 
 
 def whole(name: str, value: Any, error: type[PipelineError], least: int, most: int) -> int:
     """A whole number within bounds, given as an argument; raises as `number`."""
-    return int(_within(name, int, value, error, least, most))
+    return int(_within(name, int, value, error, (least, most)))
 
 
-def _within(name: str, kind: Any, value: Any, error: type[PipelineError], least: float, most: float) -> Any:
-    held = held_by(kind, value)
-    if held is not WRONG and least <= held <= most:
+def _within(name: str, kind: Any, value: Any, error: type[PipelineError], bounds: tuple[float, float]) -> Any:
+    held, (least, most) = _check(kind)(value), bounds
+    if held is not _WRONG and least <= held <= most:
         return held
-    raise error(f"{name} is {reprlib.repr(value)}", hint=f"it has to be {in_words(kind)}{_bounds(least, most)}")
-
-
-def _bounds(least: float, most: float) -> str:
-    if math.isinf(most):
-        return "" if math.isinf(least) else f", at least {least:g}"
-    return f", from {least:.10g} to {most:.10g}"
+    text = f", from {least:.10g} to {most:.10g}" if math.isfinite(most) else f", at least {least:g}"
+    raise error(
+        f"{name} is {reprlib.repr(value)}", hint=f"it has to be {_in_words(kind)}{text if math.isfinite(least) else ''}"
+    )
 
 
 @functools.cache

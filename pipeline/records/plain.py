@@ -23,76 +23,52 @@ class Shared(dict[str, Any]):
         return self.made
 
 
-def to_plain(record: Any) -> Any:
-    """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
-    kind = type(record)
-    if kind is float and record == record:
-        return record + 0.0
-    if kind in _PLAIN:
-        return record
-    if kind is tuple or kind is list:
-        return _list(record)
-    if names := _names(kind):  # type: ignore[arg-type]  # a type can be hashed
-        return {name: to_plain(getattr(record, name)) for name in names}
-    return _rare(record)
-
-
-_PLAIN = frozenset({type(None), bool, int, str, Shared})
+_PLAIN = (bool, int, str, Shared, type(None))
 """Types whose values are plain already."""
 
 
-def _list(items: list[Any] | tuple[Any, ...]) -> list[Any]:
-    """Items as plain values. Most are rows of numbers, which one loop converts; a sum is NaN if one of them is."""
-    if {*map(type, items)} == {float} and not math.isnan(sum(items)):
-        return [item + 0.0 for item in items]
-    return [to_plain(item) for item in items]
-
-
-@functools.cache
-def _names(kind: type) -> tuple[str, ...]:
-    """Names of the fields of a type of records; none for other types."""
-    return tuple(field.name for field in dataclasses.fields(kind)) if dataclasses.is_dataclass(kind) else ()
-
-
-def _rare(record: Any) -> Any:
-    """A value of a type derived from a plain one, a dict, or a record without fields."""
-    if isinstance(record, bool | int | str | Shared):
-        return record
+def to_plain(record: Any) -> Any:
+    """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
     if isinstance(record, float):
         if math.isnan(record):
             raise ValueError("a record cannot hold NaN")
         return float(record) + 0.0
+    if isinstance(record, _PLAIN):
+        return record
     if isinstance(record, tuple | list):
+        if {*map(type, record)} == {float} and not math.isnan(sum(record)):  # rows of numbers, of which none is NaN
+            return [item + 0.0 for item in record]
         return [to_plain(item) for item in record]
     if isinstance(record, dict):
         return {str(name): to_plain(item) for name, item in record.items()}
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        return {}
-    raise TypeError(f"a record cannot hold a {type(record).__name__}")
-
-
-def from_plain(cls: type[T], plain: Any) -> T:
-    """The record written by `to_plain`; unknown or missing fields raise TypeError."""
-    return _value(cls, plain)
+    return {name: to_plain(getattr(record, name)) for name in _hints(type(record))}  # type: ignore[arg-type]
 
 
 @functools.cache
 def _hints(cls: type) -> dict[str, Any]:
-    return typing.get_type_hints(cls)
+    """Types of the fields of a type of records, by name."""
+    if not dataclasses.is_dataclass(cls):
+        raise TypeError(f"a record cannot hold a {cls.__name__}")
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
 
 
-def _value(hint: Any, plain: Any) -> Any:
+def from_plain(kind: type[T], plain: Any) -> T:
+    """The record written by `to_plain`; unknown fields raise KeyError, missing ones TypeError."""
+    hint: Any = kind
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        if plain is None and type(None) in args:
-            return None
-        return _value(next(a for a in args if a is not type(None)), plain)
+        is_none = plain is None and type(None) in args
+        return None if is_none else from_plain(next(a for a in args if a is not type(None)), plain)  # type: ignore
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         hints = _hints(hint)
-        return hint(**{name: _value(hints[name], item) for name, item in plain.items()})
+        return hint(**{name: from_plain(hints[name], item) for name, item in plain.items()})  # type: ignore
+    value = plain
     if origin is tuple:
-        item_hints = args[:1] * len(plain) if args[-1] is Ellipsis else args
-        return tuple(_value(h, p) for h, p in zip(item_hints, plain, strict=True))
-    if origin is dict:
-        return {name: _value(args[1], item) for name, item in plain.items()}
-    return float(plain) if hint is float else plain
+        item_hints = args[:1] * len(plain) if args[-1] is ... else args
+        value = tuple(from_plain(h, p) for h, p in zip(item_hints, plain, strict=True))
+    elif origin is dict:
+        value = {name: from_plain(args[1], item) for name, item in plain.items()}
+    elif hint is float:
+        value = float(plain)
+    return typing.cast(T, value)

@@ -16,7 +16,7 @@ from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel, inline, kernel, unit
-from pipeline.machine.another_python import command
+from pipeline.machine.facts import command
 from pipeline.optics.kernels import PACKET, new_packet
 
 ROOT = Path(__file__).parents[2]

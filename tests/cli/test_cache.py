@@ -53,7 +53,7 @@ def test_gc_waits_for_no_build(pipeline, store, record, monkeypatch):
 def _impatient(monkeypatch):
     from pipeline.engine.locks import locked
 
-    return lambda path, timeout_s, errand: locked(path, timeout_s=0.1)
+    return lambda path, timeout_s, doing: locked(path, timeout_s=0.1)
 
 
 def test_fsck_ends_with_4_until_the_damage_is_in_quarantine(pipeline, store, record):

@@ -86,7 +86,7 @@ def test_a_working_directory_that_is_gone_is_told(tmp_path):
 
 
 def test_a_soft_limit_is_raised_as_far_as_it_may():
-    from pipeline.machine.process_limits import FILES, require_room
+    from pipeline.machine.process import FILES, require_room
 
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:

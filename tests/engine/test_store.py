@@ -19,7 +19,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.records import fields_of, seal
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import DamagedBlob, Store
-from pipeline.engine.store.store_folder import VERSION, sweep
+from pipeline.engine.store.store_folder import VERSION
 from pipeline.errors import EnvironmentFault
 
 KEY = "ab" * 32
@@ -60,11 +60,11 @@ def test_a_note_of_another_form_keeps_nothing(tmp_path, cache):
 
 
 @pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES, errno.EIO, errno.ESTALE])
-@pytest.mark.parametrize("call", ["open", "read"])
+@pytest.mark.parametrize("call", ["os.open", "hashlib.file_digest"])
 def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeypatch, call, error):
     store, blob = Store(cache), record.outputs["a.txt"]
     with monkeypatch.context() as patch:
-        patch.setattr(f"pipeline.engine.files.os.{call}", failing(error))
+        patch.setattr(f"pipeline.engine.files.{call}", failing(error))
         assert store.record(KEY) is None and not store.is_whole(blob)
         with pytest.raises(DamagedBlob):
             store.blob(blob.sha256)
@@ -105,7 +105,7 @@ def test_only_folders_of_dead_processes_are_swept(store, cache):
         "store = Store(sys.argv[1])\nstore.new_path().mkdir()\nos._exit(0)"
     )
     subprocess.run([sys.executable, "-c", code, str(cache)], check=True)
-    assert sweep(cache / "tmp") == 1
+    assert store.sweep() == 1
     assert len(list((cache / "tmp").iterdir())) == 1
 
 

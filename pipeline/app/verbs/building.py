@@ -186,7 +186,7 @@ def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Pa
     ending = Ending(verbosity, again)
     try:
         with display(verbosity) as shown:
-            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file, diary])))
+            return build_with(stage, out, options, fan_out([*filter(None, [shown, ending, file, diary])]))
     finally:
         if file:
             file.close()

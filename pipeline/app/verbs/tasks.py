@@ -59,7 +59,7 @@ def logs(
     allow_root: Roots = None,
 ) -> None:
     """Print the log of the last run of a task, its time, its memory and its host."""
-    from pipeline.engine.running.session import logs_of
+    from pipeline.engine.running.notes import logs_of
 
     project = project_of(stage, out, allow_root)
     tasks = logs_of(project, target)

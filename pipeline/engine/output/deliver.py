@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.engine.files import chosen_place, machine_errors, read_regular
-from pipeline.engine.locks import Errand, locked_folder
+from pipeline.engine.locks import locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles, name_of
 from pipeline.engine.output.output_folder import ASIDE, Folder
@@ -61,48 +61,39 @@ class Contents:
 def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], None] = lambda text: None) -> Delivery:
     """Make `out` hold the files and a manifest, and no file of an earlier build of the same stage.
 
-    If the contents are not `whole`, write their files and leave all others alone.
-
-    Raises
-    ------
-    UsageError
-        The folder holds a build of another stage.
-    EnvironmentFault
-        The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine
-        changes it at the same time: file locks may not work between machines.
-    DamagedBlob
-        A result vanished from the store after it was made; the previous build is still whole.
+    If the contents are not `whole`, write their files and leave all others alone. UsageError if the folder holds a
+    build of another stage. EnvironmentFault if it cannot be written or the disk is full, and DamagedBlob if a result
+    vanished from the store after it was made; then the previous build is still whole. EnvironmentFault also if another
+    machine changes the folder at the same time: file locks may not work between machines.
     """
     entries = {path: _entry(source, contents.records) for path, source in sorted(contents.files.items())}
     _check_paths(entries)
-    keys = {name: record.key for name, record in contents.records.items()}
-    goal = _Goal(
-        files=contents.files, entries=entries, manifest=manifest.render(contents.head, keys, entries), store=store
-    )
     with chosen_place("write to", out):
         out.mkdir(parents=True, exist_ok=True)
     # The lock in the store may work between machines; the one of the folder covers builders with other stores.
-    flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
-    with flight, locked_folder(out, errand=errand) as alone, _disk_errors(out, goal):
+    flight = store.single_flight(name_of(out), f"fills {out}")
+    with flight, locked(out, say=store.say_waiting) as alone, _disk_errors(out, entries):
         there = manifest.read_of(out, contents.head.get("stage"))
-        if not contents.whole:
-            goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
+        if contents.whole:
+            keys = {name: record.key for name, record in contents.records.items()}
+            data: bytes | None = manifest.render(contents.head, keys, entries)
+        else:
+            data = there.data if all(there.files.get(path) == entry for path, entry in entries.items()) else None
         ours = OurFiles(out, store, contents.stage_id)
         ours.require_same_stage()
         folder = Folder(out, warn)
         folder.remove_old_asides(alone=alone)  # even if nothing changes: a builder may have died after its last file
-        return _fill(folder, goal, ours)
+        return _fill(folder, _Goal(contents=contents, entries=entries, manifest=data, store=store), ours)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """The files that a folder is to hold. If not `whole`, other files of ours may stay."""
+    """The contents that a folder is to have, with their digests, and its manifest if it is to have one."""
 
-    files: Mapping[str, Source]
+    contents: Contents
     entries: dict[str, Blob]
     manifest: bytes | None
     store: Store
-    whole: bool = True
 
     @property
     def digests(self) -> dict[str, str]:
@@ -118,7 +109,7 @@ class _Goal:
 
     def write(self, path: str, target: Path) -> None:
         """Write the bytes of a file to a new one."""
-        source = self.files[path]
+        source = self.contents.files[path]
         if isinstance(source, bytes):
             target.write_bytes(source)
         else:
@@ -127,9 +118,10 @@ class _Goal:
 
 def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
     present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
+    is_whole = goal.contents.whole
     # A file that is not present is missing, or lies behind a link to a folder and so outside this one.
     changed = [path for path, digest in digests.items() if path not in present or ours.digest(path) != digest]
-    others = sorted(present - digests.keys()) if goal.whole else []
+    others = sorted(present - digests.keys()) if is_whole else []
     stale = [path for path in others if path in ours]
     foreign = [path for path in others if path not in stale]
     if foreign:
@@ -137,9 +129,9 @@ def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
     if changed or stale or data != goal.manifest:
         _change(folder, ours, goal, changed=changed, stale=stale)
-    ours.keep(goal.note, whole=goal.whole)
+    ours.keep(goal.note, whole=is_whole)
     changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
-    return changes if goal.whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
+    return changes if is_whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
 
 
 def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
@@ -161,11 +153,6 @@ def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], 
             (aside / manifest.NAME).replace(folder.out / manifest.NAME)
 
 
-def _agrees(there: manifest.Manifest, entries: Mapping[str, Blob]) -> bool:
-    """Whether a manifest states the intended digests of these files."""
-    return all(there.files.get(path) == entry for path, entry in entries.items())
-
-
 def _is_begun(path: Path, goal: _Goal) -> bool:
     """Whether a file is the intended manifest, or a truncated beginning of it, which holds nothing else."""
     data = read_regular(path)
@@ -173,10 +160,10 @@ def _is_begun(path: Path, goal: _Goal) -> bool:
 
 
 @contextlib.contextmanager
-def _disk_errors(out: Path, goal: _Goal) -> Iterator[None]:
+def _disk_errors(out: Path, entries: Mapping[str, Blob]) -> Iterator[None]:
     """Turn errors of the disk, or errors due to other processes in the folder, into an `EnvironmentFault`."""
     try:
-        with machine_errors("write to", out, needed=sum(entry.size for entry in goal.entries.values())):
+        with machine_errors("write to", out, needed=lambda: sum(entry.size for entry in entries.values())):
             yield
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise EnvironmentFault(

@@ -23,9 +23,7 @@ _CLOCK_TICK_NS = 20_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Note:
-    """The stage of an output folder; for each path one digest, or two if a delivery was interrupted; and signature and
-    digest of the files that were read.
-    """
+    """The stage of an output folder, `OurFiles.digests`, and signature and digest of the files that were read."""
 
     stage: str = ""
     ours: dict[str, list[str]] = field(default_factory=dict)
@@ -106,15 +104,7 @@ def name_of(out: Path) -> str:
 
 def _note(store: Store, name: str) -> _Note:
     """A note about a folder; empty if there is none, or if it is about something else."""
-    note = store.read_note("index", name)
-    try:
-        return _Note(
-            stage=note["stage"],
-            ours={path: list(digests) for path, digests in note["ours"].items()},
-            looks={path: (seen, digest) for path, (seen, digest) in note["looks"].items()},
-        )
-    except (TypeError, KeyError, AttributeError, ValueError):
-        return _Note()
+    return store.read_record(_Note, "index", name) or _Note()
 
 
 def _moved_here(out: Path, store: Store) -> dict[str, list[str]]:

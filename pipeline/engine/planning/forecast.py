@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
-from pipeline.engine.records import Params, Record
+from pipeline.engine.records import Params, Run
 from pipeline.engine.store.store import Store
 
 Size = Callable[[str, Params], float]
@@ -20,10 +20,6 @@ class Cost:
     cpu_seconds: float
     rays: float
     peak_bytes: int
-
-    def times(self, factor: float) -> "Cost":
-        """The cost of work that is larger by a factor; memory stays the same, because tiles limit it."""
-        return Cost(cpu_seconds=self.cpu_seconds * factor, rays=self.rays * factor, peak_bytes=self.peak_bytes)
 
 
 Assumed = Callable[[TaskGraph, str], Cost]
@@ -45,7 +41,28 @@ class Forecast:
         return {**asdict(self), "cpu_seconds": round(self.cpu_seconds, 3), "rays": round(self.rays)}
 
 
-def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: "Past", assumed: Assumed) -> Forecast:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Past:
+    """Costs of earlier runs: of the same task if it ran before, by its last key, else the mean of its kind."""
+
+    store: Store
+    last_keys: Mapping[str, str]
+    kinds: Mapping[str, Cost]
+    size: Size
+
+    def cost_of(self, task: PlannedTask, params: Params) -> Cost | None:
+        """Estimated cost of a task; None if neither it nor its kind has ever run."""
+        last = self.store.peek(self.last_keys[task.name]) if task.name in self.last_keys else None
+        if last is None or last.made_by.cpu_seconds is None:
+            return self.kinds.get(task.kind)
+        run = last.made_by
+        before, now = self.size(task.kind, last.components.params), self.size(task.kind, params)
+        factor = now / before if before > 0 and now > 0 else 1.0
+        # Memory stays the same, because tiles limit it.
+        return Cost(cpu_seconds=last.made_by.cpu_seconds * factor, rays=run.rays * factor, peak_bytes=run.peak_bytes)
+
+
+def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: Past, assumed: Assumed) -> Forecast:
     """Sum the costs of all tasks of a plan that are not cached; of kinds that never ran, those that are assumed."""
     todo = [task for task in planned if task.state != "cached"]
     known = [past.cost_of(task, graph[task.name].params) for task in todo]
@@ -59,44 +76,16 @@ def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: "Past", ass
     )
 
 
-class Past:
-    """Costs of earlier runs: of the same task if it ran before, by its last key, else the mean of its kind.
-
-    Of several dicts of costs by kind, the first that knows a kind counts.
-    """
-
-    def __init__(self, store: Store, last_keys: Mapping[str, str], kinds: list[Mapping[str, Cost]], size: Size) -> None:
-        self._store, self._last_keys, self._kinds, self._size = store, last_keys, kinds, size
-
-    def cost_of(self, task: PlannedTask, params: Params) -> Cost | None:
-        """Estimated cost of a task; None if neither it nor its kind has ever run."""
-        last = self._store.peek(self._last_keys[task.name]) if task.name in self._last_keys else None
-        cost = cost_of_record(last) if last else None
-        if last is not None and cost is not None:
-            before, now = self._size(task.kind, last.components.params), self._size(task.kind, params)
-            return cost.times(now / before if before > 0 and now > 0 else 1.0)
-        return next((kinds[task.kind] for kinds in self._kinds if task.kind in kinds), None)
-
-
-def cost_of_record(record: Record) -> Cost | None:
-    """Cost of the task that made a record; None if the record does not state it."""
-    run = record.made_by
-    if run.cpu_seconds is None:
-        return None
-    return Cost(cpu_seconds=run.cpu_seconds, rays=run.rays, peak_bytes=run.peak_bytes)
-
-
-def means_by_kind(made: Iterable[tuple[str, Record]]) -> dict[str, Cost]:
-    """Mean cost of each kind, from kinds and records of tasks; for memory the maximum."""
-    costs_by_kind: dict[str, list[Cost]] = {}
-    for kind, record in made:
-        if cost := cost_of_record(record):
-            costs_by_kind.setdefault(kind, []).append(cost)
+def means_by_kind(runs: Iterable[tuple[str, Run]]) -> dict[str, Cost]:
+    """Mean cost of each kind, from kinds and runs of tasks; for memory the maximum."""
+    runs_by_kind: dict[str, list[Run]] = {}
+    for kind, run in runs:
+        runs_by_kind.setdefault(kind, []).append(run)
     return {
         kind: Cost(
-            cpu_seconds=sum(cost.cpu_seconds for cost in costs) / len(costs),
-            rays=sum(cost.rays for cost in costs) / len(costs),
-            peak_bytes=max(cost.peak_bytes for cost in costs),
+            cpu_seconds=sum(run.cpu_seconds or 0.0 for run in alike) / len(alike),
+            rays=sum(run.rays for run in alike) / len(alike),
+            peak_bytes=max(run.peak_bytes for run in alike),
         )
-        for kind, costs in costs_by_kind.items()
+        for kind, alike in runs_by_kind.items()
     }

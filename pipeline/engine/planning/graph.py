@@ -21,20 +21,13 @@ TASKS = ("pipeline.tasks",)
 class Task:
     """One piece of work.
 
-    Attributes
-    ----------
-    name : str
-        Readable name, unique in its graph: `truth/Rig.Camera/0003`. It is not part of the key.
-    kind : str
-        `module:function`, or a module whose function is called `run`, which does the work on params, inputs and a
-        folder for outputs. Params are the record that it annotates them with, if it does.
-    params : dict
-        Plain values, part of the key.
-    reads : dict
-        Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
-    together : str or None
-        Tasks of one kind with the same value here have the same inputs and may run together to share work. It is not
-        part of the key, because the outputs are the same. A function `run` has a sibling `run_together` of lists.
+    `name`: readable, unique in its graph, as `truth/Rig.Camera/0003`; not part of the key.
+    `kind`: `module:function`, or a module whose function is called `run`, which does the work on params, inputs and a
+    folder for outputs. Params are the record that it annotates them with, if it does.
+    `params`: plain values, part of the key.
+    `reads`: role -> name of the task whose outputs are read. Roles are part of the key, names are not.
+    `together`: tasks of one kind with the same value here have the same inputs and may run together to share work. It
+    is not part of the key, because the outputs are the same. A function `run` has a sibling `run_together` of lists.
     """
 
     name: str
@@ -57,10 +50,7 @@ class Task:
 class TaskGraph:
     """Tasks and what they read; acyclic by construction, because a task can only read tasks added before it.
 
-    Parameters
-    ----------
-    packages : tuple of str
-        Packages below which task kinds are accepted.
+    Kinds of tasks are accepted below certain packages only.
     """
 
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
@@ -69,20 +59,11 @@ class TaskGraph:
         self._order: list[str] = []  # outdated while it is shorter than the graph
 
     def add(
-        self,
-        name: str,
-        kind: str,
-        params: Params,
-        reads: dict[str, str] | None = None,
-        together: str | None = None,
+        self, name: str, kind: str, params: Params, reads: dict[str, str] | None = None, together: str | None = None
     ) -> str:
         """Add a task and return its name. Its parameters must not be changed afterwards.
 
-        Raises
-        ------
-        ValueError
-            The name exists already, a task that it reads has not been added, or `kind` is outside the accepted
-            packages.
+        ValueError if the name exists already, a task that it reads does not, or `kind` is outside the packages.
         """
         reads = dict(reads or {})
         check_kind(kind, self.packages)
@@ -137,14 +118,9 @@ class TaskGraph:
         return part
 
     def select(self, pattern: str) -> list[str]:
-        """Tasks that match a name, a wildcard pattern, or the beginning of names up to a slash.
+        """Tasks that match a name, a wildcard pattern, or the beginning of names up to a slash; UsageError if none do.
 
         Zeros before a number may be left out: `image/2` means `image/0002`.
-
-        Raises
-        ------
-        UsageError
-            Nothing matches.
         """
         names = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
         if not names:

@@ -31,15 +31,9 @@ class ReasonType(enum.StrEnum):
 class Reason:
     """One reason.
 
-    Attributes
-    ----------
-    field : str or None
-        changed: the component of the key (`params.pose`); missing: the output, or `record`;
-        upstream: the task that must run first.
-    old, new : plain values
-        changed: the component at the last build of this task, and at present.
-    edits : tuple of Edit
-        The edits of the source that caused this reason, if they were found, see `app.why`.
+    `field`: of changed the component of the key (`params.pose`), of missing the output, or `record`, of upstream the
+    task that must run first. `old`, `new`: of changed the component at the last build of this task, and at present.
+    `edits`: those of the source that caused this reason, if they are known, see `app.why`.
     """
 
     type: ReasonType
@@ -121,11 +115,15 @@ def plan(
     specs, forced = Specs(store), set(force)
     records: dict[str, Record] = {}
     planned = []
+
+    def last_record(name: str) -> Record | None:
+        return store.peek(last_keys[name]) if name in last_keys else None
+
     for name in graph:
         task = graph[name]
         must_run = [source for source in graph.sources(name) if source not in records]
         if must_run:
-            last = _last(name, last_keys, store)
+            last = last_record(name)
             reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
             reasons += differences(last.components.params, task.params, "params") if last else []
             planned.append(_planned(task, "maybe", None, reasons))
@@ -139,13 +137,9 @@ def plan(
             continue
         reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
         if record is None:
-            reasons += _why_missing(spec, last_keys.get(name), _last(name, last_keys, store), whole, store)
+            reasons += _why_missing(spec, name in last_keys, last_record(name), whole, store)
         planned.append(_planned(task, "run", spec, reasons))
     return planned
-
-
-def _last(name: str, last_keys: Mapping[str, str], store: Store) -> Record | None:
-    return store.peek(last_keys[name]) if name in last_keys else None
 
 
 def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -> PlannedTask:
@@ -154,12 +148,12 @@ def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -
 
 
 def _why_missing(
-    spec: Spec, last_key: str | None, last: Record | None, damaged: Record | None, store: Store
+    spec: Spec, was_built: bool, last: Record | None, damaged: Record | None, store: Store
 ) -> list[Reason]:
     if damaged is not None:
         gone = [name for name, blob in damaged.outputs.items() if not store.is_whole(blob)]
         return [Reason(type=ReasonType.MISSING, field=name) for name in gone]
-    if last_key is None:
+    if not was_built:
         return [Reason(type=ReasonType.NEW)]
     if last is None:
         return [Reason(type=ReasonType.MISSING, field="record")]

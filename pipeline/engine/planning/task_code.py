@@ -92,14 +92,8 @@ def module_of(kind: str) -> str:
 def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
     """The code of a kind of task here: components of a key, yet without parameters and inputs.
 
-    Parameters
-    ----------
-    kind : str
-        The kind. Its module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
-    seen : dict, optional
-        Modules already read, shared between calls: kinds import mostly the same modules.
-    machine : callable
-        Facts about the machine on which the results of libraries depend; by default those of this process.
+    Its module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code. `seen` are modules
+    already read, shared between calls: kinds import mostly the same ones. `machine` is by default this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
     module = reached.get(module_of(kind))
@@ -193,11 +187,7 @@ def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parts = parent.split(".")
-                above = parts[: len(parts) - node.level + 1]
-                base = ".".join([*above, *([node.module] if node.module else [])])
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), parent)
             yield base
             # `from base import x` imports a module x or a name x; both are tried.
             yield from (f"{base}.{alias.name}" for alias in node.names)

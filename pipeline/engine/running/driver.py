@@ -12,9 +12,9 @@ from pipeline.engine.options import ALONE, NOBODY, BuildOptions, Caller
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Record, Reply, Spec, TaskResult
-from pipeline.engine.running.engines import Engine, Inline, Processes
+from pipeline.engine.running.engines import Engine, Inline, Job, Processes
 from pipeline.engine.running.execute import failed
-from pipeline.engine.running.memory import Budget, available_bytes
+from pipeline.engine.running.memory import available_bytes
 from pipeline.engine.store.store import Store
 from pipeline.machine.processor import pin
 
@@ -30,12 +30,11 @@ _TICK_S = 0.25
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results, records, peaks of memory by kind of task [bytes], and what ran twice; whether Ctrl-C ended the run."""
+    """Results and records by task, and the tasks that ran twice; whether Ctrl-C ended the run."""
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
     interrupted: bool = False
-    peaks: dict[str, int] = field(default_factory=dict)
     checked: tuple[str, ...] = ()
 
 
@@ -49,12 +48,8 @@ def run(
 ) -> Outcome:
     """Bring the results of all tasks of a graph into the store.
 
-    Parameters
-    ----------
-    options : BuildOptions
-        Workers, treatment of failures, and forced tasks (by name). The driver ignores the other options.
-    engine : Engine, optional
-        Engine to use instead of the one that `options` ask for; it is closed at the end.
+    Of the options, workers, treatment of failures, and forced tasks (by name) count. An engine that is used instead of
+    theirs is closed at the end.
     """
     if engine is None:
         inline = options.workers <= 1 and options.timeout_s is None and pin()
@@ -74,16 +69,15 @@ class _Driver:
     def __init__(self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller) -> None:
         self.graph, self.store, self.engine, self.options = graph, store, engine, options
         self.on_event, self.prepare = caller.on_event, caller.prepare
-        self.places, self.budget = caller.places, Budget(available_bytes(), caller.peaks)
+        self.places, self.peaks, self.available_bytes = caller.places, dict(caller.peaks), available_bytes()
         self.outcome = Outcome()
         self._forced = set(options.force)
         self._specs = Specs(store)
-        self._running: dict[str, Spec] = {}
+        self._running: dict[str, Job] = {}  # with the company of each task
         self._rebuilt: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that lacked memory: nothing runs beside them
-        self._in_company: set[str] = set()  # tasks that run together with others now
         self._separately: set[str] = set()  # tasks whose worker died while they ran together with others
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
@@ -110,11 +104,11 @@ class _Driver:
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
             return False
-        kinds = (self.graph[other].short_kind for other in self._running)
-        return self.budget.fits(self.graph[name].short_kind, kinds)
+        # A kind that was never measured counts as 0.
+        needed = sum(self.peaks.get(self.graph[other].short_kind, 0) for other in (name, *self._running))
+        return not self._running or self.available_bytes is None or needed <= self.available_bytes
 
     def finish(self) -> Outcome:
-        self.outcome.peaks = self.budget.peaks
         for name in self.graph:
             if name not in self.outcome.results:
                 self._settle(TaskResult(name=name, kind=self.graph[name].short_kind, state="skipped"))
@@ -141,16 +135,15 @@ class _Driver:
         others = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
         job = (spec, *(other for other in others if other.components.inputs == spec.components.inputs))
         for each in job:
-            self._running[each.name] = each
+            self._running[each.name] = job
             self.on_event(Started(task=each.name, kind=self.graph[each.name].short_kind, key=each.key))
-        if len(job) > 1:
-            self._in_company.update(each.name for each in job)
         self.engine.submit(job)
 
     def _companions(self, name: str) -> list[str]:
         """Tasks that share work with one, but not so many that a free worker is left without a task."""
-        together, timed = self.graph[name].together, self.options.timeout_s is not None
-        if together is None or timed or name in self._separately:  # the time of each could not be measured
+        together = self.graph[name].together
+        is_timed = self.options.timeout_s is not None  # the time of each could not be measured
+        if together is None or is_timed or name in self._separately:
             return []
         ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
         alike = sorted(other for other in ready - self._separately if self.graph[other].together == together)
@@ -175,11 +168,11 @@ class _Driver:
         if reply.state == "waiting":
             return
         name = reply.name
-        spec, was_in_company = self._running.pop(name), name in self._in_company
-        self._in_company.discard(name)
+        job = self._running.pop(name)
+        spec = next(spec for spec in job if spec.name == name)
         if reply.damaged and name not in self._rebuilt:
             self._rebuild_inputs(name)
-        elif reply.state == "lost" and was_in_company:  # any of the company may be the cause
+        elif reply.state == "lost" and len(job) > 1:  # any of the company may be the cause
             self._separately.add(name)
             self._retry(name, f"{reply.error}; it runs alone now")
         elif reply.state == "lost":
@@ -210,11 +203,11 @@ class _Driver:
             repeat = self.store.keep_spec(replace(spec, force=False))
             result = replace(result, error=reply.error, log=reply.log, machine=reply.machine, place=place, spec=repeat)
         elif reply.state == "executed" and reply.record is not None:
-            self.budget.learn(result.kind, reply.record.made_by.peak_bytes)
+            self.peaks[result.kind] = max(self.peaks.get(result.kind, 0), reply.record.made_by.peak_bytes)
         self._settle(result, reply.record)
 
     def _worker_died(self, spec: Spec, reply: Reply) -> None:
-        """Handle the death of a worker: either the task kills workers, or it lacked memory beside other tasks."""
+        """Try again: either the task kills workers, or it lacked memory beside other tasks."""
         self._deaths[spec.name] += 1
         if self._deaths[spec.name] < MAX_DEATHS:
             if reply.memory:
@@ -244,7 +237,7 @@ class _Driver:
                 self._queue_if_ready(reader)
 
     def _rebuild_inputs(self, name: str) -> None:
-        """Handle an input that was damaged between lookup and use: make it again, then try the task once more."""
+        """Make inputs again that were damaged between lookup and use, then try the task once more."""
         self._rebuilt.add(name)
         for source in self.graph.sources(name):
             result = self.outcome.results[source]

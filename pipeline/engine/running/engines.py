@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.execute import failed, lost, perform
 from pipeline.engine.store.store import Store
-from pipeline.machine.another_python import command
+from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.plain import from_plain
 

@@ -15,14 +15,14 @@ import time
 import traceback
 import typing
 from collections.abc import Iterator, Sequence
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.planning.task_code import cached_parsing, check_kind, code_of, edited, module_of
 from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
-from pipeline.engine.running.memory import PeakMeter
+from pipeline.engine.running.memory import peak_bytes, reset_peak
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.jit.work import work
@@ -74,10 +74,7 @@ def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], sta
             with _logging(store.file_for("log", todo[0].key), store):
                 made = _compute(todo, store, packages)
             seconds = round((time.perf_counter() - start) / len(todo), 4)
-            for spec, (record, differs) in zip(todo, made, strict=True):
-                replies[spec.name] = Reply(
-                    name=spec.name, state="executed", seconds=seconds, record=record, differs=differs
-                )
+            replies |= {reply.name: replace(reply, seconds=seconds) for reply in made}
     return [replies[spec.name] for spec in specs]
 
 
@@ -106,8 +103,8 @@ def _lacks_inputs(spec: Spec, store: Store) -> bool:
     return False
 
 
-def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[tuple[Record, tuple[str, ...]]]:
-    """Run tasks of one kind with the same inputs. For each: its record, and the outputs that differ from before."""
+def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
+    """Run tasks of one kind with the same inputs, and keep their records."""
     components = specs[0].components
     kind, count = components.kind, len(specs)
     check_kind(kind, packages)
@@ -119,7 +116,8 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
     }
     with contextlib.ExitStack() as folders:
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
-        meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
+        reset_peak()
+        start, cpu_s, before = time.perf_counter(), time.process_time(), work().copy()
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
@@ -138,7 +136,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         made_by = Run(
             seconds=round((time.perf_counter() - start) / count, 4),
             cpu_seconds=round((time.process_time() - cpu_s) / count, 4),
-            peak_bytes=meter.read_bytes(),
+            peak_bytes=peak_bytes(),
             news=work().news,
             host=socket.gethostname(),
             pid=os.getpid(),
@@ -148,12 +146,18 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         return [_keep(spec, out, made_by, store) for spec, out in zip(specs, outs, strict=True)]
 
 
-def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> tuple[Record, tuple[str, ...]]:
-    outputs = {name: store.put_file(path) for name, path in _outputs(out)}
+def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> Reply:
+    outputs = {}
+    for path in sorted(out.rglob("*")):
+        if path.is_symlink() or not (path.is_file() or path.is_dir()):
+            raise ValueError(f"a task may only write plain files, and {path.relative_to(out)} is not one")
+        if path.is_file():
+            outputs[path.relative_to(out).as_posix()] = store.put_file(path)
     record = Record(key=spec.key, outputs=outputs, components=spec.components, made_by=made_by)
     kept = store.put_record(record)
     names = sorted(outputs.keys() | kept.outputs.keys())
-    return kept, tuple(name for name in names if outputs.get(name) != kept.outputs.get(name))
+    differs = tuple(name for name in names if outputs.get(name) != kept.outputs.get(name))
+    return Reply(name=spec.name, state="executed", record=kept, differs=differs)
 
 
 def _refuse_other_code(components: Components, store: Store) -> None:
@@ -168,19 +172,14 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     for part in ("version", "code", "libraries", "machine"):
         value, stated = getattr(here, part), getattr(components, part)
         if value != stated:
-            raise EnvironmentFault(
-                f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}",
-                hint=_way_out(part),
-            )
+            hint = "if the code was edited meanwhile, build again; else give all machines the same versions"
+            if part == "machine":
+                kernels = settings().get("OPENBLAS_CORETYPE")
+                set_before = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
+                hint = f"last digits would differ: use machines of one level, system and environment{set_before}"
+            what = f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}"
+            raise EnvironmentFault(what, hint=hint)
     _refuse_edited_code(kind)
-
-
-def _way_out(part: str) -> str:
-    if part != "machine":
-        return "if the code was edited meanwhile, build again; else give all machines the same versions"
-    kernels = settings().get("OPENBLAS_CORETYPE")
-    set_before = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
-    return f"last digits would differ: use machines of one level, system and environment{set_before}"
 
 
 def _refuse_edited_code(kind: str) -> None:
@@ -202,25 +201,19 @@ def _changed(old: Any, new: Any) -> str:
 @contextlib.contextmanager
 def _folder_for_outputs(store: Store) -> Iterator[Path]:
     """A temporary folder on the store's file system. If the disk fills up, the error states how much is needed."""
-    with machine_errors("keep results in", store.root) as disk:
-        out = store.new_path()
-        out.mkdir()
-        try:
+    out: Path | None = None
+
+    def least_bytes() -> int:
+        return 1 + sum(path.lstat().st_size for path in out.rglob("*")) if out else 1
+
+    try:
+        with machine_errors("keep results in", store.root, needed=least_bytes):
+            out = store.new_path()
+            out.mkdir()
             yield out
-        except OSError:
-            disk.needed = 1 + sum(path.lstat().st_size for path in out.rglob("*"))
-            raise
-        finally:
+    finally:
+        if out is not None:
             shutil.rmtree(out, ignore_errors=True)
-
-
-def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
-    """Relative names and paths of the files below a folder, sorted. They must be plain files and folders."""
-    for path in sorted(out.rglob("*")):
-        if path.is_symlink() or not (path.is_file() or path.is_dir()):
-            raise ValueError(f"a task may only write plain files, and {path.relative_to(out)} is not one")
-        if path.is_file():
-            yield path.relative_to(out).as_posix(), path
 
 
 @contextlib.contextmanager
@@ -234,9 +227,8 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
             log.parent.mkdir(parents=True, exist_ok=True)
             log.open("w").close()
         with (
-            log.open(
-                "a", encoding="utf-8", buffering=1
-            ) as stream,  # append, because descriptor 2 of a worker is this file, too
+            # Append, because descriptor 2 of a worker is this file, too.
+            log.open("a", encoding="utf-8", buffering=1) as stream,
             contextlib.redirect_stdout(stream),
             contextlib.redirect_stderr(stream),
         ):

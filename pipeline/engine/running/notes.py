@@ -1,7 +1,6 @@
 """Notes in the store about the builds of a project into its folder: losing them changes no result."""
 
 import os
-from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 from pipeline.engine.digest import key_of
 from pipeline.engine.events import Done, Emit, Event
 from pipeline.engine.planning.forecast import Cost, means_by_kind
-from pipeline.engine.project import Project
+from pipeline.engine.project import Project, tasks_of
 from pipeline.engine.records import Run, TaskResult
 from pipeline.engine.running.driver import Outcome
 from pipeline.engine.store.store import Store
@@ -17,12 +16,11 @@ from pipeline.engine.store.store import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """What is known from earlier builds: keys by task, peaks of memory [bytes] and mean costs by kind of task."""
+    """What is known from earlier builds: keys by task, and costs by kind of task."""
 
     out: str
     stage: str
     keys: dict[str, str] = field(default_factory=dict)
-    peaks: dict[str, int] = field(default_factory=dict)
     costs: dict[str, Cost] = field(default_factory=dict)
 
 
@@ -45,22 +43,21 @@ def history_of(project: Project, store: Store) -> History:
     return kept or History(out=os.path.realpath(project.out), stage=project.stage_id)
 
 
-def costs_of_others(project: Project, store: Store) -> Mapping[str, Cost]:
-    """Mean costs by kind of task, from the builds of all other projects."""
+def costs_of_others(project: Project, store: Store) -> list[dict[str, Cost]]:
+    """Mean costs by kind of task, from the builds of each other project."""
     others = (store.read_record(History, "history", name) for name in store.notes("history") if name != _name(project))
-    return ChainMap(*(history.costs for history in others if history is not None))
+    return [history.costs for history in others if history is not None]
 
 
 def keep_history(project: Project, store: Store, outcome: Outcome, before: History, *, whole: bool) -> None:
     """Keep the keys of all finished tasks and what they took, so that the next plan can tell what has changed."""
     keys = {name: key for name, key in before.keys.items() if name in project.graph or not whole}
     keys |= {name: record.key for name, record in outcome.records.items()}
-    ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
+    ran = [(task.kind, task.made_by) for task in outcome.results.values() if task.state == "executed" and task.made_by]
     after = History(
         out=before.out,
         stage=before.stage,
         keys=keys,
-        peaks={**before.peaks, **outcome.peaks},
         costs={**before.costs, **means_by_kind(ran)},
     )
     if after != before:
@@ -109,10 +106,11 @@ class Endings:
             store.write_note("events", _name(project), {**_ended(project, store), **self._ended})
 
 
-def logs_of(project: Project, tasks: list[str], store: Store) -> list[TaskLog]:
-    """Facts about the last run of tasks."""
+def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:
+    """Facts about the last run of tasks that a target names."""
+    store = store or Store()
     keys, ended = history_of(project, store).keys, _ended(project, store)
-    return [_log_of(ended.get(name), name, keys, store) for name in tasks]
+    return [_log_of(ended.get(name), name, keys, store) for name in tasks_of(project, target)]
 
 
 def _ended(project: Project, store: Store) -> dict[str, TaskResult]:

@@ -8,6 +8,7 @@ import math
 import os
 import random
 import time
+from collections import ChainMap
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
-from pipeline.engine.project import Project, files_of, selection, tasks_of
-from pipeline.engine.running import notes
+from pipeline.engine.project import Project, files_of, selection
+from pipeline.engine.records import TaskResult
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
-from pipeline.engine.running.notes import Endings, TaskLog, costs_of_others, history_of, keep_history
+from pipeline.engine.running.notes import Endings, costs_of_others, history_of, keep_history
 from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.store_folder import store_around
@@ -45,15 +46,8 @@ def build(
 ) -> Result:
     """Run the missing tasks and fill the output folder.
 
-    Parameters
-    ----------
-    options : BuildOptions
-        Options of the build; those about reading the stage are ignored here.
-    engine : callable, optional
-        Maker of an engine to use instead of the one that `options` ask for, from a store and the packages of task
-        kinds.
-    caller : Caller
-        Its interrupts are not used: a build has its own.
+    Options about reading the stage are ignored here, and so are the interrupts of the caller: a build has its own.
+    `engine` makes one to use instead of that of the options, from a store and the packages of task kinds.
     """
     start = time.perf_counter()
     _require_place(project)
@@ -66,7 +60,7 @@ def build(
     graph, forced = selection(project, options)
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
         listener = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
-        work = _Build(project, options, store, graph, listener, engine)
+        work = _Build(project=project, options=options, store=store, graph=graph, caller=listener, engine=engine)
         kinds = {name: graph[name].short_kind for name in graph}
         emit(Begun(tasks=kinds, jobs=options.workers))
         with interrupts.stopping():
@@ -83,29 +77,31 @@ def build(
         return result
 
 
+@dataclasses.dataclass(kw_only=True)
 class _Build:
     """A running build: its tasks, their results and what was delivered."""
 
-    def __init__(
-        self,
-        project: Project,
-        options: BuildOptions,
-        store: Store,
-        graph: TaskGraph,
-        caller: Caller,
-        engine: Callable[[Store, tuple[str, ...]], Engine] | None,
-    ) -> None:
-        self.project, self.options, self.store, self.graph, self.caller = project, options, store, graph, caller
-        self.engine, self.warn, self.history = engine, warner(caller.on_event), history_of(project, store)
-        self.head, self.is_whole = project.head, len(graph) == len(project.graph)
-        self.delivery: Delivery | None = None
-        self.error: PipelineError | None = None
+    project: Project
+    options: BuildOptions
+    store: Store
+    graph: TaskGraph
+    caller: Caller
+    engine: Callable[[Store, tuple[str, ...]], Engine] | None
+    delivery: Delivery | None = None
+    error: PipelineError | None = None
+
+    def __post_init__(self) -> None:
+        self.warn, self.history = warner(self.caller.on_event), history_of(self.project, self.store)
+        self.head, self.is_whole = self.project.head, len(self.graph) == len(self.project.graph)
 
     def compute(self, forced: Iterable[str]) -> Outcome:
         """Run the tasks, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
         if self.options.check_percent and not self.outcome.interrupted:
-            _check_again(self.outcome, self._run(_sample(self.outcome, self.options.check_percent)))
+            again = self._run(_sample(self.outcome, self.options.check_percent))
+            self.outcome.checked, self.outcome.interrupted = tuple(sorted(_ran(again))), again.interrupted
+            bad = {name: task for name, task in _ran(again).items() if task.state == "failed" or task.differs}
+            self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
         return self.outcome
 
@@ -127,8 +123,7 @@ class _Build:
     def _run_again(self) -> None:
         """Run all tasks again and continue with their records; the report still counts the work of the first run."""
         again = self._run()
-        repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
-        self.outcome.results |= repeated
+        self.outcome.results |= _ran(again)
         self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
 
     def result(self, seconds: float, store_bytes: int) -> Result:
@@ -149,12 +144,13 @@ class _Build:
         )
 
     def _run(self, force: Iterable[str] = ()) -> Outcome:
+        peaks = {kind: cost.peak_bytes for kind, cost in self.history.costs.items()}
         return run(
             self.graph,
             self.store,
             dataclasses.replace(self.options, force=tuple(force)),
             engine=self.engine(self.store, self.graph.packages) if self.engine else None,
-            caller=dataclasses.replace(self.caller, peaks=self.history.peaks, places=self.project.places),
+            caller=dataclasses.replace(self.caller, peaks=peaks, places=self.project.places),
         )
 
     def _fill(self) -> None:
@@ -224,7 +220,8 @@ def forecast_of(
     """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
     store = store or Store()
     history = history_of(project, store)
-    past = Past(store, history.keys, [history.costs, costs_of_others(project, store)], size)
+    kinds = ChainMap(history.costs, *costs_of_others(project, store))
+    past = Past(store=store, last_keys=history.keys, kinds=kinds, size=size)
     return forecast(planned, project.graph, past, assumed)
 
 
@@ -263,11 +260,6 @@ def status_of(project: Project, *, store: Store | None = None) -> Status:
     return Status(files=states, has_manifest=there.data is not None)
 
 
-def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:
-    """Facts about the last run of tasks that a target names."""
-    return notes.logs_of(project, tasks_of(project, target), store or Store())
-
-
 def _sample(outcome: Outcome, percent: float) -> list[str]:
     """A random sample of the finished tasks, at least one, different every time."""
     done = sorted(outcome.records)
@@ -275,14 +267,8 @@ def _sample(outcome: Outcome, percent: float) -> list[str]:
     return random.SystemRandom().sample(done, count)
 
 
-def _check_again(outcome: Outcome, again: Outcome) -> None:
-    """Add the findings of the second run of some tasks."""
-    repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
-    outcome.checked = tuple(sorted(repeated))
-    outcome.interrupted = again.interrupted
-    for name, task in repeated.items():
-        if task.state == "failed" or task.differs:
-            outcome.results[name] = task
+def _ran(outcome: Outcome) -> dict[str, TaskResult]:
+    return {name: task for name, task in outcome.results.items() if task.state in ("executed", "failed")}
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:

@@ -61,16 +61,10 @@ def default_root() -> Path:
 
 
 class Store(StoreFolder):
-    """A store in a folder of a plain file system; many processes may use it at the same time.
+    """A store in a folder of a plain file system, by default `default_root()`; many processes may use it at a time.
 
-    Methods that lead to bytes raise `DamagedBlob` if these are missing, altered, or changed while they were used.
-
-    Parameters
-    ----------
-    root : Path, optional
-        Folder of the store; default `default_root()`.
-    warn : callable, optional
-        Called with one sentence about every damaged entry and every key with two different results.
+    `warn` is called with one sentence about every damaged entry and every key with two different results. Methods that
+    lead to bytes raise `DamagedBlob` if these are missing, altered, or changed while they were used.
     """
 
     def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
@@ -121,15 +115,15 @@ class Store(StoreFolder):
         """Hash blobs again and require that nobody has written to them since `verified`."""
         for blob in blobs:
             if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
-                self._forget(blob.digest)
-                self.blob(blob.digest)
+                self._verified.pop(blob.digest, None)
+                self.blob(blob.digest)  # moves it to quarantine
                 raise DamagedBlob(blob.digest, "was written to while it was used")
 
     def read(self, digest: str) -> bytes:
         """The bytes of a blob; exactly these bytes were hashed."""
         data = read_regular(self.blob(digest))
         if data is None or hashlib.sha256(data).hexdigest() != digest:
-            self._forget(digest)
+            self._verified.pop(digest, None)
             raise DamagedBlob(digest)
         return data
 
@@ -137,12 +131,8 @@ class Store(StoreFolder):
         """Copy a blob to a new file; the bytes that arrive are hashed."""
         copy(self.blob(digest), target)
         if digest_of(target) != digest:
-            self._forget(digest)
+            self._verified.pop(digest, None)
             raise DamagedBlob(digest)
-
-    def _forget(self, digest: str) -> None:
-        """Forget that a blob was verified, so that it is hashed again."""
-        self._verified.pop(digest, None)
 
     def is_whole(self, blob: Blob) -> bool:
         """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
@@ -229,7 +219,7 @@ class Store(StoreFolder):
         """The note as a record, or as a dict of records; None if it is missing, damaged or of another version."""
         try:
             return from_plain(kind, self.read_note(folder, name))
-        except (TypeError, ValueError, AttributeError):
+        except (TypeError, ValueError, AttributeError, KeyError):
             return None
 
     def notes(self, folder: str) -> list[str]:

@@ -14,11 +14,12 @@ import time
 import uuid
 import weakref
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
-from pipeline.engine.locks import Errand, locked, try_lock
+from pipeline.engine.locks import locked, try_lock
 from pipeline.errors import EnvironmentFault
 from pipeline.folders import flaw_of
 
@@ -32,7 +33,6 @@ _OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
 _FILES = ("VERSION", "gc.lock")
 _FOLDERS = (*_PARENTS, *_TABLES.values(), *_OTHERS)
 _NAMES = {*_PARENTS, *_TABLES.values(), *_OTHERS, *_FILES}
-_BEGUN = {"VERSION", "gc.lock", "tmp"}
 _SHARD = re.compile(r"[0-9a-f]{2}")
 
 ABANDONED_S = 86400.0
@@ -63,7 +63,7 @@ class StoreFolder:
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             _require_store(self.root)
-        self._workspace = _Workspace(self.root / "tmp")
+        self._workspace: Path | None = None  # made when first needed, removed with this object, or swept later
         self.displaced = self._mend()
         if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
             with chosen_place("make the store", self.root):
@@ -79,25 +79,21 @@ class StoreFolder:
             raise ValueError(f"not a digest: {name!r}")
         return f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
-    @contextlib.contextmanager
-    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
+    def single_flight(self, key: str, doing: str) -> AbstractContextManager[bool]:
         """Hold the lock of a key, so that it is computed once; `doing` tells those who wait."""
-        with locked(self.file_for("lock", key), errand=Errand(doing=doing, say=self.say_waiting)) as held:
-            yield held
+        return locked(self.file_for("lock", key), doing=doing, say=self.say_waiting)
 
     def say_waiting(self, text: str) -> None:
         """Report the process for which this one waits."""
         self.warn(text)
 
-    @contextlib.contextmanager
-    def in_use(self) -> Iterator[bool]:
+    def in_use(self) -> AbstractContextManager[bool]:
         """Context during which no process collects garbage in this store."""
-        errand = Errand(say=self.say_waiting)
-        if has_other_names(self.root / "gc.lock"):
+        path = self.root / "gc.lock"
+        if has_other_names(path):
             with contextlib.suppress(OSError):  # a read-only store
-                (self.root / "gc.lock").unlink()
-        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
-            yield held
+                path.unlink()
+        return locked(path, timeout_s=60.0, shared=True, say=self.say_waiting)
 
     def file_for(self, table: str, name: str) -> Path:
         """Path of a lock or log file, present or future; anything else in its place is moved to quarantine."""
@@ -110,15 +106,31 @@ class StoreFolder:
 
     def new_path(self) -> Path:
         """A temporary path on the store's file system for this process alone; leftovers are removed later."""
-        try:
-            return self._workspace.new_path()
-        except (FileExistsError, NotADirectoryError):
-            self._mend()
-            return self._workspace.new_path()
+        if self._workspace is None or not self._workspace.is_dir():
+            self._make(self.root / "tmp")
+            self._workspace, lock = _new_workspace(self.root / "tmp")
+            weakref.finalize(self, _remove, self._workspace, lock)
+        return self._workspace / uuid.uuid4().hex
 
     def sweep(self, older_than_s: float | None = None) -> int:
-        """Remove leftovers of dead processes in `tmp`, and count them."""
-        return sweep(self.root / "tmp", older_than_s)
+        """Remove workspaces of dead processes in `tmp` and count them. Folders with other names stay.
+
+        File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so
+        workspaces of other machines stay unless they are older than `older_than_s`.
+        """
+        swept, tmp = 0, self.root / "tmp"
+        for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
+            match = _WORKSPACE.fullmatch(folder.name)
+            handle = _open_folder(folder) if match else None
+            if match is None or handle is None:
+                continue
+            age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
+            is_old = older_than_s is not None and age_s >= older_than_s
+            if (is_old or match["host"] == socket.gethostname()) and try_lock(handle):
+                shutil.rmtree(folder, ignore_errors=True)
+                swept += not folder.exists()
+            os.close(handle)
+        return swept
 
     def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
         """Name and file status of every entry of a table, sorted by name; other names are ignored."""
@@ -131,18 +143,22 @@ class StoreFolder:
                         if DIGEST.fullmatch(name):
                             yield name, entry.stat(follow_symlinks=False)
 
+    def _make(self, folder: Path) -> None:
+        """Make a folder of the store, also where something else is in its place."""
+        if not folder.is_dir():
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except (FileExistsError, NotADirectoryError):
+                self._mend()
+                folder.mkdir(parents=True, exist_ok=True)
+
     def _write(self, final: Path, data: bytes) -> None:
         aside = self.new_path()
         aside.write_bytes(data)
         self._keep(aside, final)
 
     def _keep(self, aside: Path, final: Path) -> None:
-        if not final.parent.is_dir():
-            try:
-                final.parent.mkdir(parents=True, exist_ok=True)
-            except (FileExistsError, NotADirectoryError):
-                self._mend()
-                final.parent.mkdir(parents=True, exist_ok=True)
+        self._make(final.parent)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
             self._quarantine(final)
@@ -179,35 +195,28 @@ class StoreFolder:
 
 
 def _require_store(root: Path) -> None:
-    """Refuse a folder that is neither empty nor a store; then nothing was touched."""
-    names = sorted(_listed(root))
-    if not names or _is_store(root):
+    """Refuse a folder that is neither empty nor a store of this version; then nothing was touched.
+
+    A store may have lost its VERSION, or may have been hardly begun by a process that was killed.
+    """
+    names, version = sorted(_listed(root)), read_regular(root / "VERSION") or b""
+    if version == VERSION:
         return
-    says = (read_regular(root / "VERSION") or b"").split(b" store ")
-    if len(says) == 2 and VERSION.startswith(says[0]):
+    if version.startswith(VERSION[:-2]):
         raise EnvironmentFault(
             f"the store {root} is of another version of this program", hint="set PIPELINE_CACHE to another folder"
         )
+    has_results = any((root / _TABLES[table]).is_dir() for table in ("blob", "record"))
+    temporary = _listed(root / "tmp") if _is_folder(root / "tmp") else ()
+    is_begun = {"VERSION", "gc.lock", "tmp"}.issuperset(names) and all(map(_WORKSPACE.fullmatch, temporary))
+    is_begun = is_begun and VERSION.startswith(version.rstrip(b"\0"))
+    if _NAMES.issuperset(names) and (has_results or is_begun):
+        return
     shown = ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
     raise EnvironmentFault(
         f"{root} is no store of results: it holds {shown}, and no VERSION of ours",
         hint="set PIPELINE_CACHE to a folder that is new or empty; nothing in this one was touched",
     )
-
-
-def _is_store(root: Path) -> bool:
-    """Whether a folder is a store of this version, including one that lost its VERSION or was never finished."""
-    version = read_regular(root / "VERSION")
-    if version == VERSION:
-        return True
-    names = _listed(root)
-    if not names <= _NAMES or (version is not None and b" store " in version):
-        return False
-    if any((root / _TABLES[table]).is_dir() for table in ("blob", "record")):
-        return True
-    begun = version is None or VERSION.startswith(version.rstrip(b"\0")) or version == b"1\n"
-    temporary = _listed(root / "tmp") if _is_folder(root / "tmp") else ()
-    return bool(names) and begun and names <= _BEGUN and all(map(_WORKSPACE.fullmatch, temporary))
 
 
 def store_around(path: Path) -> Path | None:
@@ -245,49 +254,10 @@ def _listed(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk contains that folder
 
 
-class _Workspace:
-    """A folder in `tmp/` of this process alone, made when first needed, removed with this object, or swept later."""
-
-    def __init__(self, tmp: Path) -> None:
-        self._tmp = tmp
-        self._folder: Path | None = None
-
-    def new_path(self) -> Path:
-        """A path in the folder that nobody else uses."""
-        if self._folder is None or not self._folder.is_dir():
-            self._folder, lock = _locked_folder(self._tmp)
-            weakref.finalize(self, _remove, self._folder, lock)
-        return self._folder / uuid.uuid4().hex
-
-
-def sweep(tmp: Path, older_than_s: float | None = None) -> int:
-    """Remove workspaces of dead processes and count them. Folders with other names stay.
-
-    File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so workspaces
-    of other machines stay unless they are older than `older_than_s`.
-    """
-    swept = 0
-    for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
-        match = _WORKSPACE.fullmatch(folder.name)
-        handle = _open_folder(folder) if match else None
-        if match is None or handle is None:
-            continue
-        age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
-        is_ours = match["host"] == socket.gethostname()
-        if not is_ours and (older_than_s is None or age_s < older_than_s):
-            os.close(handle)
-            continue
-        if try_lock(handle):
-            shutil.rmtree(folder, ignore_errors=True)
-            swept += not folder.exists()
-        os.close(handle)
-    return swept
-
-
-def _locked_folder(tmp: Path) -> tuple[Path, int]:
+def _new_workspace(tmp: Path) -> tuple[Path, int]:
+    """A folder of this process alone, and the descriptor that holds its lock."""
     while True:
         folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
-        tmp.mkdir(exist_ok=True)
         folder.mkdir()
         handle = _open_folder(folder)
         # Another process may have swept the folder before it was locked.

@@ -1,0 +1,77 @@
+"""What the system gives this process: streams in any state, limits, and a working directory."""
+
+import io
+import os
+import resource
+import sys
+
+from pipeline.errors import EnvironmentFault
+
+FILES = 64
+"""Open files: a driver with two workers takes about half of them."""
+ADDRESSES = 1_500_000_000
+"""Bytes of address space: USD, Numba and their compiled code take most of it before the first ray."""
+
+
+class Stderr(io.TextIOWrapper):
+    """A stream of messages for people. Writing to it never fails; what cannot be written is lost."""
+
+    def write(self, text: str) -> int:
+        """Write the text if possible."""
+        try:
+            return super().write(text)
+        except OSError:
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream if possible."""
+        try:
+            super().flush()
+        except OSError:
+            return
+
+
+def mend_streams() -> None:
+    """Open closed standard streams as /dev/null, and make stderr tolerant.
+
+    Otherwise the next opened file would get the number of a closed stream and receive the output of libraries.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+            os.set_inheritable(number, True)
+    if sys.stdin is None:
+        sys.stdin = os.fdopen(0, encoding="utf-8", closefd=False)
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")  # a path is printed as it was typed
+    raw = os.fdopen(2, "wb", buffering=0, closefd=False)
+    sys.stderr = Stderr(raw, errors="backslashreplace", write_through=True)  # type: ignore[type-var]
+
+
+def require_room() -> None:
+    """Raise the limits of this process, below which it would crash, as far as it may; EnvironmentFault if it may not.
+
+    The error states the command that raises a limit. Likewise if there is no working directory.
+    """
+    try:
+        os.getcwd()  # noqa: PTH109 (of the system, whatever Python thinks of it)
+    except OSError as error:
+        why = f"there is no working directory: {error.strerror}"
+        raise EnvironmentFault(why, hint="it was removed, or may not be read; `cd` to another one") from None
+    _require(resource.RLIMIT_NOFILE, FILES, "open files", f"ulimit -n {FILES * 16}")
+    _require(resource.RLIMIT_AS, ADDRESSES, "bytes of address space", "ulimit -v unlimited")
+
+
+def _require(which: int, least: int, unit: str, command: str) -> None:
+    soft, hard = resource.getrlimit(which)
+    if soft == resource.RLIM_INFINITY or soft >= least:
+        return
+    if hard != resource.RLIM_INFINITY and hard < least:
+        raise EnvironmentFault(
+            f"this process may have {hard:,} {unit}, and needs {least:,}", hint=f"`{command}` in the shell, before"
+        )
+    resource.setrlimit(which, (least, hard))
