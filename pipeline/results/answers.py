@@ -32,20 +32,12 @@ class Projected:
 
     Rows are sorted by point, l and k.
 
-    Attributes
-    ----------
-    point : (n,) int64
-        Number of the point, as they were given.
-    x_px, y_px : (n,) float64
-        (0, 0) is the centre of the top-left pixel.
-    error_px : (n, 2) float64
-        Error of the integral and what Newton's method left, along x and y.
-    hit_fraction : (n,) float64
-    microlens : (n, 2) int64 or None
-        k and l; None of a conventional camera.
-    microlens_type : (n,) int64 or None
-    fates : tuple of Fate
-        One per point.
+    `point`: number of the point, as they were given, (n,) int64.
+    `x_px`, `y_px`: (n,) float64; (0, 0) is the centre of the top-left pixel.
+    `error_px`: error of the integral and what Newton's method left, along x and y, (n, 2) float64.
+    `hit_fraction`: (n,) float64.
+    `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
+    `fates`: one per point.
     """
 
     point: np.ndarray
@@ -67,18 +59,11 @@ class Projected:
 class PixelRays:
     """Rays of image positions, vision frame: the straight line of J; NaN where no light leaves the camera.
 
-    Attributes
-    ----------
-    x_px, y_px : (n,) float64
-    origin_mm : (n, 3) float64
-        Crossing of the line with the plane z = 0 through the centre of the aperture stop.
-    direction : (n, 3) float64
-        Into the scene, of length 1.
-    error_px : (n, 2) float64
-        Error of the integral, as a distance of image positions.
-    hit_fraction : (n,) float64
-    microlens : (n, 2) int64 or None
-        k and l of the microlens in whose cell the position lies; None of a conventional camera.
+    `x_px`, `y_px`, `hit_fraction`: (n,) float64.
+    `origin_mm`: crossing of the line with the plane z = 0 through the centre of the aperture stop, (n, 3) float64.
+    `direction`: into the scene, of length 1, (n, 3) float64.
+    `error_px`: error of the integral, as a distance of image positions, (n, 2) float64.
+    `microlens`: k and l of the one in whose cell the position lies, (n, 2) int64; None of a conventional camera.
     """
 
     x_px: np.ndarray
@@ -100,10 +85,7 @@ class PixelRays:
 class SeenScene:
     """Targets and occluders before the cameras of a build.
 
-    Attributes
-    ----------
-    around : callable
-        Everything before a camera in a frame, by the frame's number and the camera's name without a channel.
+    `around` gives everything before a camera in a frame, by the frame's number and the camera's name without a channel.
     """
 
     around: Callable[[int, str], "Surroundings"]

@@ -1,4 +1,4 @@
-"""A drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
+"""A camera in its vertical plane, as SVG and as a plot: lens, stop, sensor, and rays clipped as the tracer clips them.
 
 Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
 upper or lower edge, whichever is farther from the axis, and at 0.7 of the way; where the edge is dark, near the rim of
@@ -9,6 +9,7 @@ from the stop, + towards the sensor, as light travels; the drawing is to scale.
 import dataclasses
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
+from pipeline.results.notebook import axes as new_axes
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 """Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
@@ -44,6 +46,10 @@ _WIDTH_PX, _MARGIN_PX = 1200, 40
 _INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
 """Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
 
+_WIDTH_IN, _HEIGHT_IN = 9.0, 4.0
+"""Size of the plot [inch]: the width of a notebook's page, and room for a lens half as high as long."""
+_GLASS, _EDGE, _DARK, _ARRAY = "#cfe3f2", "#24506e", "#111111", "#8e44ad"
+
 Points = list[svg_file.Point]
 
 
@@ -57,17 +63,17 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
     sheet.line([(left, 0.0), (camera.sensor_distance_mm + 4, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for points in elements(camera.prescription):
-        sheet.area(points, "#cfe3f2")
+        sheet.area(points, _GLASS)
     for field, colour in FIELDS:
         for ray in bundle(camera, field, left):
             sheet.line(ray, colour, 0.7)
     for surface, profile in zip(camera.prescription.surfaces, profiles(camera.prescription), strict=True):
         if not surface.is_stop:
-            sheet.line(profile, "#24506e", 1.2)
+            sheet.line(profile, _EDGE, 1.2)
     _draw_stop(sheet, camera.prescription, half)
     _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
-    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {_place(middle_focus(camera))}", 14, "start")
+    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {focus_in_words(camera)}", 14, "start")
     if camera.microlenses is None:
         return sheet.text(height)
     before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
@@ -109,10 +115,9 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     x, y_all = _about_axis(camera, vertices)
     rows = y_all[np.abs(x) <= array.pitch_mm]
     for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
-        own = _own(camera, vertices, y)
-        bulge = 0.12 * array.pitch_mm
+        row, bulge = _row_at(camera, vertices, y), 0.12 * array.pitch_mm
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
-        sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
+        sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[row])}", "end")
     sheet.line([(end, low), (end, high)], "#111111", 3)
     box = {"x": _MARGIN_PX, "y": round(top_px), "width": _WIDTH_PX - 2 * _MARGIN_PX, "height": _INSET_PX}
     return svg_file.element("svg", "", *sheet.items, "", **box)
@@ -222,15 +227,13 @@ def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     film = camera.sensor_distance_mm - array.distance_mm
     at_film = y + slope * (film - x)
     vertices = lattice(array)
-    own = _own(camera, vertices, at_film)
-    bent = (
-        slope
-        - (at_film - float(_about_axis(camera, vertices)[1][own])) / array.focal_lengths_mm[int(vertices.type[own])]
-    )
+    row = _row_at(camera, vertices, at_film)
+    height = at_film - float(_about_axis(camera, vertices)[1][row])
+    bent = slope - height / array.focal_lengths_mm[int(vertices.type[row])]
     return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
 
 
-def _own(camera: Camera, vertices: Lattice, y: float) -> int:
+def _row_at(camera: Camera, vertices: Lattice, y: float) -> int:
     """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
     x, heights = _about_axis(camera, vertices)
     return int(np.argmin(np.hypot(x, heights - y).round(9)))
@@ -252,7 +255,6 @@ def _height(camera: Camera, field: float) -> float:
 
 
 def _half_height(camera: Camera) -> float:
-    """Reach of the drawing above and below the axis."""
     return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
 
 
@@ -322,34 +324,64 @@ def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None
         sheet.words(sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
 
 
-def _place(distance: float) -> str:
-    return "infinity" if math.isinf(distance) else f"{distance:.1f} mm before the stop"
+def focus_in_words(camera: Camera, form: str = ".1f") -> str:
+    """Distance of the plane in focus, of the middle microlens type."""
+    distance_mm = middle_focus(camera)
+    return "infinity" if math.isinf(distance_mm) else f"{distance_mm:{form}} mm before the stop"
+
+
+def plot(camera: Camera, title: str, axes: Any = None) -> Any:
+    """Plot lens, stop, sensor and rays of three object points in focus, by default on axes of a new figure.
+
+    Returns the axes: x along the axis from the stop, + towards the sensor; y upwards [mm]. UsageError if matplotlib is
+    not installed.
+    """
+    sheet = new_axes(_WIDTH_IN, _HEIGHT_IN) if axes is None else axes
+    lens, end = camera.prescription, camera.sensor_distance_mm
+    left = lens.vertices_from_stop_mm[0] - AHEAD * (end - lens.vertices_from_stop_mm[0])
+    for outline in elements(lens):
+        sheet.fill(*zip(*outline, strict=True), facecolor=_GLASS, edgecolor=_EDGE, linewidth=0.6)
+    for surface, profile in zip(lens.surfaces, profiles(lens), strict=True):
+        if not surface.is_stop:
+            sheet.plot(*zip(*profile, strict=True), color=_EDGE, linewidth=1.2)
+    for place, colour in FIELDS:
+        for ray in bundle(camera, place, left):
+            sheet.plot(*zip(*ray, strict=True), color=colour, linewidth=0.6)
+    rim = 1.05 * max(surface.semi_diameter_mm for surface in lens.surfaces)
+    edge = lens.stop.semi_diameter_mm
+    for side in (-1, 1):
+        sheet.plot([0, 0], [side * edge, side * max(rim, 1.3 * edge)], color=_DARK, linewidth=2.5)
+    half, middle = _half_sensor(camera), -camera.sensor.offset_y_mm
+    sheet.plot([end, end], [middle - half, middle + half], color=_DARK, linewidth=2.5)
+    if camera.microlenses is not None:
+        film, reach = end - camera.microlenses.distance_mm, extent_mm(camera.microlenses)[1] / 2
+        centre = middle + camera.microlenses.offset_y_mm
+        sheet.plot([film, film], [centre - reach, centre + reach], color=_ARRAY, linewidth=1.2, linestyle=":")
+    sheet.set(aspect="equal", xlabel="along the axis, from the stop [mm]", ylabel="height [mm]", title=title)
+    return sheet
 
 
 class _Sheet:
-    """Elements of a drawing in the making; x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
+    """Elements of a drawing in the making, in mm: x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
 
     def __init__(self, left: float, scale: float, axis_px: float) -> None:
         self.left, self.scale, self.axis_px = left, scale, axis_px
         self.items: list[str] = []
 
     def place(self, x: float, y: float) -> svg_file.Point:
-        """A point in pixels of the drawing, y downwards."""
         return _MARGIN_PX + (x - self.left) * self.scale, self.axis_px - y * self.scale
 
     def line(self, points: Points, colour: str, width: float, dashes: str = "") -> None:
-        """Draw a line, in mm; `dashes` are lengths in pixels."""
         dashed = {"stroke_dasharray": dashes} if dashes else {}
         placed = [self.place(*point) for point in points]
         self.items.append(svg_file.line(placed, stroke=colour, stroke_width=width, **dashed))
 
     def area(self, points: Points, colour: str) -> None:
-        """Fill a polygon, in mm."""
         placed = [self.place(*point) for point in points]
         self.items.append(svg_file.area(placed, fill=colour, stroke="#24506e", stroke_width=0.6))
 
     def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
-        """Write words a little above a point, in mm."""
+        """Write words a little above a point."""
         x_px, y_px = self.place(x, y)
         self.words((x_px, y_px - 6), words, 11, anchor)
 
@@ -359,6 +391,5 @@ class _Sheet:
         self.items.append(svg_file.words(words, at_px, **style))
 
     def text(self, height: float) -> str:
-        """The text of the SVG file."""
         narrower = "max-width: 100%; height: auto"  # on a page or in a notebook that has no room for all of it
         return svg_file.document((_WIDTH_PX, round(height)), *self.items, style=narrower)

@@ -34,14 +34,8 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
     allow_roots : iterable of path
         Folders that the stage may read from, besides its project and the shipped library.
 
-    Raises
-    ------
-    UsageError
-        There is no such stage, folder or camera.
-    StageError
-        The stage has errors.
-    CameraError
-        The camera cannot be focused.
+    Raises UsageError without such a stage, folder or camera, StageError if the stage has errors, and CameraError if the
+    camera cannot be focused.
 
     Examples
     --------
@@ -57,14 +51,9 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
 
 @dataclass(frozen=True, kw_only=True)
 class Opened:
-    """A camera of a stage, or one of its channels, not yet made ready.
+    """A camera of a stage, or of the one in the folder of a build, or one of its channels, not yet made ready.
 
-    Attributes
-    ----------
-    stage : Path
-        The stage; of a build the one in its folder.
-    seed : int
-        Seed of the dataset; 0 of a rig alone.
+    The seed is that of the dataset; 0 of a rig alone.
     """
 
     stage: Path

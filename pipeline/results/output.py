@@ -34,17 +34,9 @@ class Named(dict[str, Any]):
 class Output:
     """Content of an output folder. Tables and poses are read when they are first asked for.
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    stage : str
-        The stage that was built, as the manifest names it.
-    cameras : mapping of str to BuiltCamera
-        Cameras sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
-    targets : mapping of str to BuiltTarget
-    frames : tuple of int
-        Sorted; each has a view of every camera.
+    `stage`: the stage that was built, as the manifest names it.
+    `cameras`: sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
+    `frames`: sorted; each has a view of every camera.
     """
 
     path: Path
@@ -56,25 +48,13 @@ class Output:
 
     @property
     def camera(self) -> BuiltCamera:
-        """The only camera.
-
-        Raises
-        ------
-        UsageError
-            There are several.
-        """
+        """The only camera; UsageError if there are several."""
         if len(self.cameras) != 1:
             raise UsageError(f"{self.path} has {len(self.cameras)} cameras", hint=f"choose: {', '.join(self.cameras)}")
         return next(iter(self.cameras.values()))
 
     def view(self, frame: int, camera: str | None = None) -> BuiltView:
-        """A camera in a frame; by default the only camera.
-
-        Raises
-        ------
-        UsageError
-            There is no such camera or frame.
-        """
+        """A camera in a frame; by default the only camera. UsageError if there is no such camera or frame."""
         if camera is not None and camera not in self.cameras:
             hint = did_you_mean(camera, self.cameras) or f"its cameras: {', '.join(self.cameras)}"
             raise UsageError(f"{self.path} has no camera {camera!r}", hint=hint)
@@ -86,13 +66,7 @@ class Output:
 
     @cached_property
     def correspondences(self) -> CorrespondenceRows:
-        """The ground truth of all cameras and frames.
-
-        Raises
-        ------
-        UsageError
-            Some cameras are plenoptic and others are not: their columns differ.
-        """
+        """The ground truth of all cameras and frames; UsageError if only some are plenoptic: their columns differ."""
         parts = [camera.correspondences for camera in self.cameras.values()]
         return all_of(joined(parts), parts)
 
@@ -124,19 +98,8 @@ def open_output(out: str | Path) -> Output:
     """Open the folder that a build filled.
 
     Only the files that docs/outputs.md promises are read, and the store is not needed. Nothing is verified:
-    `pipeline verify` does that.
-
-    Parameters
-    ----------
-    out : path
-        The output folder.
-
-    Raises
-    ------
-    UsageError
-        It holds no finished build, or one of another version.
-    DamagedFile
-        A file in it cannot be read.
+    `pipeline verify` does that. UsageError if it holds no finished build, or one of another version; DamagedFile if a
+    file in it cannot be read.
 
     Examples
     --------

@@ -16,10 +16,10 @@ from pipeline.camera.rig import Rig
 from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
+from pipeline.results.notebook import html_table
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.direct.mean_rays import mean_rays
 from pipeline.truth.planes import faces_camera
-from pipeline.truth.rows import Correspondences
 
 if TYPE_CHECKING:
     from pipeline.results.spots import SpotDiagram
@@ -36,15 +36,9 @@ _PLANES_FOCAL_LENGTHS = (10.0, 20.0)
 class ReadyCamera:
     """A camera that projects points and knows its rays.
 
-    Attributes
-    ----------
-    name : str
-        Name as in tables; empty for a camera from no stage.
-    rig : Rig
-    min_hit_fraction : float
-        Positions with less light count as dark.
-    accuracy_px : float
-        Error that answers may have by default [px].
+    `name`: name as in tables; empty for a camera from no stage.
+    `min_hit_fraction`: positions with less light count as dark.
+    `accuracy_px`: error that answers may have by default.
     """
 
     name: str
@@ -82,10 +76,7 @@ class ReadyCamera:
         accuracy_px : float, optional
             Error that positions may have; by default that of the camera.
 
-        Raises
-        ------
-        CameraError
-            An argument holds no such numbers.
+        CameraError if an argument holds no such numbers.
         """
         points = _numbers("points_mm", points_mm, 3)
         planes = np.empty((len(points), 4, 3))
@@ -103,20 +94,24 @@ class ReadyCamera:
             (truth.solutions.point[is_lit], Fate.SEEN),
         ):
             fates[points_there] = fate
-        return self._projected(truth.only(is_lit), tuple(fates))
+        rows, lattice = truth.only(is_lit), self.rig.tracer.lattice
+        cell = rows.solutions.cell
+        return Projected(
+            point=rows.solutions.point,
+            x_px=rows.solutions.x_px,
+            y_px=rows.solutions.y_px,
+            error_px=rows.sigma_px,
+            hit_fraction=rows.hit_fraction,
+            microlens=None if lattice is None else self.rig.axial[cell],
+            microlens_type=None if lattice is None else lattice.type[cell],
+            fates=tuple(fates),
+        )
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
         """Rays of image positions: the line of J(x) through all planes perpendicular to the axis.
 
-        Parameters
-        ----------
-        x_px, y_px : (n,)
-            (0, 0) is the centre of the top-left pixel; any positions, also between pixels.
-
-        Raises
-        ------
-        CameraError
-            An argument holds no such numbers.
+        `x_px`, `y_px`: (n,); (0, 0) is the centre of the top-left pixel; any positions, also between pixels.
+        CameraError if an argument holds no such numbers.
         """
         x, y = _numbers("x_px", x_px), _numbers("y_px", y_px)
         if len(x) != len(y) and 1 not in (len(x), len(y)):
@@ -139,14 +134,11 @@ class ReadyCamera:
         )
 
     def plot(self, *, axes: Any = None) -> Any:
-        """Plot lens, stop, sensor and real rays of three object points in focus, by matplotlib; returns the axes.
+        """Plot lens, stop, sensor and real rays of three object points in focus; returns the axes of matplotlib.
 
-        Raises
-        ------
-        UsageError
-            matplotlib is not installed.
+        UsageError if that is not installed.
         """
-        from pipeline.results.lens_plot import plot  # what only projects points needs no pictures
+        from pipeline.results.drawing import plot  # what only projects points needs no pictures
 
         return plot(self.camera, self.name or "camera", axes)
 
@@ -161,9 +153,20 @@ class ReadyCamera:
 
     def _repr_html_(self) -> str:
         """Key figures and the drawing with real rays, for a notebook."""
-        from pipeline.results.lens_plot import card
+        from pipeline.results.drawing import focus_in_words, svg
 
-        return card(self.camera, self.name or "camera")
+        lens, sensor, array = first_order(self.camera.prescription), self.camera.sensor, self.camera.microlenses
+        rows = [
+            ("focal length", f"{lens.efl_mm:.4g} mm"),
+            ("entrance pupil", f"{lens.entrance_pupil.diameter_mm:.4g} mm wide"),
+            ("in focus", focus_in_words(self.camera, ".5g")),
+            ("sensor", f"{sensor.width_px} x {sensor.height_px} px of {1000 * sensor.pitch_mm:g} µm"),
+        ]
+        if array is not None:
+            kinds = ", ".join(f"{length:.4g}" for length in array.focal_lengths_mm)
+            rows.append(("microlenses", f"{array.pitch_mm:.4g} mm apart, f = {kinds} mm"))
+        name = self.name or "camera"
+        return html_table(("camera", name), rows) + svg(self.camera, name)
 
     @property
     def _front_mm(self) -> float:
@@ -182,19 +185,6 @@ class ReadyCamera:
 
     def _accuracy(self, asked_px: float | None) -> float:
         return self.accuracy_px if asked_px is None else number("accuracy_px", asked_px, CameraError, _LEAST_PX, 1.0)
-
-    def _projected(self, rows: Correspondences, fates: tuple[Fate, ...]) -> Projected:
-        cell, lattice = rows.solutions.cell, self.rig.tracer.lattice
-        return Projected(
-            point=rows.solutions.point,
-            x_px=rows.solutions.x_px,
-            y_px=rows.solutions.y_px,
-            error_px=rows.sigma_px,
-            hit_fraction=rows.hit_fraction,
-            microlens=None if lattice is None else self.rig.axial[cell],
-            microlens_type=None if lattice is None else lattice.type[cell],
-            fates=fates,
-        )
 
 
 def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:

@@ -31,17 +31,10 @@ if TYPE_CHECKING:
 class BuiltPinhole:
     """The equivalent pinhole of a camera, as camera.json has it; `Pinhole` of camera/figures is what fits it.
 
-    Attributes
-    ----------
-    centre_mm : (3,) float64
-        Centre of projection in the vision frame [mm].
-    principal_distance_px : float
-    principal_point_px : (2,) float64
-        (0, 0) is the centre of the top-left pixel.
-    distortion : (5,) float64
-        k1, k2, p1, p2, k3 of OpenCV; zeros in the pinhole without distortion.
-    rms_px, max_px : float
-        Residual of the mean rays of the camera.
+    `centre_mm`: centre of projection in the vision frame, (3,) float64.
+    `principal_point_px`: (2,) float64; (0, 0) is the centre of the top-left pixel.
+    `distortion`: k1, k2, p1, p2, k3 of OpenCV, (5,) float64; zeros in the pinhole without distortion.
+    `rms_px`, `max_px`: residual of the mean rays of the camera.
     """
 
     centre_mm: np.ndarray
@@ -74,12 +67,8 @@ class BuiltPinhole:
 class BuiltPoses:
     """Poses of a view: transforms on column vectors, (4, 4) float64 [mm]; see CONVENTIONS.md, Frames.
 
-    Attributes
-    ----------
-    camera_from_world, camera_from_target : array, and arrays by the name of a target
-        Transforms to the vision frame, whose origin is the centre of the aperture stop: right for rays.
-    pinhole_from_world, pinhole_from_target : array or None, and arrays by the name of a target
-        Transforms to the centre of the equivalent pinhole: right for OpenCV. Empty where no pinhole fits.
+    Those of the camera lead to the vision frame, whose origin is the centre of the aperture stop: right for rays. Those
+    of the pinhole lead to its centre: right for OpenCV, and empty where no pinhole fits. Targets are there by name.
     """
 
     camera_from_world: np.ndarray
@@ -90,16 +79,7 @@ class BuiltPoses:
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltView:
-    """A camera in a frame.
-
-    Attributes
-    ----------
-    camera : str
-    frame : int
-    is_plenoptic : bool
-    size_px : tuple of int
-        Width and height of its image.
-    """
+    """A camera in a frame. `size_px` is the width and height of its image."""
 
     camera: str
     frame: int
@@ -121,7 +101,15 @@ class BuiltView:
     @cached_property
     def poses(self) -> BuiltPoses:
         """Poses of the view, from poses.json."""
-        return _poses(self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json"))
+        record = self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json")
+        targets, pinhole = record["targets"], record["pinhole"]
+        from_target = {name: pose["pinhole"] for name, pose in targets.items() if pose["pinhole"]}
+        return BuiltPoses(
+            camera_from_world=np.array(record["camera_from_world"]),
+            camera_from_target={name: np.array(pose["camera_from_target"]) for name, pose in targets.items()},
+            pinhole_from_world=np.array(pinhole["pinhole_from_world"]) if pinhole else None,
+            pinhole_from_target={name: np.array(pose["pinhole_from_target"]) for name, pose in from_target.items()},
+        )
 
     @property
     def image_path(self) -> Path | None:
@@ -150,14 +138,9 @@ class BuiltView:
 class BuiltCamera:
     """A camera of a build, or one of the channels of its sensor.
 
-    Attributes
-    ----------
-    name : str
-        `Rig.Camera`, or `Rig.Camera@red` of a channel.
-    record : dict
-        All of camera.json: docs/outputs.md says what its keys mean.
-    views : tuple of BuiltView
-        Sorted by frame.
+    `name`: `Rig.Camera`, or `Rig.Camera@red` of a channel.
+    `record`: all of camera.json; docs/outputs.md says what its keys mean.
+    `views`: sorted by frame.
     """
 
     name: str
@@ -232,18 +215,10 @@ class BuiltCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltTarget:
-    """A target of a build.
+    """A target of a build: name of the prim, its pattern and the parameters of that, see docs/targets.md.
 
-    Attributes
-    ----------
-    name, kind : str
-        Name of the prim, and its pattern: docs/targets.md.
-    parameters : dict
-        Parameters of the pattern.
-    points_mm, nominal_mm, normals : (n, 3) float64
-        Target frame: x right, y up, z towards the viewer. The row is the point_id. Actual points differ from
-        nominal ones on warped and measured boards.
-    is_flat : bool
+    Points and normals are (n, 3) float64 in the target frame: x right, y up, z towards the viewer. The row is the
+    point_id. Actual points differ from nominal ones on warped and measured boards.
     """
 
     name: str
@@ -258,14 +233,13 @@ class BuiltTarget:
 def target(name: str, record: Json) -> BuiltTarget:
     """A target from its JSON file."""
     points = record["points"]
-    arrays = {key: np.array([point[key] for point in points]) for key in ("actual_mm", "nominal_mm", "normal")}
     return BuiltTarget(
         name=name,
         kind=record["kind"],
         parameters=record["parameters"],
-        points_mm=arrays["actual_mm"],
-        nominal_mm=arrays["nominal_mm"],
-        normals=arrays["normal"],
+        points_mm=np.array([point["actual_mm"] for point in points]),
+        nominal_mm=np.array([point["nominal_mm"] for point in points]),
+        normals=np.array([point["normal"] for point in points]),
         is_flat=record["surface"]["kind"] == "flat",
     )
 
@@ -281,16 +255,4 @@ def _pinhole(plain: Json | None, model: Json | None) -> BuiltPinhole | None:
         distortion=np.array(model.get("distortion", [0.0] * 5)),
         rms_px=model["residual_px"]["rms"],
         max_px=model["residual_px"]["max"],
-    )
-
-
-def _poses(record: Json) -> BuiltPoses:
-    targets, pinhole = record["targets"], record["pinhole"]
-    return BuiltPoses(
-        camera_from_world=np.array(record["camera_from_world"]),
-        camera_from_target={name: np.array(pose["camera_from_target"]) for name, pose in targets.items()},
-        pinhole_from_world=np.array(pinhole["pinhole_from_world"]) if pinhole else None,
-        pinhole_from_target={
-            name: np.array(pose["pinhole"]["pinhole_from_target"]) for name, pose in targets.items() if pose["pinhole"]
-        },
     )

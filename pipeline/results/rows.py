@@ -84,28 +84,14 @@ _COLOURS = ("#f07818", "#2f7fe0", "#27a05a", "#c8489a", "#8f63e8", "#b8901a")
 
 @dataclass(frozen=True, slots=True)
 class Backdrop:
-    """Images behind the rows of some cameras.
-
-    Attributes
-    ----------
-    sizes_px : mapping of str to (int, int)
-        Width and height of the image of each camera.
-    pictures : mapping of (str, int) to Path
-        Preview of each camera and frame, where the build has one.
-    """
+    """Images behind the rows: width and height of those of each camera, and previews by camera and frame."""
 
     sizes_px: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     pictures: Mapping[tuple[str, int], Path] = field(default_factory=dict)
 
 
 class CorrespondenceRows(np.recarray):
-    """Rows of the ground truth; columns are attributes, and docs/outputs.md says what they mean.
-
-    Attributes
-    ----------
-    backdrop : Backdrop
-        The picture over which plots are drawn.
-    """
+    """Rows of the ground truth; columns are attributes, and docs/outputs.md says what they mean."""
 
     backdrop: Backdrop
 
@@ -123,26 +109,13 @@ class CorrespondenceRows(np.recarray):
         return np.array([name_with(camera, channel) if channel else camera for camera, channel in pairs], dtype=str)
 
     def plot(self, frame: int | None = None, camera: str | None = None, *, axes: Any = None) -> Any:
-        """Plot positions over the image of their frame, one colour per target and type of microlens.
+        """Plot positions over the image of their frame, one colour per target and type of microlens; returns the axes.
 
-        Parameters
-        ----------
-        frame : int, optional
-            The frame to draw; by default all rows, those of several frames without an image.
-        camera : str, optional
-            Name of the camera, as `Rig.Camera` or `Rig.Camera@red`, where rows are of several.
-        axes : matplotlib Axes, optional
-            The axes to draw on; by default those of a new figure.
-
-        Returns
-        -------
-        Axes
-            The axes, in pixels: (0, 0) is the centre of the top-left one.
-
-        Raises
-        ------
-        UsageError
-            There are no such rows, or rows of several cameras, or matplotlib is not installed.
+        `frame`: the frame to draw; by default all rows, those of several frames without an image.
+        `camera`: its name, as `Rig.Camera` or `Rig.Camera@red`, where rows are of several.
+        `axes`: those of matplotlib to draw on, by default of a new figure, in pixels: (0, 0) is the centre of the
+        top-left one.
+        UsageError if there are no such rows, or rows of several cameras, or if matplotlib is not installed.
         """
         rows = self._of_camera(camera)._of_frame(frame)
         name, frames = str(rows.seen_by[0]), np.unique(rows.frame).tolist()

@@ -138,15 +138,7 @@ def drawn(values: np.ndarray) -> Numbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotDiagram:
-    """Spots from the centre to the corner of the image, at the ends and in the middle of the depth of field.
-
-    Attributes
-    ----------
-    name : str
-        Name of the camera.
-    spots : tuple of Spot
-        Rays of one image position where they cross a plane of the scene, as displacements in the image [px].
-    """
+    """Spots from the centre to the corner of the image, at the ends and in the middle of the depth of field."""
 
     name: str
     spots: tuple[Spot, ...] = field(repr=False)
@@ -166,10 +158,7 @@ class SpotDiagram:
     def plot(self) -> Any:
         """Plot all spots at one scale, with the square of a pixel; returns the axes, a row per distance.
 
-        Raises
-        ------
-        UsageError
-            matplotlib is not installed.
+        UsageError if matplotlib is not installed.
         """
         rows, reach = self.rows, self.reach_px
         width, height = len(rows[0]), len(rows)
@@ -210,11 +199,8 @@ def _cell(spot: Spot, at: tuple[int, int], reach_px: float) -> list[str]:
     middle = left + _CELL_PX / 2, top + _HEAD_PX + _CELL_PX / 2
     pairs = zip(spot.dx_px, spot.dy_px, strict=True)
     dots = [(middle[0] + dx * scale, middle[1] + dy * scale) for dx, dy in pairs if dx is not None and dy is not None]
-    round_ends: dict[str, str | float] = {
-        "stroke": _INK,
-        "stroke_width": 2.0,
-        "stroke_linecap": "round",
-    }  # a line of no length is a dot
+    # A line of no length is a dot.
+    round_ends: dict[str, str | float] = {"stroke": _INK, "stroke_width": 2.0, "stroke_linecap": "round"}
     shown = svg.path([step for dot in dots for step in (("M", (dot,)), ("L", (dot,)))], fill="none", **round_ends)
     style = {"font_family": "sans-serif", "font_size": "10"}
     lines = [svg.words(text, (left + 4, top + 14 + 14 * i), **style) for i, text in enumerate(_words(spot))]
