@@ -18,16 +18,13 @@ from lenses import EXAMPLES, table_of, tronnier
 
 import pipeline
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.on_device.regions import blocks_for
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.errors import EnvironmentFault
 from pipeline.jit.binding import Single
 from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda, device_name, fetched, is_simulated, resident
-from pipeline.optics.crossing import Ray
-from pipeline.optics.kernels import trace_rays
-from pipeline.optics.one_ray import trace_ray
+from pipeline.optics.kernels import SCRATCH, Packet, trace_packet, trace_rays
 from pipeline.render.imaging import irradiance
 
 AGREEMENT_MM = 1e-9
@@ -39,7 +36,7 @@ SINGLE_MM = 1e-3
 """Differences of rays behind a lens in float32."""
 _TURNS, _THREADS, _FIELD_DEG = 5, 256, 10.0
 Timed = dict[str, Callable[[], np.ndarray]]
-trace_single = Single(trace_ray, STILL_MM=1e-3, RESIDUAL_MM=1e-4)
+trace_single = Single(trace_packet, STILL_MM=1e-3, RESIDUAL_MM=1e-4)
 
 
 def main() -> None:
@@ -65,30 +62,32 @@ def main() -> None:
 @DeviceKernel
 def lens_in_double(table, rays):  # type: ignore[no-untyped-def]
     """Trace one ray per thread where it lies, (7, n)."""
-    i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    scratch, i = cuda.local.array((SCRATCH, 1), np.float64), cuda.grid(1)
     if i < rays.shape[1]:
-        put_ray(rays, i, trace_ray(table, ray_at(rays, i)))
+        trace_packet(table, packet_at(rays, i, scratch), 1)
 
 
 @DeviceKernel
 def lens_in_single(table, rays):  # type: ignore[no-untyped-def]
     """The same in float32."""
-    i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    scratch, i = cuda.local.array((SCRATCH, 1), np.float32), cuda.grid(1)
     if i < rays.shape[1]:
-        put_ray(rays, i, trace_single(table, ray_at(rays, i)))
+        trace_single(table, packet_at(rays, i, scratch), 1)
 
 
 @inline
-def ray_at(rays, i):  # type: ignore[no-untyped-def]
-    """A ray of many."""
-    return Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
-
-
-@inline
-def put_ray(rays, i, ray):  # type: ignore[no-untyped-def]
-    """Write it back."""
-    rays[0, i], rays[1, i], rays[2, i] = ray.x, ray.y, ray.z
-    rays[3, i], rays[4, i], rays[5, i], rays[6, i] = ray.dx, ray.dy, ray.dz, ray.alive
+def packet_at(rays, i, scratch):  # type: ignore[no-untyped-def]
+    """One ray of many as a packet."""
+    x, y, z, dx, dy, dz, alive = (
+        rays[0, i:],
+        rays[1, i:],
+        rays[2, i:],
+        rays[3, i:],
+        rays[4, i:],
+        rays[5, i:],
+        rays[6, i:],
+    )
+    return Packet(x, y, z, dx, dy, dz, alive, scratch, x)
 
 
 def lens_alone(device: str, count: int) -> None:
@@ -105,7 +104,7 @@ def lens_alone(device: str, count: int) -> None:
         for _ in range(_TURNS + 1):
             here = resident(rays.astype(kind))
             begin = time.perf_counter()
-            kernel(blocks_for(rays.shape[1], _THREADS), _THREADS, there, here)
+            kernel(-(-rays.shape[1] // _THREADS), _THREADS, there, here)
             fetched(here[0, :1])  # waits for the kernel
             seconds.append(time.perf_counter() - begin)
         found = fetched(here)[:, : 1 << 16]

@@ -14,8 +14,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.rays import front_grid
 from pipeline.optics.table import towards_sensor
-from pipeline.optics.transmission.coatings import Coating, CoatingData
-from pipeline.optics.transmission.losses import Losses, steepest_deg, transmitted
+from pipeline.optics.transmission import Coating, CoatingData, Losses, steepest_deg, transmitted
 from pipeline.render.field_transmission import axial_transmission, field_transmission
 from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.irradiation import Radiance

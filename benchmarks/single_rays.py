@@ -8,54 +8,47 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.on_device import image_rays
-from pipeline.camera.on_device.regions import room_for_regions
-from pipeline.camera.tracing.records import CameraArrays, Diffraction, Leaving, Samples, Squares, room_for
-from pipeline.camera.tracing.sampling_bounds import bound, new_region
+from pipeline.camera import on_device
+from pipeline.camera.tracing.packets import Aims
+from pipeline.camera.tracing.records import (
+    CameraArrays,
+    Diffraction,
+    Leaving,
+    Samples,
+    SensorPoints,
+    Squares,
+    room_for,
+)
+from pipeline.camera.tracing.sampling_bounds import new_region
 from pipeline.jit.binding import bound_anew, in_single
 from pipeline.jit.decorators import _numba, fma
+from pipeline.optics.kernels import SCRATCH, Packet
 
 
 def single_leaving(camera: CameraArrays, samples: Samples, squares: Squares, diffraction: Diffraction) -> Leaving:
     """The rays that leave the camera, as those of `image_rays` on processors."""
-    room = room_for(int(squares.counts.sum()))
-    rays = single_rays(camera, samples, squares, diffraction)
-    return room.first(image_rays.leaving_rays(rays, 0, squares.counts, room))
-
-
-def single_rays(camera: CameraArrays, samples: Samples, squares: Squares, diffraction: Diffraction) -> np.ndarray:
-    """The same as `ImageRays.started`, in the simulator or without any device."""
-    shots = image_rays.Shots.of(squares.counts)
-    regions, rays = room_for_regions(len(shots.owner), np.empty), np.zeros((7, len(shots.of_ray)), np.float32)
-    reach_mm = image_rays.reach_of.function(samples, diffraction)
-    _traced()((camera, in_single(camera)), samples, squares, diffraction, shots, regions, reach_mm, rays)
-    return rays
+    room, rays = room_for(int(squares.counts.sum())), np.zeros((7, int(squares.counts.sum())), np.float32)
+    started = on_device.Started.of(squares.counts)
+    aims, single = np.zeros((4, 1)), np.zeros((10, 1), np.float32)
+    buffers = (
+        new_region.function(),
+        Aims(*aims, np.zeros((SCRATCH, 1))),
+        SensorPoints(*single[8:]),
+        Packet(*single[:7], np.zeros((SCRATCH, 1), np.float32), single[7]),
+    )
+    _traced()((camera, in_single(camera)), (samples, squares, diffraction), started, *buffers, rays)
+    return room.first(on_device.leaving_rays(rays, 0, squares.counts, room))
 
 
 @functools.cache
 def _traced() -> Any:
     """All rays, one after the other."""
-    numba = _numba()
-    compiled = numba.njit(nogil=True, error_model="numpy")
-    shot = compiled(bound_anew(image_rays.shot.function, compiled, fma=fma))
-    bounded, buffers = bound.compiled, new_region.compiled
+    compiled = _numba().njit(nogil=True, error_model="numpy")
+    trace_square = compiled(bound_anew(on_device.trace_square.function, compiled, fma=fma))
 
     @compiled
-    def trace(cameras, samples, squares, diffraction, shots, regions, reach, rays):  # type: ignore[no-untyped-def]
-        region, places = buffers(), squares.strata.shape[1]
-        for k in range(shots.owner.shape[0]):
-            n, j = shots.owner[k] // places, shots.owner[k] % places
-            x, y = squares.positions[n, 0], squares.positions[n, 1]
-            fan = bounded(cameras[0], squares.strata[n, j], x, y, reach, region)
-            regions.polygons[k], regions.cumulative[k] = region.polygon, region.cumulative
-            regions.vertices[k], regions.area[k] = fan.vertices, fan.area
-            regions.centre[k, 0], regions.centre[k, 1] = fan.x, fan.y
-        for i in range(rays.shape[1]):
-            if not regions.area[shots.of_ray[i]] > 0.0:
-                continue
-            ray, share = shot(cameras, samples, squares, diffraction, shots, regions, i)
-            if ray.alive > 0.0:
-                rays[0, i], rays[1, i], rays[2, i] = ray.x, ray.y, ray.z
-                rays[3, i], rays[4, i], rays[5, i], rays[6, i] = ray.dx, ray.dy, ray.dz, share
+    def trace(cameras, light, started, region, aims, start, packet, rays):  # type: ignore[no-untyped-def]
+        for k in range(started.owner.shape[0]):
+            trace_square(cameras, light, (started, k), region, aims, start, packet, rays)
 
     return trace

@@ -23,8 +23,7 @@ from lenses import EXAMPLES, Race, codev_double_gauss, table_of, tronnier
 import pipeline
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.optics.kernels import PACKET, new_packet, trace_packet, trace_rays
-from pipeline.optics.limit import crossings_per_second
+from pipeline.optics.kernels import PACKET, crossings_per_second, new_packet, trace_packet, trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import CURVATURE, towards_sensor
 from pipeline.scene.dataset import CameraEntry

@@ -18,8 +18,7 @@ import numpy as np
 
 from pipeline.app.kernel_steps import STEPS
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.polar_bundle import single_hits
-from pipeline.camera.integrating.quadrature import edges
+from pipeline.camera.integrating.quadrature import edges, single_hits
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera, Sensor

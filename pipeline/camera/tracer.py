@@ -11,8 +11,7 @@ from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, regions
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, lattice
-from pipeline.camera.pupil.outline_grid import grid_outlines, upright
-from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
+from pipeline.camera.pupil.outlines import MARGIN, Outlines, grid_outlines, outlines, upright
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.microlens_tables import camera_arrays
 from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECOND, WEIGHT, mixed
@@ -169,7 +168,7 @@ class Tracer:
         kinds = np.int64, np.float64, np.float64, np.int64
         starts = Starts(*(np.ascontiguousarray(part, kind) for part, kind in zip(starts, kinds, strict=True)))
         if self.device is not None:
-            from pipeline.camera.on_device.moments import moments_on_device
+            from pipeline.camera.on_device import moments_on_device
 
             moments_on_device(self.device, self.arrays, planes, draws, starts, result)
         else:

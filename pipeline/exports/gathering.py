@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pipeline.camera.figures.pinhole_fit import Sightings
+from pipeline.camera.figures.equivalent_pinhole import Sightings
 from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Grid, Material, Observations, Scene
 from pipeline.exports.micro_images import MicroImages
 from pipeline.exports.ray_patches import Sight

@@ -12,8 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from pipeline.camera.figures import pinhole_fit as fit
-from pipeline.camera.figures.pinhole_fit import F, Sightings
+from pipeline.camera.figures import equivalent_pinhole as fit
+from pipeline.camera.figures.equivalent_pinhole import F, Sightings
 from pipeline.frames import apply, inverse, rigid
 from pipeline.results.records import BuiltPinhole
 

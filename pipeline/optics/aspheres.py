@@ -221,51 +221,6 @@ def _quartic(v, v2, a0, a1, a2, a3, a4):
 
 
 @inline
-def _v_squared(path, dz):
-    """r^2 at the end of a path, as high powers take it."""
-    return path.squared + (path.twice_across + (1.0 - dz * dz) * path.t) * path.t
-
-
-@inline
-def _horner(dp, p, v, a):
-    """p' and p with one more coefficient."""
-    return fma(dp, v, p), fma(p, v, a)
-
-
-@inline
-def through_conic_or_asphere(row, ray):
-    """The ray moved from the vertex plane to one conic or asphere, and refracted."""
-    shape, mu = shape_of(row), row[INDEX_RATIO]
-    if row[TERMS] > 0.0:
-        path, steps = begun(shape, ray), 0
-        while steps < NEWTON_STEPS and path.moved > STILL_MM:
-            s, rise = _powers_of(row, shape, path, ray.dz, squared_height(path, ray.dz))
-            path = stepped(shape, path, ray.dz, squared_height(path, ray.dz), s, rise)
-            steps += 1
-        px, py = ray.x + path.t * ray.dx, ray.y + path.t * ray.dy
-        s, rise = _powers_of(row, shape, path, ray.dz, px * px + py * py)
-        ray, normal = landed(shape, ray, path.t, s, rise)
-    else:
-        ray, normal = on_conic(shape, ray)
-    return bent(mu, ray, normal) if mu != 1.0 else ray
-
-
-@inline
-def _powers_of(row, shape, path, dz, r2):
-    """S / r^2 and dS / d(r^2) of any asphere at the end of a path."""
-    if is_short(row):
-        return low_powers(shape, r2)
-    v = _v_squared(path, dz)
-    if row[ODD] > 0.0:
-        v = math.sqrt(max(v, 0.0))
-    last = int(row[TERMS]) - 1
-    p, dp = row[COEFFICIENTS + last], 0.0
-    for j in range(last - 1, LOW_TERMS - 2, -1):
-        dp, p = _horner(dp, p, v, row[COEFFICIENTS + j])
-    return all_powers(shape, v, p, dp)
-
-
-@inline
 def cross_asphere(row, packet, count):
     """Move rays of a packet from the vertex plane to one conic or asphere and refract."""
     scratch, mu = packet.scratch, row[INDEX_RATIO]
@@ -335,10 +290,9 @@ def _newton(row, shape, dz, scratch, count):
 @inline
 def _high_powers(row, dz, scratch, count):
     """v, and Horner's rule down to the fifth coefficient for p and p'. The loop over coefficients is the outer one."""
-    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
-    v, p, dp = scratch[4], scratch[5], scratch[6]
+    t, squared, twice_across, v, p, dp = scratch[0], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6]
     for i in range(count):
-        v[i] = _v_squared(Path(t[i], moved[i], squared[i], twice_across[i]), dz[i])
+        v[i] = squared[i] + (twice_across[i] + (1.0 - dz[i] * dz[i]) * t[i]) * t[i]  # r^2 at the end of a path
     if row[ODD] > 0.0:
         for i in range(count):
             v[i] = math.sqrt(max(v[i], 0.0))
@@ -349,4 +303,4 @@ def _high_powers(row, dz, scratch, count):
     for j in range(last - 1, LOW_TERMS - 2, -1):
         a = row[COEFFICIENTS + j]
         for i in range(count):
-            dp[i], p[i] = _horner(dp[i], p[i], v[i], a)
+            dp[i], p[i] = fma(dp[i], v[i], p[i]), fma(p[i], v[i], a)

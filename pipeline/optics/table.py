@@ -2,16 +2,46 @@
 
 Both tables let rays travel along +z of their own frame, so kernels know one direction only: `towards_scene` uses the
 vision frame (origin at the stop, z forward), `towards_sensor` the lens frame moved to the stop.
+
+A surface off its place has the rigid motion that carries it there from where it stands in the centred lens, about the
+centre of the nominal stop; what follows it stays.
 """
 
+import math
 from itertools import chain, combinations
 
 import numpy as np
 
-from pipeline.frames import VISION_FROM_CAMERA
-from pipeline.optics.displacement import displacements
+from pipeline.frames import VISION_FROM_CAMERA, rigid
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.shapes import Float64
+
+
+def displacements(prescription: Prescription) -> list[np.ndarray | None]:
+    """Motion of every surface, (4, 4) [mm]; None where it stands in its place.
+
+    The surface moves first, then its group: what a surface is displaced by counts in the axes of its group.
+    """
+    vertices = prescription.vertices_from_stop_mm
+    motions = [motion(s.decentre_mm, s.tilt_deg, z) for s, z in zip(prescription.surfaces, vertices, strict=True)]
+    for group in prescription.groups:
+        whole = motion(group.decentre_mm, group.tilt_deg, vertices[group.first] + group.pivot_mm)
+        for i in group.members if whole is not None else ():
+            alone = motions[i]
+            motions[i] = whole if alone is None else whole @ alone
+    return motions
+
+
+def motion(decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivot_mm: float) -> np.ndarray | None:
+    """Turn about the point (0, 0, pivot), first about x, then about the turned y, then shift; None for no motion."""
+    if not any((*decentre_mm, *tilt_deg)):
+        return None
+    (cos_x, cos_y), (sin_x, sin_y) = ([f(math.radians(angle)) for angle in tilt_deg] for f in (math.cos, math.sin))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
+    about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
+    turn, pivot = about_x @ about_y, np.array([0.0, 0.0, pivot_mm])
+    return rigid(turn, pivot - turn @ pivot + np.array([*decentre_mm, 0.0]))
+
 
 VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
     range(11)

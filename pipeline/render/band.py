@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.strata import pixel_strata, positions_of
+from pipeline.camera.micro_images.centres import pixel_strata, positions_of
 from pipeline.camera.rig import Rig
 from pipeline.records.shapes import Float64, Int64
 
@@ -17,7 +17,7 @@ class Band:
     """Rows of an image.
 
     `positions_mm`: centres of their pixels on the sensor, row by row, vision frame.
-    `strata`: microlenses that light each pixel, as `camera.micro_images.strata` finds them.
+    `strata`: microlenses that light each pixel, as `camera.micro_images.centres` finds them.
     """
 
     rig: Rig

@@ -16,7 +16,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.table import EDGES, is_centred, towards_sensor
-from pipeline.optics.transmission.losses import Losses, transmitted
+from pipeline.optics.transmission import Losses, transmitted
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 from pipeline.render.sensor.response import SensorError

@@ -15,8 +15,8 @@ from pipeline.render.passes import Batch
 
 _RAYS_PER_CHUNK = 1 << 15
 """Rays that are traced before they are shaded, 64 bytes each, so that they stay in the cache."""
-_RAYS_ON_DEVICE, _RAYS_OF_A_REGION = 1 << 21, 64
-"""Rays that are on a device together, 28 bytes each, and how many take the room of one region there."""
+_RAYS_ON_DEVICE = 1 << 21
+"""Rays that are on a device together, 28 bytes each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +89,13 @@ def _by_processor(wanted: _Wanted) -> Iterator[PixelRays]:
 
 def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
     """Many are traced together, but handed on in stretches as short as those of processors, which shade them."""
-    from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
+    from pipeline.camera.on_device import ImageRays, leaving_rays
 
     tracer, of_pixel, room = wanted.band.rig.tracer, wanted.counts.sum(axis=1), room_for(_RAYS_PER_CHUNK)
     assert wanted.band.rig.device is not None
     tracing = ImageRays(wanted.band.rig.device, tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
     pixels = np.flatnonzero(of_pixel)
-    taken = of_pixel + _RAYS_OF_A_REGION * np.count_nonzero(wanted.counts, axis=1)
-    for first, end in _stretches(taken[pixels], _RAYS_ON_DEVICE):
+    for first, end in _stretches(of_pixel[pixels], _RAYS_ON_DEVICE):
         together = pixels[first:end]
         rays, before = tracing.started(wanted.squares(together)), 0
         for low, high in _stretches(of_pixel[together], _RAYS_PER_CHUNK):

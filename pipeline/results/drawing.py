@@ -20,11 +20,10 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.files import svg as svg_file
 from pipeline.frames import apply
-from pipeline.optics.displacement import displacements
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements, towards_scene, towards_sensor
 from pipeline.results.notebook import axes as new_axes
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))

@@ -12,8 +12,7 @@ from pipeline.optics.glass.errors import BadAbsorption, GlassError
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.rays import front_grid
 from pipeline.optics.table import towards_scene
-from pipeline.optics.transmission.coatings import CoatingData
-from pipeline.optics.transmission.losses import Losses, steepest_deg
+from pipeline.optics.transmission import CoatingData, Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.lens import medium_behind, ordered_surfaces

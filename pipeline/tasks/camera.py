@@ -8,9 +8,8 @@ import dataclasses
 from pathlib import Path
 
 from pipeline.camera.figures import equivalent_pinhole
-from pipeline.camera.figures.equivalent_pinhole import Pinhole
+from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.camera.figures.pinhole_fit import Projection
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved, stopped_down
 from pipeline.camera.parts.camera import Camera

@@ -15,7 +15,7 @@ from laws import rigs
 
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.ideal_lens import with_ideal_lens
-from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
+from pipeline.camera.on_device import ImageRays, leaving_rays
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes

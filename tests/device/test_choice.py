@@ -7,7 +7,7 @@ import pytest
 from laws import rigs
 
 from pipeline.app.build import project
-from pipeline.camera.on_device.image_rays import ImageRays
+from pipeline.camera.on_device import ImageRays
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.records import Samples, no_diffraction
 from pipeline.camera.tracing.sobol import sobol_bits

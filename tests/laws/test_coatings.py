@@ -13,8 +13,7 @@ from tolerances import BISECTED, COATED_ANGLE
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, towards_sensor
-from pipeline.optics.transmission.coatings import Coating, CoatingData, Film
-from pipeline.optics.transmission.losses import Losses, fresnel, steepest_deg, transmitted
+from pipeline.optics.transmission import Coating, CoatingData, Film, Losses, fresnel, steepest_deg, transmitted
 
 BK7, MGF2 = 1.5168, 1.38
 """Index n_d of N-BK7 and the textbook index of magnesium fluoride."""

@@ -26,9 +26,8 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.camera.wave import wavefront as wavefronts
-from pipeline.camera.wave.paths import sent
 from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, whole_image
-from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
+from pipeline.camera.wave.wavefront import View, Wavefront, sent, wavefront
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, Surface
 

@@ -25,8 +25,7 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights, chief_slopes
-from pipeline.camera.pupil.outline_grid import FilmPlane, grid_outlines, upright
-from pipeline.camera.pupil.outlines import DIRECTIONS, directions_of
+from pipeline.camera.pupil.outlines import DIRECTIONS, FilmPlane, directions_of, grid_outlines, upright
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outline_at

@@ -16,7 +16,7 @@ from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.integrating import edge_search, ways
-from pipeline.camera.integrating.label_kernels import PASSES
+from pipeline.camera.integrating.edge_search import PASSES
 from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, bounded, edges
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, target_plane

@@ -14,8 +14,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene
-from pipeline.optics.transmission.coatings import Coating
-from pipeline.optics.transmission.losses import Losses, transmitted
+from pipeline.optics.transmission import Coating, Losses, transmitted
 from pipeline.render.field_transmission import axial_transmission, field_transmission
 from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.irradiation import ChannelRadiance

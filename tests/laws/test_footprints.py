@@ -8,8 +8,7 @@ import pytest
 from laws.random_scenes import random_camera, random_pose, random_target
 from shorter import one_in
 
-from pipeline.camera.micro_images.centres import MicroImages, micro_images
-from pipeline.camera.micro_images.strata import pixel_strata, positions_of
+from pipeline.camera.micro_images.centres import MicroImages, micro_images, pixel_strata, positions_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer

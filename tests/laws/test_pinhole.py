@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.figures.equivalent_pinhole import Pinhole, pinhole
+from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection, pinhole
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.camera.figures.pinhole_fit import Projection
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS

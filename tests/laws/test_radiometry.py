@@ -16,8 +16,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, towards_sensor
-from pipeline.optics.transmission.coatings import Coating
-from pipeline.optics.transmission.losses import Losses, fresnel, transmitted
+from pipeline.optics.transmission import Coating, Losses, fresnel, transmitted
 from pipeline.render.field_transmission import axial_transmission
 from pipeline.render.imaging import irradiance
 from pipeline.render.radiometry import photon_rate

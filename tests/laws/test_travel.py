@@ -8,8 +8,7 @@ import pytest
 from laws import rigs
 
 from pipeline.camera.focusing.depth_of_field import foci, focused
-from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, solved
-from pipeline.camera.focusing.group_travel import moved, travel_mm
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, moved, solved, travel_mm
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import first_order

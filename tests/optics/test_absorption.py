@@ -12,8 +12,7 @@ from pipeline.optics.glass.errors import BadAbsorption, OutOfRange, UnknownAbsor
 from pipeline.optics.glass.row import medium
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor
-from pipeline.optics.transmission.coatings import Coating
-from pipeline.optics.transmission.losses import Losses, transmitted
+from pipeline.optics.transmission import Coating, Losses, transmitted
 
 NM, TAU = (400.0, 500.0, 600.0), (0.6, 0.9, 0.98)
 

@@ -14,10 +14,9 @@ from tolerances import (
 )
 
 from pipeline.optics.glass.catalogue import catalogue, find, near_names, nearest
-from pipeline.optics.glass.dispersion import C_UM, D_UM, F_UM, Cauchy, Constant, NormalLine, Polynomial, Sellmeier
-from pipeline.optics.glass.doubt import doubt_of
 from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassMismatch, OutOfRange, UnknownGlass
-from pipeline.optics.glass.row import medium
+from pipeline.optics.glass.medium import C_UM, D_UM, F_UM, Cauchy, Constant, NormalLine, Polynomial, Sellmeier
+from pipeline.optics.glass.row import doubt_of, medium
 
 D_NM = 587.5618
 

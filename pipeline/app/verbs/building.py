@@ -153,7 +153,7 @@ def _profile(result: Any) -> dict[str, Any]:
 
 def _say_profile(result: Any) -> None:
     """Print the profile to stderr."""
-    from pipeline.optics.limit import crossings_per_second
+    from pipeline.optics.kernels import crossings_per_second
     from pipeline.report.profile import lines
 
     profile = _profile(result)

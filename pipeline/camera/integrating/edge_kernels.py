@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.label_kernels import PASSES, Labels, label_packet
+from pipeline.camera.integrating.edge_search import PASSES, Labels, label_packet
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import fan, point_in_fan
 from pipeline.camera.tracing.microlens_kernels import free_weight

@@ -9,8 +9,7 @@ import numpy as np
 
 from pipeline.camera.boundary import even_angles
 from pipeline.camera.integrating import edge_kernels, edge_search
-from pipeline.camera.integrating.edge_search import Spokes
-from pipeline.camera.integrating.label_kernels import PASSES
+from pipeline.camera.integrating.edge_search import PASSES, Spokes
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.records.shapes import Float64, Int64
 

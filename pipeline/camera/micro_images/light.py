@@ -12,10 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.boundary import unit_nodes
-from pipeline.camera.micro_images import pinhole_kernels
 from pipeline.camera.micro_images.centres import MicroImages, outlines_of
-from pipeline.camera.micro_images.pinhole_kernels import Pencils
-from pipeline.camera.micro_images.pupil_images import RIM, Apertures, Contours
+from pipeline.camera.micro_images.pupil_images import BY_X, BY_Y, FILLED, LIGHT, RIM, SUMS, Apertures, Contours, Pencils
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -94,17 +92,14 @@ def _stretch(
     rows, kind, shift, limit = some
     camera = tracer.arrays
     points, shares = _nodes(array)
-    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), pinhole_kernels.SUMS))
+    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), SUMS))
     parts = without_obstructions(camera.table)
     for sign, part in parts:
         apertures = Apertures(camera._replace(table=part), Pencils(rows, kind, points), shares)
         sums += sign * apertures.light(middle, shift, limit)
-    lit = sums[:, pinhole_kernels.LIGHT] > 0
-    centroid, area = np.full_like(middle, np.nan), np.where(lit, sums[:, pinhole_kernels.FILLED], np.nan)
-    centroid[lit] = (
-        middle[lit]
-        + sums[lit, pinhole_kernels.BY_X : pinhole_kernels.BY_Y + 1] / sums[lit, pinhole_kernels.LIGHT, None]
-    )
+    lit = sums[:, LIGHT] > 0
+    centroid, area = np.full_like(middle, np.nan), np.where(lit, sums[:, FILLED], np.nan)
+    centroid[lit] = middle[lit] + sums[lit, BY_X : BY_Y + 1] / sums[lit, LIGHT, None]
     # The image is the sensor frame, turned by 180 degrees about z.
     angle = np.deg2rad(OUTLINE_DEG)
     along = -np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,15 +1,15 @@
-"""Outlines of the rays that pass a lens backwards, on its rear vertex plane, per height off the axis.
+"""Outlines of the rays that pass a lens backwards, on its rear vertex plane.
 
-From a point at height h on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the
-rear vertex plane. Its edge is traced in `_TRACED` directions at `HEIGHTS` heights and enclosed by a polygon whose edges
-support it, with normals in `DIRECTIONS` fixed directions: corners of a vignetted pupil stay inside, and polygons of
-different heights can be interpolated vertex by vertex, so that bounds are continuous in the field. Outlines only bound
-the sampling: they are inflated, and every ray is still clipped at every surface.
+From a point on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the rear vertex
+plane. Its edge is traced and enclosed by a polygon whose edges support it, with normals in `DIRECTIONS` fixed
+directions: corners of a vignetted pupil stay inside, and polygons of different points can be interpolated vertex by
+vertex, so that bounds are continuous in the field. Outlines only bound the sampling: they are inflated, and every ray
+is still clipped at every surface.
 
-Outlines turn with the azimuth of their point, as a centred lens of rotationally symmetric apertures allows; lenses with
-a surface off its place have a grid of outlines, see `camera.pupil.outline_grid`.
-Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
-whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
+Outlines of a centred lens of rotationally symmetric apertures turn with the azimuth of their point: one per height off
+the axis is enough. Any other lens has a grid of them over the plane. Polygons, rectangles and obstructions do not turn:
+outlines are those of the circles around all apertures, which let pass whatever the apertures do. Bounds are looser by
+the share of the circle that an aperture covers; no ray is lost.
 
 `table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
@@ -25,7 +25,7 @@ import numpy as np
 from pipeline.camera.boundary import even_angles, halved, inner_points
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing, motion_of
 from pipeline.records.shapes import Float64
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -49,6 +49,13 @@ _LIT_STEPS = 24
 """Parts of the way that are looked at first: light that comes and goes within one of them is not seen."""
 _LIT_BISECTIONS = 12
 """Halvings of the part in which light ends: 1 / (24 * 4096), the 1e-5 that `lit_share` states."""
+_NODES = 12
+"""Steps from the middle of a grid to its farther edge; what interpolation leaves between is added to an outline."""
+_GRID_TRACED, _GRID_BISECTIONS = 240, 16
+"""Directions and halvings of an edge in a grid, which has hundreds of points: ten directions per edge of an outline,
+and 4e-5 of a semi-diameter, far less than the margin."""
+_DARK_RINGS = 2
+"""Rings of dark points that outlines go on to: interpolation reads the first, second differences there the second."""
 
 
 def once(function: F) -> F:
@@ -108,12 +115,13 @@ def outlines(
     table = enclosing(table)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
-    inside = _inner_points(table, stop_row, plane_mm, heights)
+    starts = np.stack([heights, np.zeros(HEIGHTS), np.full(HEIGHTS, plane_mm)], axis=1)
+    chief = np.stack([chief_heights(table, stop_row, plane_mm, heights), np.zeros(HEIGHTS)], axis=1)
+    inside = passing_points(table, starts, chief, np.zeros(2))
     lit = ~np.isnan(inside[:, 0])
     support = np.full((HEIGHTS, DIRECTIONS), np.nan)
     if lit.any():
-        starts = _on_axis(plane_mm, heights[lit])
-        support[lit] = supports(edges(table, starts, inside[lit], _TRACED, _BISECTIONS, 0.0))
+        support[lit] = supports(edges(table, starts[lit], inside[lit], _TRACED, _BISECTIONS, 0.0))
     vertices = _vertices(support, margin)
     drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if lit[:2].all() else 0.0
     return Outlines(step, vertices[None], drift)
@@ -153,21 +161,6 @@ def passes(
     start = np.array(np.broadcast_to(starts, direction.shape))
     trace_rays(table, start.reshape(-1, 3), direction.reshape(-1, 3), alive.reshape(-1))
     return alive > 0
-
-
-def _on_axis(plane_mm: float, heights: np.ndarray) -> np.ndarray:
-    """Points (height, 0, plane)."""
-    return np.stack([heights, np.zeros_like(heights), np.full_like(heights, plane_mm)], axis=-1)
-
-
-def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np.ndarray) -> np.ndarray:
-    """A passing point per height, (n, 2); NaN where nothing passes.
-
-    The chief ray where it passes, else one of a grid of rays (strong vignetting).
-    """
-    chief = np.zeros((heights.size, 2))
-    chief[:, 0] = chief_heights(table, stop_row, plane_mm, heights)
-    return passing_points(table, _on_axis(plane_mm, heights), chief, np.zeros(2))
 
 
 def passing_points(
@@ -261,3 +254,113 @@ def lit_share(
         return 1.0
     last = shares[lit].max(initial=0.0, keepdims=True)
     return float(halved(is_lit, last, last + 1 / _LIT_STEPS, _LIT_BISECTIONS)[0][0])
+
+
+@dataclass(frozen=True, slots=True)
+class FilmPlane:
+    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second."""
+
+    origin_mm: Float64[np.ndarray, "3"]
+    # Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin
+    axes: Float64[np.ndarray, "2 3"]
+
+    def points(self, uv: Float64[np.ndarray, "... 2"]) -> np.ndarray:
+        """Points of the plane in space, (..., 2) to (..., 3) [mm]."""
+        return self.origin_mm + uv @ self.axes
+
+
+def upright(z_mm: float) -> FilmPlane:
+    """The plane across the axis at vision z, with x and y as coordinates."""
+    return FilmPlane(np.array([0.0, 0.0, z_mm]), np.eye(2, 3))
+
+
+@once
+def grid_outlines(
+    table: Float64[np.ndarray, "n columns"],
+    stop_row: int,
+    plane: FilmPlane,
+    half_extents_mm: tuple[float, float],
+    slack_mm: float,
+    margin: float = MARGIN,
+) -> Outlines:
+    """Trace the outlines of any lens for a grid of points of a plane behind it.
+
+    `half_extents_mm`: largest distances from the plane's origin, along u and v, of points that will be
+        asked for.
+    `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.
+    """
+    table = enclosing(table)
+    step = max(*half_extents_mm, 1e-6) / _NODES
+    columns, rows = (max(3, 2 * int(np.ceil(extent / step - 1e-9)) + 1) for extent in half_extents_mm)
+    v, u = np.mgrid[:rows, :columns] * step
+    uv = np.stack([u - u.mean(), v - v.mean()], axis=-1)
+    traced = _traced(table, stop_row, plane.points(uv.reshape(-1, 2))).reshape(rows, columns, DIRECTIONS)
+    centre = corners(traced).mean(axis=2)
+    drift = _drift(centre, step)
+    shift = drift * step * directions_of(DIRECTIONS)
+    reach = _continued(traced, shift)
+    wide = np.nan_to_num(_bend(reach) + slack_mm / step * _slope(reach, shift))
+    reach += margin * (reach - corners(reach).mean(axis=2) @ directions_of(DIRECTIONS).T) + wide[..., None]
+    return Outlines(step, np.nan_to_num(corners(reach)), drift)
+
+
+def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
+    """Supports of what passes from each point, (n, DIRECTIONS); NaN where nothing passes."""
+    middle = motion_of(table[0])[:2, 3]
+    inside = passing_points(table, starts, chief_crossings(table, stop_row, starts), middle)
+    lit = ~np.isnan(inside[:, 0])
+    result = np.full((len(starts), DIRECTIONS), np.nan)
+    if lit.any():
+        slack = 2 * float(np.hypot(*middle))
+        result[lit] = supports(edges(table, starts[lit], inside[lit], _GRID_TRACED, _GRID_BISECTIONS, slack))
+    return result
+
+
+def _drift(centre: np.ndarray, step: float) -> float:
+    """Movement of outlines per movement of their points, the median over a grid (rows, columns, 2)."""
+    along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
+    known = along[~np.isnan(along)]
+    return float(np.median(known)) if known.size else 0.0
+
+
+def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Supports with those of lit neighbours, moved by the drift, in two rings around the lit part of the grid.
+
+    Where light ends between two points the outline must not shrink towards nothing before it does.
+    """
+    for _ in range(_DARK_RINGS):
+        padded = np.pad(reach, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+        rows, columns = reach.shape[:2]
+        nearby = [
+            padded[1 + j : 1 + j + rows, 1 + i : 1 + i + columns] - shift @ np.array([i, j])
+            for j in (-1, 0, 1)
+            for i in (-1, 0, 1)
+        ]
+        reach = np.where(np.isnan(reach), np.fmax.reduce(nearby), reach)
+    return reach
+
+
+def _bend(reach: np.ndarray) -> np.ndarray:
+    """Largest error of a support interpolated next to each point, (rows, columns).
+
+    Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
+    where a kink lies inside: vignetting begins there.
+    """
+    total = np.zeros(reach.shape[:2])
+    for axis in (0, 1):
+        second = np.nan_to_num(np.abs(np.diff(reach, 2, axis=axis)).max(axis=2))
+        around = np.pad(second, [(2, 2) if a == axis else (1, 1) for a in (0, 1)])
+        total += np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3)) / 2
+    return total
+
+
+def _slope(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Largest change of a support from a point to the next, besides the drift, (rows, columns)."""
+    squared = np.zeros(reach.shape[:2])
+    for axis in (0, 1):
+        change = np.abs(np.diff(reach, axis=axis) - shift[:, 1 - axis])
+        ends = [(1, 1) if a == axis else (0, 0) for a in (0, 1)]
+        either = np.pad(np.nan_to_num(change.max(axis=2)), ends)
+        first, second = (either[:-1], either[1:]) if axis == 0 else (either[:, :-1], either[:, 1:])
+        squared += np.maximum(first, second) ** 2
+    return np.sqrt(squared)

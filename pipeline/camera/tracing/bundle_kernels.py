@@ -6,17 +6,17 @@ arguments.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracing.microlens_kernels import free_weight
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, accumulate, clear, cross_packet, finish, set_pivot
-from pipeline.camera.tracing.packets import Anchor, aim_into, draw, region_drift, send_mixed, send_packet
+from pipeline.camera.tracing.packets import Aims, Anchor, aim_into, draw, region_drift, send_mixed, send_packet, spread
 from pipeline.camera.tracing.records import SensorPoints
-from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
+from pipeline.camera.tracing.sampling_bounds import SKIP, Fan, bound, new_region
 from pipeline.camera.tracing.sobol import hash32
-from pipeline.camera.tracing.spreading import spread
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
@@ -24,7 +24,7 @@ IMAGE_STREAM = 1 << 16
 """First stream of random numbers of images, four for each microlens of a pixel: far behind those of moments."""
 START_STREAM = 2 * REPLICAS
 """First stream of where rays start on a square: behind two per replica for where they go."""
-_SHARE = PACKET // REPLICAS
+SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
 SPREAD_STREAM = 1 << 24
 """First stream of random numbers of diffraction, three for each microlens of a pixel: far behind all others."""
@@ -45,6 +45,40 @@ def mean_free_weight(camera, microlens, x, y, square, polygon):
     return total
 
 
+@inline
+def bound_bundle(camera, samples, starts, n, region, row):
+    """Bound the rays of a bundle; its moments become those of an empty one, but for the free weight."""
+    _, anchors, positions, microlens = starts
+    square, sx, sy, ax, ay = samples.edge_mm, positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
+    for k in range(row.shape[0]):
+        row[k] = math.nan
+    row[WEIGHT], row[FREE_WEIGHT] = 0.0, 0.0
+    if microlens[n] == SKIP:
+        return Fan(0, 0.0, 0.0, 0.0)
+    if microlens[n] >= 0:
+        row[FREE_WEIGHT] = mean_free_weight(camera, microlens[n], sx, sy, square, region.polygon)
+    return bound(camera, microlens[n], ax, ay, CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay), region)
+
+
+@inline
+def draw_bundle(samples, starts, n, replica, first, aims):
+    """Draw random numbers for some samples of one replica, and where they start."""
+    bits, seed, square = samples
+    sx, sy = starts.positions[n, 0], starts.positions[n, 1]
+    size, base = aims.x.shape[0], hash32(hash32(seed, starts.pixels[n, 0]), starts.pixels[n, 1])
+    draw(bits[0], first, size, hash32(base, 2 * replica), aims.x)
+    draw(bits[1], first, size, hash32(base, 2 * replica + 1), aims.y)
+    if square > 0.0:
+        draw(bits[2], first, size, hash32(base, START_STREAM + 2 * replica), aims.start_x)
+        draw(bits[3], first, size, hash32(base, START_STREAM + 2 * replica + 1), aims.start_y)
+        for i in range(size):
+            aims.start_x[i] = sx + square * (aims.start_x[i] - 0.5)
+            aims.start_y[i] = sy + square * (aims.start_y[i] - 0.5)
+    else:
+        for i in range(size):
+            aims.start_x[i], aims.start_y[i] = sx, sy
+
+
 @kernel
 def bundle_moments(camera, planes, samples, starts, moments):
     """Moments of the bundles of many sensor positions on two planes.
@@ -53,52 +87,28 @@ def bundle_moments(camera, planes, samples, starts, moments):
         axis, normal.
     `moments`: (n, COLUMNS) float64, written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
-    bits, seed, square = samples
-    pixels, anchors, positions, microlens = starts
     region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
-    x, y, alive, weight = packet.x, packet.y, packet.alive, packet.weight
+    x, y, alive, weight, scratch = packet.x, packet.y, packet.alive, packet.weight, packet.scratch
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
-    start = SensorPoints(start_x, start_y)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    count = bits.shape[1]
-    for n in range(positions.shape[0]):
-        for k in range(moments.shape[1]):
-            moments[n, k] = np.nan
-        moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
-        if microlens[n] == SKIP:
-            continue
-        sx, sy = positions[n]
-        of_planes = n if planes.shape[0] > 1 else 0
-        if microlens[n] >= 0:
-            moments[n, FREE_WEIGHT] = mean_free_weight(camera, microlens[n], sx, sy, square, region.polygon)
-        ax, ay = anchors[n]
-        slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
-        fan = bound(camera, microlens[n], ax, ay, slack, region)
+    count = samples.bits.shape[1]
+    for n in range(starts.positions.shape[0]):
+        fan = bound_bundle(camera, samples, starts, n, region, moments[n])
         if not fan.area > 0.0:
             continue
-        base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
+        microlens, of_planes = starts.microlens[n], n if planes.shape[0] > 1 else 0
+        anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
         clear(sums, total)
-        for i in range(PACKET):
-            start_x[i], start_y[i] = sx, sy
         started = False
         # A packet holds samples of all replicas: short packets are slow ones.
-        for first in range(0, count, _SHARE):
-            size = min(_SHARE, count - first)
+        for first in range(0, count, SHARE):
+            size = min(SHARE, count - first)
             for r in range(REPLICAS):
                 here = slice(r * size, (r + 1) * size)
-                draw(bits[0], first, size, hash32(base, 2 * r), x[here])
-                draw(bits[1], first, size, hash32(base, 2 * r + 1), y[here])
-                if square > 0.0:
-                    draw(bits[2], first, size, hash32(base, START_STREAM + 2 * r), start_x[here])
-                    draw(bits[3], first, size, hash32(base, START_STREAM + 2 * r + 1), start_y[here])
+                draw_bundle(samples, starts, n, r, first, Aims(x[here], y[here], start_x[here], start_y[here], scratch))
             full = REPLICAS * size
-            if square > 0.0:
-                for i in range(full):
-                    start_x[i] = sx + square * (start_x[i] - 0.5)
-                    start_y[i] = sy + square * (start_y[i] - 0.5)
-            here, anchor = slice(0, full), Anchor(ax, ay, region_drift(camera, microlens[n]))
-            aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here], packet.scratch)
-            send_packet(camera, microlens[n], start, full, packet)
+            aim_into(region, fan, anchor, Aims(x[:full], y[:full], start_x[:full], start_y[:full], scratch))
+            send_packet(camera, microlens, SensorPoints(start_x, start_y), full, packet)
             cross_packet(planes[of_planes, 0], planes[of_planes, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
@@ -117,6 +127,35 @@ def reach_of(samples, diffraction):
     return reach
 
 
+class Shots(NamedTuple):
+    """Some samples of a square and of one of its microlenses: rows, number of the first one, and what bounds them."""
+
+    square: int
+    place: int
+    first: int
+    fan: Fan
+
+
+@inline
+def aim_shots(camera, samples, squares, diffraction, shots, region, aims):
+    """Draw where rays start and what they aim at."""
+    bits, edge, size, (n, j, first, fan) = samples.bits, samples.edge_mm, aims.x.shape[0], shots
+    sx, sy, microlens = squares.positions[n, 0], squares.positions[n, 1], squares.strata[n, j]
+    base, stream = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1]), IMAGE_STREAM + 4 * j
+    draw(bits[0], first, size, hash32(base, stream), aims.start_x)
+    draw(bits[1], first, size, hash32(base, stream + 1), aims.start_y)
+    draw(bits[2], first, size, hash32(base, stream + 2), aims.x)
+    draw(bits[3], first, size, hash32(base, stream + 3), aims.y)
+    for i in range(size):
+        aims.start_x[i] = sx + edge * (aims.start_x[i] - 0.5)
+        aims.start_y[i] = sy + edge * (aims.start_y[i] - 0.5)
+    if diffraction.edge_mm.shape[0] > 0:
+        for k in range(3):
+            draw(bits[4 + k], first, size, hash32(base, SPREAD_STREAM + 3 * j + k), aims.scratch[k])
+        spread(diffraction, microlens, aims)
+    aim_into(region, fan, Anchor(sx, sy, region_drift(camera, microlens)), aims)
+
+
 @kernel
 def image_rays(camera, samples, squares, diffraction, rays):
     """Rays that leave the camera from many squares of the sensor, compacted.
@@ -128,45 +167,28 @@ def image_rays(camera, samples, squares, diffraction, rays):
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
     start, x, y = SensorPoints(start_x, start_y), packet.x, packet.y
-    bits, microlens_of = samples.bits, squares.strata.reshape(-1)
-    held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
-    choice, along_x, along_y = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
-    spreads, reach = diffraction.edge_mm.shape[0] > 0, reach_of(samples, diffraction)
+    microlens_of, reach = squares.strata.reshape(-1), reach_of(samples, diffraction)
+    held, written, places = 0, 0, squares.strata.shape[1]
     for n in range(squares.positions.shape[0]):
-        sx, sy = squares.positions[n]
-        base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
         for j in range(places):
-            microlens, stream = squares.strata[n, j], IMAGE_STREAM + 4 * j
+            microlens = squares.strata[n, j]
             if microlens == SKIP:
                 continue
-            fan = bound(camera, microlens, sx, sy, reach, region)
+            fan = bound(camera, microlens, squares.positions[n, 0], squares.positions[n, 1], reach, region)
             if not fan.area > 0.0:
                 continue
-            count, skipped = squares.counts[n, j], squares.skipped[n, j]
+            count = squares.counts[n, j]
             for first in range(0, count, PACKET):
                 size = min(PACKET, count - first)
                 if held + size > PACKET:
                     send_mixed(camera, microlens_of, held_by, start, held, packet)
                     written = _release(packet, held, held_by, area, rays, written)
                     held = 0
-                here = slice(held, held + size)
-                draw(bits[0], skipped + first, size, hash32(base, stream), start_x[here])
-                draw(bits[1], skipped + first, size, hash32(base, stream + 1), start_y[here])
-                draw(bits[2], skipped + first, size, hash32(base, stream + 2), x[here])
-                draw(bits[3], skipped + first, size, hash32(base, stream + 3), y[here])
+                here, shots = slice(held, held + size), Shots(n, j, squares.skipped[n, j] + first, fan)
+                aims = Aims(x[here], y[here], start_x[here], start_y[here], packet.scratch)
+                aim_shots(camera, samples, squares, diffraction, shots, region, aims)
                 for i in range(held, held + size):
                     held_by[i], area[i] = n * places + j, fan.area / count
-                    start_x[i] = sx + edge * (start_x[i] - 0.5)
-                    start_y[i] = sy + edge * (start_y[i] - 0.5)
-                if spreads:
-                    draw(bits[4], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j), choice)
-                    draw(bits[5], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j + 1), along_x)
-                    draw(bits[6], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j + 2), along_y)
-                    spread(diffraction, microlens, start_x[here], start_y[here], choice, along_x, along_y)
-                anchor = Anchor(sx, sy, region_drift(camera, microlens))
-                aim_into(
-                    region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here], packet.scratch
-                )
                 held += size
     if held > 0:
         send_mixed(camera, microlens_of, held_by, start, held, packet)

@@ -6,27 +6,21 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from pipeline.camera.parts.polygon import triangle_of
 from pipeline.camera.tracing.acceptance import accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, FOCAL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sobol import scrambled
 from pipeline.jit.decorators import inline, unit
-from pipeline.optics.crossing import Ray, put, ray_of
+from pipeline.optics.crossing import Ray, put
 from pipeline.optics.kernels import Packet, trace_packet
 
 _MANY = 12
 """Triangles of a fan from which on a search is faster than to count."""
 _VERTEX_X, _VERTEX_Y, _POWER = range(3)
 """Scratch arrays of a packet that hold the plain microlens of each ray: nothing else needs them before the trace."""
-
-
-class PlainMicrolens(NamedTuple):
-    """A plain microlens: its vertex [mm] and its power [1/mm], 0 for none."""
-
-    x: float
-    y: float
-    power: float
 
 
 @unit
@@ -44,18 +38,26 @@ class Anchor(NamedTuple):
     drift: float
 
 
+class Aims(NamedTuple):
+    """Points that rays go through, and starts on the sensor, (size,) each [mm]; scratch arrays (SCRATCH, PACKET)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    start_x: np.ndarray
+    start_y: np.ndarray
+    scratch: np.ndarray
+
+
 @unit
-def aim_into(region, fan, anchor, start, x, y, scratch):
+def aim_into(region, fan, anchor, aims):
     """Turn two random numbers of each ray, in x and y, into a point of a region.
 
     The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: in a fan of few triangles the
-    one of a ray is not searched but counted, as the number of those before it.
-
-    `region`, `fan`: regions.Region, regions.Fan, behind its last vertex the polygon gets its first one again.
-    `start`: camera.records.SensorPoints, as many starts as x and y hold.
-    `scratch`: (SCRATCH, PACKET) float64.
+    one of a ray is not searched but counted, as the number of those before it. Behind its last vertex the polygon gets
+    its first one again.
     """
     polygon, cumulative, count, cx, cy = region.polygon, region.cumulative, fan.vertices, fan.x, fan.y
+    x, y, start_x, start_y, scratch = aims
     place, ax, ay, bx = scratch[0], scratch[1], scratch[2], scratch[3]
     by, below, above = scratch[4], scratch[5], scratch[6]
     polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
@@ -78,8 +80,54 @@ def aim_into(region, fan, anchor, start, x, y, scratch):
         share, radius = (x[i] - below[i]) / (above[i] - below[i]), math.sqrt(y[i])
         ex = (1.0 - share) * (ax[i] - cx) + share * (bx[i] - cx)
         ey = (1.0 - share) * (ay[i] - cy) + share * (by[i] - cy)
-        x[i] = cx + radius * ex + anchor.drift * (start.x[i] - anchor.x)
-        y[i] = cy + radius * ey + anchor.drift * (start.y[i] - anchor.y)
+        x[i] = cx + radius * ex + anchor.drift * (start_x[i] - anchor.x)
+        y[i] = cy + radius * ey + anchor.drift * (start_y[i] - anchor.y)
+
+
+@unit
+def spread(diffraction, microlens, aims):
+    """Move starts as the apertures diffract light, by three random numbers each, in the scratch arrays.
+
+    Between the nodes of a grid the picture of one of the four around is taken, the nearer one the more often.
+    """
+    x, y, scratch = aims.start_x, aims.start_y, aims.scratch
+    for i in range(x.shape[0]):
+        if microlens >= 0:
+            picture = diffraction.of_microlens[microlens]
+        else:
+            nodes = round(math.sqrt(diffraction.edge_mm.shape[0]))
+            column, rest = _node(x[i] / diffraction.node_mm[0], nodes, scratch[0, i])
+            row, _ = _node(y[i] / diffraction.node_mm[1], nodes, rest)
+            picture = row * nodes + column
+        edge, rows = diffraction.edge_mm[picture], diffraction.rows[picture]
+        row, up = _drawn(rows, scratch[2, i])
+        _, across = _drawn(diffraction.cells[picture, row], scratch[1, i])
+        x[i], y[i] = x[i] - edge * (across - 0.5 * rows.shape[0]), y[i] - edge * (up - 0.5 * rows.shape[0])
+
+
+@inline
+def _node(position, nodes, choice):
+    """One of the two nodes around a place that is counted from the middle one, and a random number that is left."""
+    from_first = min(max(position + 0.5 * (nodes - 1), 0.0), nodes - 1.0)
+    low = min(int(from_first), max(nodes - 2, 0))
+    part = from_first - low
+    if choice < part:
+        return low + 1, choice / part
+    return low, (choice - part) / (1.0 - part)
+
+
+@inline
+def _drawn(upto, share):
+    """The cell in which a cumulative sum passes a share, and the place where it does, counted from the first cell."""
+    low, high = 0, upto.shape[0] - 1
+    while low < high:
+        middle = (low + high) // 2
+        if upto[middle] > share:
+            high = middle
+        else:
+            low = middle + 1
+    before = upto[low - 1] if low > 0 else 0.0
+    return low, low + min((share - before) / (upto[low] - before), 1.0)
 
 
 @inline
@@ -148,57 +196,40 @@ def _through(camera, microlens, start, size, packet):
 
 @inline
 def _set_microlens(microlenses, microlens, first, end, scratch):
-    """Set the plain microlens of some rays; without one they go straight on."""
-    plain = plain_microlens(microlenses, microlens)
+    """Set the vertex [mm] and the power [1/mm] of the plain microlens of some rays; without one they go straight on."""
+    x, y, power = 0.0, 0.0, 0.0
+    if microlens >= 0:
+        x, y, power = microlenses[microlens, X], microlenses[microlens, Y], 1.0 / microlenses[microlens, FOCAL]
     for i in range(first, end):
-        scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], scratch[_POWER, i] = plain
-
-
-@inline
-def plain_microlens(microlenses, microlens):
-    """A plain microlens; none bends nothing."""
-    if microlens < 0:
-        return PlainMicrolens(0.0, 0.0, 0.0)
-    return PlainMicrolens(microlenses[microlens, X], microlenses[microlens, Y], 1.0 / microlenses[microlens, FOCAL])
+        scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], scratch[_POWER, i] = x, y, power
 
 
 @inline
 def _aim(camera, has_microlens, start, size, packet):
-    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane."""
-    scratch, plane = packet.scratch, camera.optics.sampling_z_mm
-    h = plane - camera.optics.sensor_z_mm
-    per_h, disc = 1.0 / h, camera.elements.disc_mm
-    for i in range(size):
-        plain = PlainMicrolens(scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], scratch[_POWER, i])
-        ray, packet.weight[i] = aimed(plain, per_h, plane, start.x[i], start.y[i], packet.x[i], packet.y[i])
-        put(packet, i, ray)
-    if has_microlens and disc > 0.0:
-        for i in range(size):
-            packet.alive[i] = within_disc(disc, scratch[_VERTEX_X, i], scratch[_VERTEX_Y, i], ray_of(packet, i))
-    _weigh(camera.acceptance, h, packet.weight, packet.alive, size)
-
-
-@inline
-def aimed(plain, per_h, plane, start_x, start_y, x, y):
-    """The ray from a sensor position through a point (x, y) of the plane behind a plain microlens, and its weight.
+    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane.
 
     A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs
     cos(theta) d omega = h^2 / d^4 dA: irradiance.
     """
-    sx, sy = (x - start_x) * per_h, (y - start_y) * per_h
-    ax, ay = x - plain.x, y - plain.y
-    share = per_h / (1.0 + sx * sx + sy * sy)
-    # An ideal thin lens changes slopes by offset / focal length.
-    sx, sy = sx - ax * plain.power, sy - ay * plain.power
-    w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
-    return Ray(x, y, plane, sx * w, sy * w, w, 1.0), share * share
-
-
-@inline
-def within_disc(disc, vx, vy, ray):
-    """Whether a ray passes the disc about a vertex: 1 or 0."""
-    ax, ay = ray.x - vx, ray.y - vy
-    return 1.0 if ax * ax + ay * ay <= disc * disc else 0.0
+    vx, vy, power = packet.scratch[_VERTEX_X], packet.scratch[_VERTEX_Y], packet.scratch[_POWER]
+    plane, disc = camera.optics.sampling_z_mm, camera.elements.disc_mm
+    h = plane - camera.optics.sensor_z_mm
+    per_h = 1.0 / h
+    for i in range(size):
+        x, y = packet.x[i], packet.y[i]
+        sx, sy = (x - start.x[i]) * per_h, (y - start.y[i]) * per_h
+        ax, ay = x - vx[i], y - vy[i]
+        share = per_h / (1.0 + sx * sx + sy * sy)
+        # An ideal thin lens changes slopes by offset / focal length.
+        sx, sy = sx - ax * power[i], sy - ay * power[i]
+        w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
+        put(packet, i, Ray(x, y, plane, sx * w, sy * w, w, 1.0))
+        packet.weight[i] = share * share
+    if has_microlens and disc > 0.0:
+        for i in range(size):
+            ax, ay = packet.x[i] - vx[i], packet.y[i] - vy[i]
+            packet.alive[i] = 1.0 if ax * ax + ay * ay <= disc * disc else 0.0
+    _weigh(camera.acceptance, h, packet.weight, packet.alive, size)
 
 
 @inline
@@ -206,11 +237,6 @@ def _weigh(acceptance, h, weight, alive, size):
     """Acceptance and the kind of weight, from weights cos^4 / h^2."""
     if is_limited(acceptance) or acceptance.by_area:
         for i in range(size):
-            weight[i], alive[i] = weighed(acceptance, h, weight[i], alive[i])
-
-
-@inline
-def weighed(acceptance, h, weight, alive):
-    """Weight and flag of a ray by acceptance and the kind of weight, from a weight cos^4 / h^2."""
-    share = accepted_share(acceptance, math.sqrt(h * math.sqrt(weight))) if is_limited(acceptance) else 1.0
-    return share if acceptance.by_area else weight * share, alive if share > 0.0 else 0.0
+            share = accepted_share(acceptance, math.sqrt(h * math.sqrt(weight[i]))) if is_limited(acceptance) else 1.0
+            weight[i] = share if acceptance.by_area else weight[i] * share
+            alive[i] = alive[i] if share > 0.0 else 0.0

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from pipeline.optics.glass.dispersion import Dispersion, Polynomial, Sellmeier
 from pipeline.optics.glass.errors import AmbiguousGlass, UnknownGlass
-from pipeline.optics.glass.medium import Medium
+from pipeline.optics.glass.medium import Dispersion, Medium, Polynomial, Sellmeier
 
 _TABLE = Path(__file__).with_name("catalogue.csv.gz")
 _NEAR_NAMES = 4

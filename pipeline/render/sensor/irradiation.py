@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.optics.transmission.losses import Losses
+from pipeline.optics.transmission import Losses
 from pipeline.records.declared import settle
 from pipeline.render.sensor.response import SensorError, SensorResponse
 

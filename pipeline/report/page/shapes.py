@@ -7,10 +7,9 @@ import numpy as np
 from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.displacement import displacements
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements
 from pipeline.report.page.records import Matrix, RayFan, SurfaceShape
 
 _PROFILE = 13

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.optics.transmission.losses import Losses
+from pipeline.optics.transmission import Losses
 from pipeline.render.sensor.colorimetry import Colorimetry
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import PatternSpread, SensorResponse

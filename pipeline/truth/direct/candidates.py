@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrating.polar_bundle import single_hits
+from pipeline.camera.integrating.quadrature import single_hits
 from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby, vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.rig import Rig

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
+from pipeline.camera.integrating.quadrature import Polar, bundle_hits
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 

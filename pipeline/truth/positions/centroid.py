@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.boundary import unit_nodes
-from pipeline.camera.integrating.polar_bundle import Polar
+from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrating.polar_bundle import Polar
+from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map, bundle_maps
