@@ -28,12 +28,7 @@ LabelAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def widened(
     passes: Passes, low: Float64[np.ndarray, "..."], high: Float64[np.ndarray, "..."], farther: Passes, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outer bounds moved outwards until they are dark, and inner ones that follow to the last lit place.
-
-    `low`, `high`: inner and outer bounds.
-    `farther`: the next outer bounds, (...) to (...).
-    `most`: moves at most.
-    """
+    """Outer bounds moved outwards by `farther` until they are dark, inner ones that follow to the last lit place."""
     for _ in range(most):
         lit = passes(high)
         if not lit.any():
@@ -87,11 +82,7 @@ def corners(
     """Directions between which the label of the edge changes, bisected.
 
     A third label in between is an arc that the first directions missed: then there are two corners instead of one.
-
-    `rows`: rows of regions, ascending.
-    `label`: labels of each in `even_angles(d)`.
-    `steps`: bisections of the angle between two of these directions.
-    `turn`: optional, angle by which the directions of each are turned [rad].
+    Rows of regions ascend; their labels are those in `even_angles(d)`, turned by `turn` [rad].
     """
     count = label.shape[1]
     region, place = np.nonzero(label != np.roll(label, -1, axis=1))
@@ -136,14 +127,19 @@ def directions(
 ) -> Directions:
     """Directions all around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
 
-    `rows`: rows of regions, ascending: those without a corner get evenly spaced directions.
     `around`, `least_per_arc`: nodes over a full circle with corners, and on its shortest arc.
     `even`: directions where there is no corner; None: as many as over a circle with corners.
     """
     even = around if even is None else even
     smooth = rows[~np.isin(rows, between.owner)]
     parts = [(np.repeat(smooth, even), np.tile(even_angles(even), len(smooth)), 2 * np.pi / even)]
-    owner, start, length = _arcs(between, around)
+    owner, start = between
+    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
+    first = np.searchsorted(owner, owner)
+    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
+    pieces = np.ceil(around * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)  # of long arcs
+    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
+    start = start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces))
     number = np.maximum(np.ceil(around * length / (2 * np.pi)).astype(int), least_per_arc)
     for count in np.unique(number).tolist():
         node, weight = unit_nodes(count)
@@ -154,14 +150,3 @@ def directions(
     share = np.concatenate([np.broadcast_to(part[2], part[0].shape) for part in parts])
     order = np.argsort(owner, kind="stable")
     return Directions(owner[order], angle[order], share[order])
-
-
-def _arcs(between: Corners, around: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of regions, starts and lengths of the arcs between corners, long ones in pieces."""
-    owner, start = between
-    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
-    first = np.searchsorted(owner, owner)
-    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
-    pieces = np.ceil(around * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
-    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
-    return owner, start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)), length

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Light, Tracer
+from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, no_diffraction, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
@@ -26,12 +26,8 @@ _LAST_SEED = (1 << 31) - 1
 class Bundle:
     """Rays of one sensor position that leave the camera, vision frame.
 
-    Attributes
-    ----------
-    origin_mm, direction : (n, 3) float64
-        A point of each ray on the front surface of the lens, and its unit direction into the scene.
-    weight_sr : (n,) float64
-        Share of the integral of cos(theta) d omega at the sensor; of a camera that weighs area that in mm^2.
+    - `origin_mm`, `direction`: a point of each ray on the front surface of the lens, and its unit direction.
+    - `weight_sr`: share of the integral of cos(theta) d omega at the sensor; of a camera that weighs area in mm^2.
     """
 
     origin_mm: Float64[np.ndarray, "n 3"]
@@ -55,19 +51,10 @@ class Bundle:
 def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, seed: int = 0) -> Bundle:
     """Trace the bundle of one image position; of a plenoptic camera only through the microlens whose cell it lies in.
 
-    Parameters
-    ----------
-    camera : Camera
-    x_px, y_px : float
-        Image position, (0, 0) is the centre of the top-left pixel.
-    samples : int
-        Rays to start for each wavelength of the camera's light, a power of two; those that the camera blocks are left
-        out.
+    `x_px`, `y_px`: image position, (0, 0) is the centre of the top-left pixel.
+    `samples`: rays to start for each wavelength of the camera's light, a power of two; blocked ones are left out.
 
-    Raises
-    ------
-    CameraError
-        An argument is no such number.
+    Raises CameraError: an argument is no such number.
     """
     x_px, y_px = (
         number(name, value, CameraError, -_FARTHEST_PX, _FARTHEST_PX)
@@ -85,25 +72,19 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
 def bundle_behind(
     tracer: Tracer, x_px: float, y_px: float, microlens: int, samples: int, drawn_at: tuple[int, int] | None = None
 ) -> Bundle:
-    """The bundle of one image position through one microlens.
+    """The bundle of one image position through one microlens, its row in the lattice or NO_MICROLENS.
 
-    `microlens`: row of the microlens in the lattice of the tracer, or NO_MICROLENS.
     `samples`: rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the
         same random numbers, so that differences between them are smooth.
-    `drawn_at`: (int, int) or None, pixel whose random numbers rays have instead, so that differences between any
-        positions are smooth.
+    `drawn_at`: the pixel whose random numbers rays have instead.
     """
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     pixel = np.array([drawn_at or (round(x_px), round(y_px))])
     squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]), np.array([[0]]))
-    parts = [_leaving(light, squares, samples) for light in tracer.lights]
-    return Bundle(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-
-def _leaving(light: Light, squares: Squares, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Origins, directions and weights of the rays of one wavelength, weighted by its share."""
-    rays, tracer = room_for(samples), light.tracer
-    random = Samples(sobol_bits(samples), tracer.seed, 0.0)
-    count = bundle_kernels.image_rays(tracer.arrays, random, squares, no_diffraction(), rays)
-    origin, direction, weight, _ = rays.first(count)
-    return origin, direction, light.share * weight
+    bundles = []
+    for share, traced in tracer.lights:
+        rays, random = room_for(samples), Samples(sobol_bits(samples), traced.seed, 0.0)
+        count = bundle_kernels.image_rays(traced.arrays, random, squares, no_diffraction(), rays)
+        origin, direction, weight, _ = rays.first(count)
+        bundles.append((origin, direction, share * weight))
+    return Bundle(*map(np.concatenate, zip(*bundles, strict=True)))

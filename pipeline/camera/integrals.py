@@ -19,8 +19,7 @@ from pipeline.records.shapes import Bool, Float64, Int64
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
 """Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
 SQUARE_NODES = (2, 3, 5, 8, 12)
-"""Nodes of the same levels along each edge of a square that rays start on: half as many again from level to level, as
-along the radius."""
+"""Nodes of the same levels along each edge of a square that rays start on: half as many again from level to level."""
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
 """Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for: four times as many
 halve a standard error at least."""
@@ -30,8 +29,7 @@ LEVELS = len(NODES)
 _STREAM_PX = 1 << 24
 """Distance of the pixels of another stream of random numbers [px]: no sensor is as wide."""
 _ANCHORED_PX = 0.5
-"""Farthest anchor [px]: a region holds for positions less than a pixel away, and is not asked for more than half of
-that."""
+"""Farthest anchor [px]: half of the pixel within which a region holds for other positions."""
 _NODES_AT_ONCE = 1 << 22
 """Nodes of quadrature of a stretch of squares: bounds memory, and no result depends on it."""
 
@@ -114,7 +112,7 @@ def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int 
     last, positions = levels[-1] if last is None else last, tracer.positions_mm(*bundles.x_px.T)
     lit = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
     parts = [lit.moments(bundles.planes, NODES[level], level == last) for level in levels]
-    return [(moments, status) for moments, status, _ in parts], lit.rays + sum(rays for *_, rays in parts)
+    return [(part.moments, part.status) for part in parts], lit.rays + sum(part.rays for part in parts)
 
 
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
@@ -128,9 +126,9 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
             some = bundles.only(here)
             x = (some.x_px[:, None] + bundles.square_px * offset).reshape(-1, 2)
             behind, on = (np.repeat(values, len(share), axis=0) for values in (some.microlens, some.planes))
-            ((found, state),), more = _over_points(tracer, Bundles(x, behind, on), [level], levels[-1])
-            moments[here] = mixed(found.reshape(-1, len(share), COLUMNS), share)
-            status[here] = _worst(state.reshape(-1, len(share)))
+            ((values, outcome),), more = _over_points(tracer, Bundles(x, behind, on), [level], levels[-1])
+            moments[here] = mixed(values.reshape(-1, len(share), COLUMNS), share)
+            status[here] = _worst(outcome.reshape(-1, len(share)))
             rays += more
         result.append((moments, status))
     return result, rays

@@ -88,10 +88,7 @@ def moments_on_device(
     starts: Starts,
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> None:
-    """Moments of many bundles, written; `device` is its name, other parameters are as of `sum_bundles`.
-
-    Raises EnvironmentFault: no device can be used.
-    """
+    """Moments of many bundles, written; EnvironmentFault: the device of that name cannot be used."""
     require_device(device)
     each_its_planes, camera, samples = len(planes) > 1, resident(camera), resident(samples)
     for first in range(0, len(moments), _AT_ONCE):
@@ -122,11 +119,9 @@ class Started(NamedTuple):
 
 @DeviceKernel
 def trace_squares(cameras, samples, squares, diffraction, started, rays):
-    """Trace all rays of a square and a microlens by each thread.
+    """Trace all rays of a square and a microlens by each thread; `rays` (_COLUMNS, rays) float32 are written.
 
-    `cameras`: (CameraArrays, CameraArrays), the camera, and the same in float32.
-    `samples`, `squares`, `diffraction`: as in `bundle_kernels.image_rays`.
-    `rays`: (_COLUMNS, rays) float32, written.
+    `cameras` are the camera, and the same in float32, others as in `bundle_kernels.image_rays`.
     """
     outlines, cumulative = (
         cuda.local.array((3, MAX_VERTICES, 2), np.float64),
@@ -172,8 +167,6 @@ def trace_square(cameras, light, which, region, aims, start, packet, rays):
 class ImageRays:
     """Rays of a camera's images; what does not depend on pixels is on the device.
 
-    `device`: name of the device, see `pipeline.jit.device`.
-    `samples`, `diffraction`: as in `camera.tracing.bundle_kernels.image_rays`.
     Raises EnvironmentFault: the device cannot be used, or a number of the lens is too small for float32.
     """
 
@@ -199,13 +192,10 @@ class ImageRays:
 
 @kernel
 def leaving_rays(rays, first, counts, leaving):
-    """Copy those of started rays that leave the camera, as `camera.tracing.bundle_kernels.image_rays` writes them.
+    """Copy those of started rays that leave the camera, as `bundle_kernels.image_rays` writes them; their number.
 
-    `rays`: (_COLUMNS, n) float32, from `ImageRays.started`.
-    `first`: number of the first ray of these squares.
+    `first`: number of the first ray of these squares in `rays`, from `ImageRays.started`.
     `counts`: (m, s) int64, rays of each square through each microlens.
-    `leaving`: written; room for all rays.
-    Returns int: number of rays written.
     """
     origin, direction, share, owner = leaving
     of_owner, i, written = counts.reshape(-1), first, 0

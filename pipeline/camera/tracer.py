@@ -11,7 +11,7 @@ from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, regions
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, lattice
-from pipeline.camera.pupil.outlines import MARGIN, Outlines, grid_outlines, outlines, upright
+from pipeline.camera.pupil.outlines import MARGIN, Outlines, grid_outlines, outlines
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.microlens_tables import camera_arrays
 from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECOND, WEIGHT, mixed
@@ -38,10 +38,7 @@ class Tracer:
 
     @cached_property
     def lights(self) -> tuple["Light", ...]:
-        """The wavelengths of its light; of a camera of one wavelength this tracer alone.
-
-        Each has random numbers of its own.
-        """
+        """The wavelengths of its light, each with random numbers of its own; of a single one this tracer alone."""
         nodes = self.camera.spectrum
         if not nodes:
             return (Light(1.0, self),)
@@ -96,7 +93,7 @@ class Tracer:
         if self.lattice:
             # Chief rays through vertices of a tilted array cross the untilted one at slopes below 1.
             reach = np.hypot(*self.vertices_mm.T).max() + np.abs(self.lattice.z_mm).max()
-        return outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
+        return outlines(self.camera.prescription, self.film_z_mm, float(reach), self.margin)
 
     def _grid(self) -> Outlines:
         array, sensor = self.camera.microlenses, self.camera.sensor
@@ -107,9 +104,8 @@ class Tracer:
             size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
             extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
             slack = sensor.pitch_mm * np.sqrt(0.5)
-        return grid_outlines(
-            self.table, self.stop_row, upright(self.film_z_mm), (extents[0], extents[1]), float(slack), self.margin
-        )
+        middle, reach = (0.0, 0.0, self.film_z_mm), (float(extents[0]), float(extents[1]))
+        return grid_outlines(self.camera.prescription, middle, reach, float(slack), self.margin)
 
     def on_film(self, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Points (n, 2) of the plane that the main lens sees, in space (n, 3), vision frame."""
@@ -159,7 +155,9 @@ class Tracer:
         change smoothly. See `camera.tracing.moments`.
         """
         if len(self.lights) > 1:
-            return self._moments_of_lights(starts, planes, samples, square_px)
+            samples = max(REPLICAS, self.samples_of_each(samples))
+            parts = [light.tracer.moments_of(starts, planes, samples, square_px) for light in self.lights]
+            return mixed(np.stack(parts, axis=1), np.array([light.share for light in self.lights]))
         result = np.empty((len(starts.positions), COLUMNS))
         planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
         bits = sobol_bits(samples // REPLICAS)
@@ -175,12 +173,6 @@ class Tracer:
             bundle_kernels.bundle_moments(self.arrays, planes, draws, starts, result)
         bundle_kernels.bundle_moments.count(int(np.count_nonzero(starts.microlens != SKIP)) * samples, len(self.table))
         return result
-
-    def _moments_of_lights(self, starts: Starts, planes: np.ndarray, samples: int, square_px: float) -> np.ndarray:
-        """The same for several wavelengths, which share the samples; each has `REPLICAS` at least."""
-        samples = max(REPLICAS, self.samples_of_each(samples))
-        parts = [light.tracer.moments_of(starts, planes, samples, square_px) for light in self.lights]
-        return mixed(np.stack(parts, axis=1), np.array([light.share for light in self.lights]))
 
     def samples_of_each(self, samples: int) -> int:
         """Samples of each wavelength: together as many as asked for, or up to twice as many; they are powers of two."""

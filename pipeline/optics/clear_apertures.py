@@ -20,25 +20,10 @@ class Field:
 def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
     """The lens with each unknown semi-diameter filled in: the largest height of a rim ray of any field.
 
-    At the stop it is the height of the axial rim ray.
+    At the stop it is the height of the axial rim ray. Paraxial: a real ray at the edge of a fast lens passes somewhat
+    further out. The object is at infinity; the beam through the entrance pupil along the axis counts besides `fields`.
 
-    Parameters
-    ----------
-    lens : PrintedLens
-        With an object at infinity.
-    entrance_pupil_mm : float
-        Diameter of the entrance pupil.
-    fields : sequence of Field
-        Their rim rays count besides those of the axial beam.
-
-    Raises
-    ------
-    PrescriptionError
-        There is not one stop, or it stands in a focus of what is before it.
-
-    Notes
-    -----
-    Paraxial: a real ray at the edge of a fast lens passes somewhat further out.
+    Raises PrescriptionError: there is not one stop, or it stands in a focus of what is before it.
     """
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1:

@@ -1,4 +1,4 @@
-"""One ray at one surface: plain numbers in and out, written once for packets on processors and threads on devices.
+"""One ray at one surface: plain numbers in and out, for the loops of packets.
 
 Lengths in mm, directions are unit vectors with a positive z component. A blocked ray only loses its `alive` flag and is
 carried along; nothing here has a branch that depends on the ray. Conics and aspheres: `optics.aspheres`.
@@ -165,18 +165,6 @@ def turned_ideally(vertex, power, limit, ray):
     dz = 1.0 / math.sqrt(1.0 + across * across + up * up)
     alive = ray.alive if ray.x * ray.x + ray.y * ray.y <= limit else 0.0
     return Ray(ray.x, ray.y, vertex, across * dz, up * dz, dz, alive)
-
-
-@inline
-def outside(inner, ray):
-    """The flag of a ray at an aperture with an obstruction of this squared radius in its middle."""
-    return ray.alive if ray.x * ray.x + ray.y * ray.y >= inner else 0.0
-
-
-@inline
-def behind_edge(nx, ny, distance, ray):
-    """The flag of a ray at an aperture with a straight edge."""
-    return ray.alive if nx * ray.x + ny * ray.y <= distance else 0.0
 
 
 @inline

@@ -28,20 +28,10 @@ class Pupil:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstOrder:
-    """First-order constants of a lens in air.
-
-    Attributes
-    ----------
-    efl_mm, bfd_mm : float
-        Effective focal length; back focal distance, last vertex to rear focus.
-    front_focus_mm, rear_focus_mm : float
-        Vision z of the two focal points.
-    front_principal_mm, rear_principal_mm : float
-        Vision z of the two principal planes.
-    """
+    """First-order constants of a lens in air; planes and points are vision z."""
 
     efl_mm: float
-    bfd_mm: float
+    bfd_mm: float  # last vertex to rear focus
     front_focus_mm: float
     rear_focus_mm: float
     front_principal_mm: float
@@ -79,13 +69,7 @@ class FirstOrder:
 
 
 def first_order(prescription: Prescription) -> FirstOrder:
-    """First-order constants at the prescription's wavelength, air on both sides.
-
-    Raises
-    ------
-    PrescriptionError
-        The lens is afocal.
-    """
+    """First-order constants at the prescription's wavelength; a PrescriptionError if the lens is afocal."""
     surfaces, stop = prescription.surfaces, prescription.stop_index
     vertices = prescription.vertices_from_stop_mm
     whole = _matrix(surfaces, 1.0)

@@ -16,13 +16,11 @@ from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics.aspheres import cross_asphere
 from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
-    behind_edge,
     bent_at_plane,
     cap_of,
     entered,
     left,
     motion_of_row,
-    outside,
     put,
     put_point,
     ray_of,
@@ -147,12 +145,13 @@ def _clip(row, packet, count):
     inner = row[INNER_SQUARED]
     if inner > 0.0:
         for i in range(count):
-            packet.alive[i] = outside(inner, ray_of(packet, i))
+            x, y = packet.x[i], packet.y[i]
+            packet.alive[i] = packet.alive[i] if x * x + y * y >= inner else 0.0
     for j in range(int(row[EDGES])):
         first = int(row[FIRST_EDGE]) + 3 * j
         nx, ny, distance = row[first], row[first + 1], row[first + 2]
         for i in range(count):
-            packet.alive[i] = behind_edge(nx, ny, distance, ray_of(packet, i))
+            packet.alive[i] = packet.alive[i] if nx * packet.x[i] + ny * packet.y[i] <= distance else 0.0
 
 
 @kernel

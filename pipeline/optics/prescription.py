@@ -24,46 +24,25 @@ class Surface:
     With r the height above the axis and c = 1 / radius the sag is
     c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) + a2 r^2 + a3 r^3 + a4 r^4 + ..., positive towards the sensor.
 
-    Attributes
-    ----------
-    radius_mm : float
-        Radius of curvature, positive when the centre lies towards the sensor; `inf` is a plane.
-    thickness_mm : float
-        Distance along the axis to the next vertex; of the last surface: the back focus as printed, unused.
-    semi_diameter_mm : float
-        Half the clear aperture: a hard edge that blocks rays.
-    index : float
-        Refractive index of the medium behind the surface, relative to air, at the prescription's wavelength.
-    is_stop : bool
-        Whether this is the aperture stop.
-    conic : float
-        Conic constant: 0 a sphere, -1 a paraboloid, below that a hyperboloid.
-    even_coefficients : tuple of float
-        a2, a4, a6, ... [mm^(1 - power)].
-    odd_coefficients : tuple of float
-        a3, a5, a7, ... [mm^(1 - power)].
-    inner_semi_diameter_mm : float
-        Half the central obstruction of an annular aperture; 0 for none.
-    half_widths_mm : (float, float) or None
-        Half widths of a rectangular aperture.
-    blades : int
-        Edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
-    aperture_rotation_deg : float
-        Rotation of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
-    focal_length_mm : float or None
-        Focal length of an ideal thin lens; None for a surface. The lens is a plane in air that adds -height over
-        focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
-    distortion : tuple of float
-        k1, k2, p1, p2, k3 of OpenCV, in the vision frame, by which an ideal thin lens that is the stop distorts its
-        image (see `optics.brown`); empty: it does not.
-    image_distance_mm : float
-        Distance behind that lens of the plane whose image is distorted; without distortion it has no meaning.
-    decentre_mm : (float, float)
-        Distance of the vertex from the axis along x and y of the lens frame, or of the group it belongs to.
-    tilt_deg : (float, float)
-        Turn about the vertex: first about x, then about y as it has been turned, right-handed in the lens frame.
-
-    Whatever its shape, an aperture lies within the circle of the semi-diameter.
+    - `radius_mm`: radius of curvature, positive when the centre lies towards the sensor; `inf` is a plane.
+    - `thickness_mm`: along the axis to the next vertex; of the last surface: the back focus as printed, unused.
+    - `semi_diameter_mm`: half the clear aperture, a hard edge that blocks rays. Other apertures lie within its circle.
+    - `index`: of the medium behind the surface, relative to air, at the prescription's wavelength.
+    - `is_stop`: whether this is the aperture stop.
+    - `conic`: 0 a sphere, -1 a paraboloid, below that a hyperboloid.
+    - `even_coefficients`, `odd_coefficients`: a2, a4, a6, ... and a3, a5, a7, ... [mm^(1 - power)].
+    - `inner_semi_diameter_mm`: half the central obstruction of an annular aperture; 0 for none.
+    - `half_widths_mm`: half widths of a rectangular aperture.
+    - `blades`: edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
+    - `aperture_rotation_deg`: of rectangle or polygon, from +x towards +y of the lens frame; at 0 a corner of the
+      polygon lies on +x.
+    - `focal_length_mm`: that of an ideal thin lens; None for a surface. The lens is a plane in air that adds -height
+      over focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
+    - `distortion`: k1, k2, p1, p2, k3 of OpenCV, in the vision frame, by which an ideal thin lens that is the stop
+      distorts its image (see `optics.brown`); empty: it does not.
+    - `image_distance_mm`: behind that lens, of the plane whose image is distorted.
+    - `decentre_mm`: distance of the vertex from the axis along x and y of the lens frame, or of its group.
+    - `tilt_deg`: turn about the vertex: first about x, then about y as it has been turned, right-handed.
     """
 
     radius_mm: float = math.inf
@@ -96,7 +75,8 @@ class Surface:
                 f"conic constant {self.conic} or coefficients {self.even_coefficients}, {self.odd_coefficients} are not"
                 " finite"
             )
-        if self.semi_diameter_mm > self._equator_mm:
+        # Spheres and ellipsoids stand upright at their equator.
+        if self.conic > -1 and self.semi_diameter_mm > abs(self.radius_mm) / math.sqrt(1.0 + self.conic):
             shape = "a sphere" if self.conic == 0 else f"a conic ({self.conic})"
             raise PrescriptionError(
                 f"semi-diameter {self.semi_diameter_mm} mm reaches beyond {shape} of radius {self.radius_mm} mm",
@@ -185,11 +165,6 @@ class Surface:
             edges += [(turn + (2 * i + 1) * math.pi / self.blades, inradius) for i in range(self.blades)]
         return tuple((math.cos(angle), math.sin(angle), distance) for angle, distance in edges)
 
-    @property
-    def _equator_mm(self) -> float:
-        """Height at which the conic stands upright; inf for planes, paraboloids and hyperboloids."""
-        return abs(self.radius_mm) / math.sqrt(1.0 + self.conic) if self.conic > -1 else math.inf
-
     def sag_mm(self, height_mm: float) -> float:
         """Depth of the surface at a height above the axis, from its vertex [mm]."""
         c = self.curvature_per_mm
@@ -216,27 +191,14 @@ def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Consecutive surfaces that one mount holds: displaced, they move together as a rigid body.
-
-    Attributes
-    ----------
-    name : str
-    first, count : int
-        Its first surface, counted from 0, and how many there are.
-    decentre_mm : (float, float)
-        Distance from the axis along x and y of the lens frame.
-    tilt_deg : (float, float)
-        Turn about the pivot: first about x, then about y as it has been turned, right-handed in the lens frame.
-    pivot_mm : float
-        Place of the pivot on the axis, from the vertex of the first surface, + towards the sensor.
-    """
+    """Consecutive surfaces that one mount holds: displaced, they move together as a rigid body."""
 
     name: str
-    first: int
+    first: int  # its first surface, counted from 0
     count: int
-    decentre_mm: tuple[float, float] = (0.0, 0.0)
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
-    pivot_mm: float = 0.0
+    decentre_mm: tuple[float, float] = (0.0, 0.0)  # from the axis along x and y of the lens frame
+    tilt_deg: tuple[float, float] = (0.0, 0.0)  # about the pivot: first about x, then about the turned y
+    pivot_mm: float = 0.0  # place of the pivot on the axis, from the vertex of the first surface, + towards the sensor
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
@@ -262,13 +224,7 @@ class Prescription:
     """Surfaces from the scene to the sensor, with exactly one aperture stop.
 
     Lens frame: origin at the first vertex, +z from scene to sensor. Vertices and thicknesses are those of the centred
-    lens: a surface or group off its place moves nothing but itself.
-
-    Attributes
-    ----------
-    surfaces : tuple of Surface
-    groups : tuple of Group
-        Named ranges of surfaces that do not overlap, in any number.
+    lens: a surface or group off its place moves nothing but itself. Groups do not overlap.
     """
 
     surfaces: tuple[Surface, ...]

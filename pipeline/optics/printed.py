@@ -4,7 +4,7 @@ What the source says and we cannot represent is kept as `Lost`: named, not dropp
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 
@@ -14,51 +14,25 @@ D_LINE_NM = 587.56
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lost:
-    """Something that a source says and that does not become part of the lens.
-
-    Attributes
-    ----------
-    what : str
-        One sentence.
-    line : int or None
-        Line of the source that says it, counted from 1.
-    """
+    """Something that a source says, in one sentence, and that does not become part of the lens."""
 
     what: str
-    line: int | None = None
+    line: int | None = None  # line of the source that says it, counted from 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedSurface:
-    """One row of a printed prescription. Radius, thickness and signs are those of `prescription.Surface`.
-
-    Attributes
-    ----------
-    semi_diameter_mm : float or None
-        Semi-diameter; None where the source does not state it.
-    index, abbe : float, float or None
-        Medium behind the surface at the wavelength of the lens; Abbe number, None where unknown.
-    glass : str
-        Name of that medium as printed; empty for air and for a glass that has no name.
-    conic : float
-        Conic constant; 0 is a sphere.
-    asphere : tuple of (int, float)
-        Powers p of the height and their coefficients [mm^(1 - p)], zeros left out.
-    inner_semi_diameter_mm, half_widths_mm, blades, aperture_rotation_deg
-        Figures of an annular, a rectangular or a polygonal aperture, as in `prescription.Surface`.
-    focal_length_mm : float or None
-        Focal length of an ideal thin lens.
-    """
+    """One row of a printed prescription; fields and signs are those of `prescription.Surface`. None: not stated."""
 
     radius_mm: float = math.inf
     thickness_mm: float = 0.0
     semi_diameter_mm: float | None = None
-    index: float = 1.0
-    glass: str = ""
+    index: float = 1.0  # of the medium behind the surface at the wavelength of the lens
+    glass: str = ""  # name of that medium as printed; empty for air and for a glass that has no name
     abbe: float | None = None
     is_stop: bool = False
     conic: float = 0.0
-    asphere: tuple[tuple[int, float], ...] = ()
+    asphere: tuple[tuple[int, float], ...] = ()  # powers p of the height, coefficients [mm^(1 - p)]; zeros left out
     inner_semi_diameter_mm: float = 0.0
     half_widths_mm: tuple[float, float] | None = None
     blades: int = 0
@@ -81,29 +55,13 @@ class PrintedSurface:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedLens:
-    """A lens with what is known about where it comes from.
+    """A lens with what is known about where it comes from."""
 
-    Attributes
-    ----------
-    name : str
-        For people.
-    provenance : tuple of str
-        Paragraphs: publication, where the numbers were read, notes.
-    surfaces : tuple of PrintedSurface
-        Surfaces from the scene to the sensor; neither object nor image.
-    wavelength_nm : float
-        Wavelength to which the indices belong.
-    nominal_efl_mm, nominal_bfd_mm : float or None
-        Values that the source states, for an object at infinity; None where it does not.
-    lost : tuple of Lost
-        Statements of the source that this record cannot hold.
-    """
-
-    name: str
-    provenance: tuple[str, ...] = ()
-    surfaces: tuple[PrintedSurface, ...]
-    wavelength_nm: float = D_LINE_NM
-    nominal_efl_mm: float | None = None
+    name: str  # for people
+    provenance: tuple[str, ...] = ()  # paragraphs: publication, where the numbers were read, notes
+    surfaces: tuple[PrintedSurface, ...]  # from the scene to the sensor; neither object nor image
+    wavelength_nm: float = D_LINE_NM  # to which the indices belong
+    nominal_efl_mm: float | None = None  # stated for an object at infinity, as the back focal distance is
     nominal_bfd_mm: float | None = None
     lost: tuple[Lost, ...] = ()
 
@@ -145,22 +103,9 @@ def not_representable(surface: PrintedSurface) -> list[str]:
 
 
 def _surface(surface: PrintedSurface, number: int) -> Surface:
-    assert surface.semi_diameter_mm is not None  # not_representable has said so
     try:
-        return Surface(
-            radius_mm=surface.radius_mm,
-            thickness_mm=surface.thickness_mm,
-            semi_diameter_mm=surface.semi_diameter_mm,
-            index=surface.index,
-            is_stop=surface.is_stop,
-            conic=surface.conic,
-            even_coefficients=surface.coefficients(2),
-            odd_coefficients=surface.coefficients(3),
-            inner_semi_diameter_mm=surface.inner_semi_diameter_mm,
-            half_widths_mm=surface.half_widths_mm,
-            blades=surface.blades,
-            focal_length_mm=surface.focal_length_mm,
-            aperture_rotation_deg=surface.aperture_rotation_deg,
-        )
+        shared = {field.name: getattr(surface, field.name) for field in fields(Surface) if hasattr(surface, field.name)}
+        even, odd = surface.coefficients(2), surface.coefficients(3)
+        return Surface(**shared, even_coefficients=even, odd_coefficients=odd)
     except PrescriptionError as error:
         raise PrescriptionError(f"surface {number}: {error.what}", hint=error.hint) from None

@@ -3,6 +3,8 @@
 The same laws as `optics.kernels`, written for whole arrays; what a build computes comes from the kernels alone.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.frames import apply, inverse
@@ -37,19 +39,22 @@ def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np
     return np.column_stack([x, y, np.full(len(x), table[0, VERTEX])])
 
 
+class Traced(NamedTuple):
+    """Points on the last surface and unit directions behind it, (n, 3) each; which rays have passed, (n,) bool."""
+
+    position: np.ndarray
+    direction: np.ndarray
+    passes: np.ndarray
+
+
 def traced(
     table: Float64[np.ndarray, "surfaces columns"],
     position_mm: Float64[np.ndarray, "n 3"],
     direction: Float64[np.ndarray, "n 3"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays behind all surfaces: points on the last one and unit directions, (n, 3) each, and which passed, (n,) bool.
+) -> Traced:
+    """Trace rays through all surfaces.
 
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table`.
-    position_mm, direction : (n, 3) float64
-        Points on the rays and unit directions with a positive z, in the frame of the table.
+    `table`: from `optics.table`; points on the rays and unit directions with a positive z are in its frame.
     """
     position, alive = position_mm, np.ones(len(position_mm), bool)
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
@@ -65,7 +70,7 @@ def traced(
             alive &= passed & _is_inside(row, position)
             if motion is not None:
                 position, direction = apply(motion, position), direction @ motion[:3, :3].T
-    return position, direction, alive
+    return Traced(position, direction, alive)
 
 
 def incidence(
@@ -73,12 +78,7 @@ def incidence(
 ) -> np.ndarray:
     """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one.
 
-    Parameters
-    ----------
-    row : (columns,) float64
-        Row of a table from `optics.table`.
-    point_mm, direction : (n, 3) float64
-        Points on the surface and unit directions, in the frame of the table.
+    `row`: of a table from `optics.table`; points on the surface and unit directions are in its frame.
     """
     if row[POSE]:
         back = inverse(motion_of(row))
@@ -88,7 +88,7 @@ def incidence(
         return np.asarray(np.abs(np.sum(normal * direction, axis=1)) / np.linalg.norm(normal, axis=1))
 
 
-def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Traced:
     """From the vertex plane to the surface, and refracted there by Snell's law in vectors.
 
     With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its normal.
@@ -106,7 +106,7 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple
     root = squared - mu * mu * (squared - along * along)
     bent = mu * direction + ((np.sqrt(root) - mu * along) / squared)[:, None] * normal
     met = (np.abs(value) <= _RESIDUAL_MM * np.abs(normal[:, 2])) & (normal[:, 2] > 0) & (along >= 0)
-    return point, bent, met & (root >= 0)
+    return Traced(point, bent, met & (root >= 0))
 
 
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -123,11 +123,11 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
     return w - c * (r2 + bulge * w * w) / 2, normal
 
 
-def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Traced:
     """Turned on the plane of an ideal thin lens."""
     slope = direction[:, :2] / direction[:, 2:] - row[COEFFICIENTS] * point[:, :2]
     bent = np.column_stack([slope, np.ones(len(slope))])
-    return point, bent / np.linalg.norm(bent, axis=1, keepdims=True), np.ones(len(point), bool)
+    return Traced(point, bent / np.linalg.norm(bent, axis=1, keepdims=True), np.ones(len(point), bool))
 
 
 def _is_inside(row: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -63,46 +63,38 @@ COEFFICIENTS = 11
 
 
 def towards_scene(prescription: Prescription) -> np.ndarray:
-    """Surfaces in the order in which rays from the sensor meet them, vision frame.
-
-    Returns
-    -------
-    (n, columns) float64
-        Rows from the rear surface to the front one.
-    """
-    rows, moved = [], displacements(prescription)
-    for i in reversed(range(len(prescription.surfaces))):
-        surface = prescription.surfaces[i]
-        in_front = prescription.surfaces[i - 1].index if i else 1.0
-        # Vision z points against the lens frame's z: positions, curvatures and coefficients change sign.
-        row = _row(surface, -prescription.vertices_from_stop_mm[i], surface.index / in_front, -1.0)
-        motion = moved[i]
-        rows.append(row if motion is None else _moved(row, VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA))
-    return _padded(rows)
+    """Surfaces from the rear one to the front one, as rays from the sensor meet them, (n, columns), vision frame."""
+    return np.ascontiguousarray(_table(prescription, -1.0)[::-1])
 
 
 def towards_sensor(prescription: Prescription) -> np.ndarray:
-    """Surfaces in the order in which light from the scene meets them, lens frame with its origin moved to the stop.
+    """Surfaces from the front one to the rear one, (n, columns), lens frame with its origin moved to the stop."""
+    return _table(prescription, 1.0)
 
-    Returns
-    -------
-    (n, columns) float64
-        Rows from the front surface to the rear one.
+
+def _table(prescription: Prescription, sign: float) -> np.ndarray:
+    """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's.
+
+    Vision z points against it: positions, curvatures and coefficients change sign.
     """
-    rows, moved, before = [], displacements(prescription), 1.0
-    for surface, vertex_mm, motion in zip(
-        prescription.surfaces, prescription.vertices_from_stop_mm, moved, strict=True
-    ):
-        row = _row(surface, vertex_mm, before / surface.index, 1.0)
-        rows.append(row if motion is None else _moved(row, motion))
-        before = surface.index
-    return _padded(rows)
+    rows, in_front = [], 1.0
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    for surface, vertex_mm, motion in placed:
+        index_ratio = in_front / surface.index if sign > 0 else surface.index / in_front
+        row = _row(surface, sign * vertex_mm, index_ratio, sign)
+        if motion is not None:
+            there = motion if sign > 0 else VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA
+            row = [*row[:POSE], float(len(row)), *row[POSE + 1 :], *(there[:3] + 0.0).ravel().tolist()]
+        rows.append(row)
+        in_front = surface.index
+    table = np.zeros((len(rows), max(map(len, rows))))
+    for i, row in enumerate(rows):
+        table[i, : len(row)] = row
+    return table
 
 
 def motion_of(row: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Place of the surface of a row, in the frame of its table: the (4, 4) motion from its place in the centred
-    lens.
-    """
+    """Motion of the surface of a row from its place in the centred lens, (4, 4), in the frame of its table."""
     result, first = np.eye(4), int(row[POSE])
     if first:
         result[:3] = row[first : first + 12].reshape(3, 4)
@@ -146,8 +138,11 @@ def unbounded(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
 def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) -> list[float]:
     """One surface; `sign` is that of the frame's z against the lens frame's."""
     coefficients, odd = _polynomial(surface)
+    terms: float = max(len(coefficients), LOW_TERMS) if coefficients else 0
     if surface.focal_length_mm is not None:
         coefficients = [sign * value for value in _ideal(surface, sign)]  # without the sign that they get below
+        distorting = TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
+        terms = distorting if surface.distortion else IDEAL
     elif coefficients:
         coefficients += [0.0] * (LOW_TERMS - len(coefficients))
     # The vision frame is the lens frame turned about x: y changes its sign, as z does.
@@ -158,7 +153,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         index_ratio,
         surface.semi_diameter_mm**2,
         0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0,
-        len(coefficients) if surface.focal_length_mm is None else _mark(surface, sign),
+        terms,
         float(odd),
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
@@ -178,17 +173,6 @@ def _ideal(surface: Surface, sign: float) -> list[float]:
     return [1 / surface.focal_length_mm, 1 / surface.image_distance_mm, k1, k2, p1, -sign * p2, k3]
 
 
-def _mark(surface: Surface, sign: float) -> float:
-    if not surface.distortion:
-        return IDEAL
-    return TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
-
-
-def _moved(row: list[float], motion: np.ndarray) -> list[float]:
-    """The row with a motion of the table's frame behind it."""
-    return [*row[:POSE], float(len(row)), *row[POSE + 1 :], *(motion[:3] + 0.0).ravel().tolist()]
-
-
 def _polynomial(surface: Surface) -> tuple[list[float], bool]:
     """Coefficients without zeros at the end, and whether they count odd powers, too."""
     even, odd = surface.even_coefficients, surface.odd_coefficients
@@ -202,11 +186,3 @@ def _polynomial(surface: Surface) -> tuple[list[float], bool]:
 def _trimmed(coefficients: tuple[float, ...] | list[float]) -> list[float]:
     used = max((i + 1 for i, a in enumerate(coefficients) if a != 0), default=0)
     return list(coefficients[:used])
-
-
-def _padded(rows: list[list[float]]) -> np.ndarray:
-    """Rows of unequal length as one array, zeros behind the shorter ones."""
-    result = np.zeros((len(rows), max(map(len, rows))))
-    for i, row in enumerate(rows):
-        result[i, : len(row)] = row
-    return result

@@ -23,15 +23,7 @@ from pipeline.records.shapes import Float64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
-    """A film without absorption.
-
-    Attributes
-    ----------
-    index : float
-        Relative to air.
-    waves : float
-        Thickness over the wavelength in air.
-    """
+    """A film without absorption: its index relative to air, and its thickness over the wavelength in air."""
 
     index: float
     waves: float
@@ -44,21 +36,11 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coating:
-    """A coating at one wavelength: reflectances, or films.
+    """A coating at one wavelength: reflectances, or films."""
 
-    Attributes
-    ----------
-    reflectance : tuple of float
-        Share of light that is reflected at each of `angles_deg`; without angles a single one, for all angles.
-    angles_deg : tuple of float
-        Angles of incidence in the medium of the lower index, ascending.
-    films : tuple of Film
-        In the order in which light from the scene meets them; in place of reflectances.
-    """
-
-    reflectance: tuple[float, ...] = ()
-    angles_deg: tuple[float, ...] = ()
-    films: tuple[Film, ...] = ()
+    reflectance: tuple[float, ...] = ()  # at each angle; without angles a single one, for all of them
+    angles_deg: tuple[float, ...] = ()  # of incidence in the medium of the lower index, ascending
+    films: tuple[Film, ...] = ()  # in the order in which light from the scene meets them; in place of reflectances
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
@@ -70,12 +52,8 @@ class Coating:
     def passed(self, before: float, behind: float, cosine: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Share of light that passes, polarised across the plane of incidence and in it, (2, n).
 
-        Parameters
-        ----------
-        before, behind : float
-            Refractive indices of the media.
-        cosine : (n,) float64
-            Cosines of the angles of incidence, before the surface.
+        `before`, `behind`: refractive indices of the media.
+        `cosine`: cosines of the angles of incidence, before the surface.
         """
         if self.films:
             return _through_films(self.films, before, behind, _lateral(before, cosine))
@@ -89,26 +67,15 @@ class Coating:
 class CoatingData:
     """A coating at all wavelengths, as a stage states it. All empty: a bare surface.
 
-    Attributes
-    ----------
-    wavelengths_nm, angles_deg : tuple of float
-        Ascending.
-    reflectance : tuple of float
-        At the first angle for all wavelengths, then at the second one, and so on; without angles once for all of them.
-    film_indices, film_thicknesses_nm : tuple of float
-        Films in the order in which light from the scene meets them.
-
-    Raises
-    ------
-    PrescriptionError
-        They do not fit together. Its code says where: `coating`, `coating-wavelengths`, `coating-angles` or
-        `coating-films`.
+    Where its parts do not fit together the code of the PrescriptionError says where: `coating`, `coating-wavelengths`,
+    `coating-angles` or `coating-films`.
     """
 
-    wavelengths_nm: tuple[float, ...] = ()
+    wavelengths_nm: tuple[float, ...] = ()  # ascending, as angles are
     angles_deg: tuple[float, ...] = ()
+    # At the first angle for all wavelengths, then at the second one, and so on; without angles once for all of them
     reflectance: tuple[float, ...] = ()
-    film_indices: tuple[float, ...] = ()
+    film_indices: tuple[float, ...] = ()  # in the order in which light from the scene meets them
     film_thicknesses_nm: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -188,18 +155,10 @@ def _through_films(films: tuple[Film, ...], before: float, behind: float, latera
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Losses:
-    """Losses of a lens at one wavelength, from the scene to the sensor.
+    """Losses of a lens at one wavelength, from the scene to the sensor."""
 
-    Attributes
-    ----------
-    coatings : tuple of Coating or None
-        Coating of each surface; None: a bare one.
-    per_mm : tuple of float
-        Share of light that a millimetre of the medium behind each surface lets pass.
-    """
-
-    coatings: tuple[Coating | None, ...]
-    per_mm: tuple[float, ...]
+    coatings: tuple[Coating | None, ...]  # of each surface; None: a bare one
+    per_mm: tuple[float, ...]  # share of light that a millimetre of the medium behind each surface lets pass
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
@@ -215,14 +174,9 @@ def transmitted(
 ) -> np.ndarray:
     """Share of the light of rays that leaves the last surface of a table, (n,); 0 for those that do not pass.
 
-    Parameters
-    ----------
-    table : (surfaces, columns) float64
-        Table from `optics.table`.
-    position_mm, direction : (n, 3) float64
-        Points on the rays and unit directions with a positive z.
-    losses : Losses
-        Losses in the order of the table. Light comes from air.
+    `table`: from `optics.table`.
+    `position_mm`, `direction`: points on the rays and unit directions with a positive z.
+    `losses`: in the order of the table. Light comes from air.
     """
     across, along = np.ones(len(position_mm)), np.ones(len(position_mm))
     alive = np.ones(len(position_mm), bool)
@@ -287,12 +241,8 @@ def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Floa
     With i and r the angles of incidence and of refraction, reflectances are (sin(i - r) / sin(i + r))^2 and
     (tan(i - r) / tan(i + r))^2 (Fresnel 1823), here by cosines, which hold at normal incidence, too.
 
-    Parameters
-    ----------
-    index_ratio : float
-        Index before the surface over that behind it.
-    before, behind : (n, 3) float64
-        Unit directions of rays.
+    `index_ratio`: index before the surface over that behind it.
+    `before`, `behind`: unit directions of rays.
     """
     # The normal lies along n' d' - n d, whose length is n' cos r - n cos i.
     normal = behind - index_ratio * before

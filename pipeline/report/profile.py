@@ -43,7 +43,7 @@ def _dearest_first(rows: dict[str, Json]) -> list[Json]:
 def lines(costs: Json, limit_per_s: float) -> list[str]:
     """Two tables of the result of `profile`, for people.
 
-    The limit is that of `optics.kernels.crossings_per_second`: crossings of spheres per second and core that roots and divisions allow.
+    The limit is `crossings_per_second`: crossings of spheres per second and core that roots and divisions allow.
     """
     total = costs["cpu_seconds"]
     text = [f"{'task kind':<18}{'tasks':>7}{'CPU s':>10}{'share':>8}{'rays':>10}{'rays/s':>10}{'memory':>10}"]

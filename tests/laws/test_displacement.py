@@ -25,7 +25,7 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights, chief_slopes
-from pipeline.camera.pupil.outlines import DIRECTIONS, FilmPlane, directions_of, grid_outlines, upright
+from pipeline.camera.pupil.outlines import DIRECTIONS, directions_of, grid_outlines
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outline_at
@@ -307,16 +307,14 @@ def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None
 def test_bounds_hold_for_all_points_within_reach_of_the_one_they_are_asked_for() -> None:
     """What passes from p + a lies in the outline of p moved by drift a, for |a| up to 1.5 mm, at f/2 where vignetting
     moves the edges of an outline apart; no margin."""
-    table, stop = rear_of(rigs.displaced(rigs.conventional(17.1)))
-    film, slack = upright(-131.81), 1.5
-    wide = grid_outlines(table, stop, film, (24.0, 18.0), slack, 0.0)
+    lens, slack = rigs.displaced(rigs.conventional(17.1)).prescription, 1.5
+    wide = grid_outlines(lens, (0.0, 0.0, -131.81), (24.0, 18.0), slack, 0.0)
     rng, polygon, normal = np.random.default_rng(2), np.empty((64, 2)), directions_of(DIRECTIONS)
     for point in rng.uniform([-22, -16], [22, 16], (25, 2)):
         angle = rng.uniform(0, 2 * np.pi)
         step = slack * np.array([np.cos(angle), np.sin(angle)])
         count = outline_at(wide.step_mm, wide.vertices_mm, *point, polygon)
-        there = FilmPlane(film.points(point + step), np.eye(2, 3))
-        exact = grid_outlines(table, stop, there, (1e-3, 1e-3), 0.0, 0.0)
+        exact = grid_outlines(lens, (*(point + step).tolist(), -131.81), (1e-3, 1e-3), 0.0, 0.0)
         needed = (exact.vertices_mm[1, 1] @ normal.T).max(axis=0) - normal @ step * wide.drift
         assert np.all((polygon[:count] @ normal.T).max(axis=0) > needed - 1e-3)
 
@@ -369,23 +367,6 @@ def test_outlines_that_are_bilinear_over_a_grid_come_back_at_any_point_and_beyon
         np.testing.assert_allclose(polygon[:DIRECTIONS], outline(*np.clip(point, -half, half)), 0, ROUNDING_MM)
 
 
-def test_a_grid_on_any_plane_gives_the_outlines_of_its_points() -> None:
-    """Nodes of a tilted plane with coordinates of its own against those of an upright plane through the same point."""
-    table, stop = rear_of(rigs.displaced(rigs.conventional(8.0)))
-    slope = 0.1
-    plane = FilmPlane(np.array([0.0, 0.0, -125.0]), np.array([[1.0, 0.0, slope], [0.0, 1.0, 0.0]]))
-    tilted = grid_outlines(table, stop, plane, (12.0, 9.0), 0.0, 0.0)
-    polygon, other = np.empty((2, 64, 2))
-    for u, v in ((6.0, 3.0), (-9.0, 8.0)):
-        count = outline_at(tilted.step_mm, tilted.vertices_mm, u, v, polygon)
-        near = grid_outlines(table, stop, FilmPlane(plane.points(np.array([u, v])), np.eye(2, 3)), (0.1, 0.1), 0.0, 0.0)
-        outline_at(near.step_mm, near.vertices_mm, 0.0, 0.0, other)
-        # The bound of the grid may be wider, by its error of interpolation, and never narrower.
-        reach, exact = ((p[:count] @ directions_of(count).T).max(axis=0) for p in (polygon, other))
-        assert np.all(reach > exact - 1e-3)
-        assert np.all(reach < exact + 0.35)
-
-
 def test_an_outline_is_widened_about_its_own_middle_wherever_that_lies() -> None:
     """A lens that is shifted as a whole has the outlines of the lens, shifted: the margin knows no axis.
 
@@ -394,9 +375,7 @@ def test_an_outline_is_widened_about_its_own_middle_wherever_that_lies() -> None
     camera, shift, normal, found = rigs.conventional(8.0), np.array([9.0, 4.0]), directions_of(DIRECTIONS), []
     for at in (np.zeros(2), shift):
         lens = whole(camera.prescription, decentre_mm=tuple(TURN[:2, :2] @ at))
-        table, stop = rear_of(dataclasses.replace(camera, prescription=lens))
-        plane = FilmPlane(np.array([*at, -131.81]), np.eye(2, 3))
-        polygons = grid_outlines(table, stop, plane, (6.0, 4.0), 0.0, 0.1).vertices_mm
+        polygons = grid_outlines(lens, (*at.tolist(), -131.81), (6.0, 4.0), 0.0, 0.1).vertices_mm
         found.append((polygons @ normal.T).max(axis=2))
     assert np.ptp(found[0]) > 3
     np.testing.assert_allclose(found[1], found[0] + normal @ shift, rtol=0, atol=5 * 0.9e-3)

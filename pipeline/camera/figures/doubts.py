@@ -80,7 +80,9 @@ def _stop(camera: Camera) -> Iterator[Doubt]:
 
 
 def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
-    width, height = camera.sensor.size_mm
+    lens, (width, height) = first_order(camera.prescription), camera.sensor.size_mm
+    behind, ahead = array.principal_mm[0]
+    to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead
     if array.pitch_mm > min(width, height) / 2:
         what = f"microlenses {array.pitch_mm:g} mm apart stand before a sensor of {width:.4g} x {height:.4g} mm"
         yield Doubt("microlens-pitch", "microlenses", what, "lengths are millimetres: 100 µm are 0.1")
@@ -91,40 +93,7 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
             f"{weakest / array.aperture_mm:.0f}: it bends next to nothing"
         )
         yield Doubt("weak-microlens", "focal_lengths", what, "lengths are millimetres: 900 µm are 0.9")
-    yield from _array_extent(camera, array)
-    yield from _overlap(camera, array)
-
-
-def _array_extent(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
-    """Micro-images lie about (1 + B / P) times as far from the axis as their microlenses."""
-    spread = 1 + array.distance_mm / _to_array_mm(camera, array)
-    grid, sizes = lattice(array), camera.sensor.size_mm
-    if not len(grid.k):
-        return
-    covered = [
-        np.clip(spread * axis.max() + array.pitch_mm / 2, -size / 2, size / 2)
-        - np.clip(spread * axis.min() - array.pitch_mm / 2, -size / 2, size / 2)
-        for axis, size in zip((grid.x_mm, grid.y_mm), sizes, strict=True)
-    ]
-    if any(part < _TOO_SMALL * size for part, size in zip(covered, sizes, strict=True)):
-        share = covered[0] * covered[1] / (sizes[0] * sizes[1])
-        what = (
-            f"micro-images cover {covered[0]:.3g} x {covered[1]:.3g} mm of the sensor's {sizes[0]:.3g} x"
-            f" {sizes[1]:.3g} mm: {1 - share:.0%} of the image stays dark"
-        )
-        yield Doubt(
-            "small-array", "microlenses", what, "enlarge the array or move it: plen:width, plen:height, offsets"
-        )
-
-
-def _to_array_mm(camera: Camera, array: MicrolensArray) -> float:
-    """From the exit pupil to the microlenses."""
-    return first_order(camera.prescription).exit_pupil.z_mm + camera.sensor_distance_mm - array.principal_mm[0][1]
-
-
-def _overlap(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
-    lens = first_order(camera.prescription)
-    behind, to_array = array.principal_mm[0][0], _to_array_mm(camera, array)
+    yield from _dark_sides(camera.sensor, array, 1 + array.distance_mm / to_array)
     wide = lens.exit_pupil.diameter_mm * behind / to_array
     apart = array.nearest_mm * (1 + behind / to_array)
     for code, is_so, effect, remedy in (
@@ -136,6 +105,26 @@ def _overlap(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
             what = f"micro-images are {wide / pitch:.4g} px wide and {apart / pitch:.4g} px apart: {effect}"
             hint = f'a stop of {stop:.4g} mm matches: write plen:camera:stopMatch = "microlenses", or {remedy}'
             yield Doubt(code, "camera", what, hint)
+
+
+def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterator[Doubt]:
+    """Micro-images lie `spread` times as far from the axis as their microlenses."""
+    grid, sizes = lattice(array), sensor.size_mm
+    if not len(grid.k):
+        return
+    covered = [
+        np.clip(spread * axis.max() + array.pitch_mm / 2, -size / 2, size / 2)
+        - np.clip(spread * axis.min() - array.pitch_mm / 2, -size / 2, size / 2)
+        for axis, size in zip((grid.x_mm, grid.y_mm), sizes, strict=True)
+    ]
+    if covered[0] < _TOO_SMALL * sizes[0] or covered[1] < _TOO_SMALL * sizes[1]:
+        share = covered[0] * covered[1] / (sizes[0] * sizes[1])
+        what = (
+            f"micro-images cover {covered[0]:.3g} x {covered[1]:.3g} mm of the sensor's {sizes[0]:.3g} x"
+            f" {sizes[1]:.3g} mm: {1 - share:.0%} of the image stays dark"
+        )
+        hint = "enlarge the array or move it: plen:width, plen:height, offsets"
+        yield Doubt("small-array", "microlenses", what, hint)
 
 
 def _image_circle(camera: Camera) -> Iterator[Doubt]:

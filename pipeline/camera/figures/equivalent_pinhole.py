@@ -35,8 +35,7 @@ F, CENTRE, POINT, RADIAL, TANGENTIAL = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10)
 NOTHING_LEFT_PX = 1e-6
 """Residual below which no coefficient is added [px]: a thousandth of the accuracy that tables claim by default."""
 WORTH_IT = 0.9
-"""Residual that a further radial coefficient may leave, over the one before [1]: with less gain than a tenth it would
-stand for nothing in the lens."""
+"""Residual that a further radial coefficient may leave, over the one before [1]: it is worth a gain of a tenth."""
 IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken, so
 derivatives have neither truncation errors nor cancelled digits."""
@@ -122,8 +121,7 @@ class Sightings:
 
 
 _COLUMNS, _ROWS = 17, 13
-"""Image positions that are traced, the corners of the image among them: 442 coordinates for eleven parameters at
-most."""
+"""Image positions that are traced, the corners among them: 442 coordinates for eleven parameters at most."""
 _LEVEL = 2
 """Level of the quadrature: means are right to 1e-8 mm."""
 

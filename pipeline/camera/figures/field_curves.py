@@ -20,14 +20,11 @@ from pipeline.optics.table import unbounded
 from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
-"""Random rays of each height: an integral over so many scrambled points is right to about 1e-4 of it, less than a
-curve shows."""
+"""Random rays of each height: right to about 1e-4 of their integral, less than a curve shows."""
 _NEWTON_STEPS = 6
-"""Steps from the middle of the sensor to the image of the axis: chief rays are all but linear over that way, so that
-each gains several digits."""
+"""Steps to the image of the axis: chief rays are all but linear over that way, so that each gains several digits."""
 _DIFFERENCE_MM = 1e-3
-"""Difference of the derivatives [mm]: roundings of a trace, 1e-13 mm, leave ten digits, and chief rays hardly bend
-over it."""
+"""Difference of the derivatives [mm]: roundings, 1e-13 mm, leave ten digits, and chief rays hardly bend over it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +71,10 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     positions = start + np.linspace(0.0, reach, rows)[:, None] * (end - start)
     heights = np.hypot(*(positions - start).T)
     if not centred or reach < 1:
-        tracer = Tracer(dataclasses.replace(tracer.camera, sensor=_covering(sensor, np.abs(positions).max(axis=0))))
+        # Bounds of rays are found for all of a sensor: one about the axis that reaches as far and no farther.
+        width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in np.abs(positions).max(axis=0))
+        covering = Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
+        tracer = Tracer(dataclasses.replace(tracer.camera, sensor=covering))
     direction, crossing = _chief_rays(tracer, positions, object_mm)
     angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
@@ -92,12 +92,6 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
         raise CameraError("no light passes the lens from the middle of the image", hint="is the stop too small?")
     illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
     return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
-
-
-def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
-    """A sensor about the axis that reaches as far and no farther: bounds of rays are found for all of a sensor."""
-    width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in extents_mm)
-    return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
 
 
 def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.lattice import extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.optics.first_order import FirstOrder, Pupil, first_order
+from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription
 
 
@@ -22,12 +22,18 @@ def report(camera: Camera) -> dict[str, Any]:
     lens, sensor, focus_of_types = first_order(camera.prescription), camera.sensor, foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
+    acceptance: dict[str, Any] = {"shape": sensor.acceptance}  # with the numbers that this shape has
+    if sensor.acceptance == "cosine":
+        acceptance |= {"power": sensor.acceptance_power}
+    if sensor.acceptance == "cone":
+        angles = {"half_angle_deg": sensor.acceptance_half_angle_deg, "roll_off_deg": sensor.acceptance_roll_off_deg}
+        acceptance |= angles
     depths = [focus.depth_of_field_mm for focus in focus_of_types]
     front_mm = -camera.prescription.vertices_from_stop_mm[0]  # a narrow stop sees sharply what stands in the lens, too
     figures: dict[str, Any] = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
-        "pixel_acceptance": _acceptance(sensor),
+        "pixel_acceptance": acceptance,
         "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
         "sensor_distance_mm": camera.sensor_distance_mm,
         "lens": _lens(camera, lens, to_sensor),
@@ -48,17 +54,18 @@ def report(camera: Camera) -> dict[str, Any]:
 
 def lens_report(prescription: Prescription) -> dict[str, Any]:
     """Figures of a lens for an object at infinity."""
-    lens, vertices = first_order(prescription), prescription.vertices_mm
+    lens = first_order(prescription)
+    entrance, exit_ = lens.entrance_pupil, lens.exit_pupil
     return {
         "efl_mm": lens.efl_mm,
         "bfd_mm": lens.bfd_mm,
         "f_number": lens.f_number,
         "focal_points_mm": [lens.front_focus_mm, lens.rear_focus_mm],
-        "entrance_pupil": _pupil(lens.entrance_pupil),
-        "exit_pupil": _pupil(lens.exit_pupil),
+        "entrance_pupil": {"z_mm": entrance.z_mm, "diameter_mm": entrance.diameter_mm},
+        "exit_pupil": {"z_mm": exit_.z_mm, "diameter_mm": exit_.diameter_mm},
         "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
         "stop_diameter_mm": 2 * prescription.stop.semi_diameter_mm,
-        "length_mm": vertices[-1],
+        "length_mm": prescription.vertices_mm[-1],
         "surfaces": len(prescription.surfaces),
     }
 
@@ -76,16 +83,6 @@ def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
         math.hypot(left, top, principal_mm) * math.hypot(right, bottom, principal_mm)
     )
     return [*across, math.degrees(math.acos(max(-1.0, min(1.0, cosine))))]
-
-
-def _acceptance(sensor: Sensor) -> dict[str, Any]:
-    """Shape of the pixels' angular acceptance, with the numbers that this shape has."""
-    if sensor.acceptance == "cosine":
-        return {"shape": "cosine", "power": sensor.acceptance_power}
-    if sensor.acceptance == "cone":
-        cone = {"half_angle_deg": sensor.acceptance_half_angle_deg, "roll_off_deg": sensor.acceptance_roll_off_deg}
-        return {"shape": "cone", **cone}
-    return {"shape": "all"}
 
 
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
@@ -119,10 +116,6 @@ def _magnification(lens: FirstOrder, object_mm: float) -> float:
     if object_mm == lens.front_focus_mm:
         return -math.inf
     return lens.magnification(object_mm) + 0.0
-
-
-def _pupil(pupil: Pupil) -> dict[str, float]:
-    return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
 
 
 def _array(

@@ -6,6 +6,7 @@ rely on it.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,13 +53,9 @@ class Outlook:
     blur_px: Float64[np.ndarray, "poses n"]
 
 
+@np.errstate(all="ignore")  # what is not finite is not seen
 def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Float64[np.ndarray, "k m 3"]) -> Outlook:
     """Find the fate of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
-    with np.errstate(all="ignore"):  # what is not finite is not seen
-        return _outlook(camera, points_mm, front)
-
-
-def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
     lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
     tracer, table = Tracer(camera), towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
@@ -115,10 +112,16 @@ def _nearest_to_axis(points_mm: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return rows[np.take_along_axis(wanted, order, axis=1)]
 
 
-def _light(
-    tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+class _Light(NamedTuple):
     """Width of the light of points on the film [px], whether there is any, and whether it is in the image."""
+
+    blur: np.ndarray
+    lit: np.ndarray
+    inside: np.ndarray
+
+
+def _light(tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray) -> _Light:
+    """The light of points through aims in front of the lens."""
     near = np.tile(aims, (len(points_mm), 1))  # on the ray as well, and known sharply however far the point is
     way = near - np.repeat(points_mm * _FLIP, len(aims), axis=0)
     way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
@@ -135,9 +138,9 @@ def _light(
     low, high = np.where(ray, x, np.inf).min(axis=1), np.where(ray, x, -np.inf).max(axis=1)
     blur = np.where(lit, (high - low).max(axis=1), 0.0)
     if array:
-        return blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & ray[..., 0]).any(axis=1)
+        return _Light(blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & ray[..., 0]).any(axis=1))
     middle = np.where(ray, x, 0.0).sum(axis=1) / np.maximum(1, ray.sum(axis=1))
-    return blur, lit, _is_in_image(tracer.camera, middle, (_SLACK_PX + _BLUR_SHARE * blur)[:, None])
+    return _Light(blur, lit, _is_in_image(tracer.camera, middle, (_SLACK_PX + _BLUR_SHARE * blur)[:, None]))
 
 
 def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float) -> np.ndarray:

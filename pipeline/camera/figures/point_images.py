@@ -29,8 +29,7 @@ FIELDS = (0.0, 0.7, 1.0)
 _RIM = 0.98
 """Share of the image circle that stands for the corner where that is dark: at the rim itself the pupil vanishes."""
 FREQUENCIES = 49
-"""Spatial frequencies of a curve, from 0 to the limit of the aperture or twice that of the pixels: steps too fine to
-see."""
+"""Spatial frequencies of a curve, from 0 to its limit: steps too fine to see."""
 _CELLS, _RADII = 97, 4.0
 """Points of a picture along an axis, and half its edge over the radius of the Airy disc: three dark rings are seen."""
 _SPOT = 1.2
@@ -87,8 +86,7 @@ def point_images(
 ) -> list[PointImage]:
     """Images of points in light of one wavelength, whose indices the camera has.
 
-    `at_px`: image position; by default the middle, 0.7 of the way to the farthest corner and
-        the corner, or the middle microlens of each type.
+    `at_px`: by default the middle, 0.7 of the way to the farthest corner and the corner, or a microlens of each type.
     `object_mm`: vision z of the points; by default what is in focus, of the type of the microlens.
     `focused`: the camera whose focus that is, where its light is another.
     Raises CameraError: no light arrives at the position, or blur is far wider than diffraction.

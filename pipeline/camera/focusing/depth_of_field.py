@@ -14,11 +14,9 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import FirstOrder, first_order
 
 _LEAST_SPAN = 0.1
-"""Least distance of near and far plane from the middle focus, over that focus distance [1]: planes are only a matter of
-conditioning, and between closer ones lines would be known less sharply."""
+"""Least distance of both planes from the middle focus, over its distance [1]: closer ones are ill conditioned."""
 _FARTHEST = 2.0
-"""Distance of the farthest far plane over that of the middle focus [1]: a depth of field may end at infinity, where no
-plane can be."""
+"""Distance of the farthest far plane over that of the middle focus [1]: a depth of field may end at infinity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,8 +86,7 @@ def middle_focus(camera: Camera) -> float:
 
 
 def focused(camera: Camera | FocusRequest) -> Camera:
-    """The camera with all that it asks for solved (see `camera.focusing.focus_request`), and its near and far planes
-    settled.
+    """The camera with all that it asks for solved, and its near and far planes settled.
 
     Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
     behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice

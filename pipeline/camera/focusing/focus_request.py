@@ -75,10 +75,15 @@ def shift_mm(
     solutions = [_bisected(miss, a, b) for a, b in brackets]
     if solutions:
         return min(solutions, key=abs)
+    moving = f'"{", ".join(names)}" between {low:.4g} and {high:.4g} mm from where it stands'
+    raise _out_of_reach(moving, object_mm, *_in_reach(prescription, names, shifts, image_mm))
+
+
+def _out_of_reach(moving: str, object_mm: float, near_mm: float, far_mm: float) -> CameraError:
     place = f"{object_mm:g} mm from the stop" if math.isfinite(object_mm) else "infinity"
-    moving = f'"{", ".join(names)}"'
-    what = f"no position of {moving} between {low:.4g} and {high:.4g} mm from where it stands brings {place} into focus"
-    raise CameraError(what, hint=_reach(prescription, names, shifts, image_mm))
+    reach = f"between {near_mm:.6g} and {far_mm:.6g} mm" if math.isfinite(far_mm) else f"beyond {near_mm:.6g} mm"
+    hint = "within reach: " + ("no object at all" if math.isinf(near_mm) else f"distances {reach}")
+    return CameraError(f"no position of {moving} brings {place} into focus", hint=hint)
 
 
 def _gaps(prescription: Prescription, names: tuple[str, ...]) -> Iterator[tuple[int, float]]:
@@ -130,8 +135,10 @@ def _bisected(miss: Callable[[float], float], low: float, high: float) -> float:
     return min((low, high), key=lambda shift: abs(miss(shift)))
 
 
-def _reach(prescription: Prescription, names: tuple[str, ...], shifts: list[float], image_mm: float) -> str:
-    """Object distances that the groups bring into focus, as a hint."""
+def _in_reach(
+    prescription: Prescription, names: tuple[str, ...], shifts: list[float], image_mm: float
+) -> tuple[float, float]:
+    """Nearest and farthest object distances that the groups bring into focus; inf and inf: none."""
     distances = []
     for shift in shifts:
         lens = moved(prescription, names, shift)
@@ -143,12 +150,7 @@ def _reach(prescription: Prescription, names: tuple[str, ...], shifts: list[floa
         distance = figures.object_mm(-image_mm) if -image_mm < figures.rear_focus_mm else math.inf
         if figures.efl_mm > 0 and distance > -lens.vertices_from_stop_mm[0]:
             distances.append(distance)
-    near, far = min(distances, default=math.inf), max(distances, default=math.inf)
-    if math.isinf(near):
-        return "within reach: no object at all"
-    return "within reach: distances " + (
-        f"between {near:.6g} and {far:.6g} mm" if far < math.inf else f"beyond {near:.6g} mm"
-    )
+    return min(distances, default=math.inf), max(distances, default=math.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,21 +185,14 @@ class FocusRequest:
 
 
 def solved(camera: Camera | FocusRequest) -> Camera:
-    """The camera that does what is asked; a `Camera` asks for nothing.
-
-    Raises CameraError: it cannot be done; the hint says what can.
-    """
+    """The camera that does what is asked; a CameraError whose hint says what can be done. A `Camera` asks nothing."""
     if isinstance(camera, Camera):
         return camera
+    shared = ("sensor", "microlenses", "circle_of_confusion_px", "near_mm", "far_mm", "weight")
     placed = Camera(
         prescription=moved(camera.prescription, camera.focus_groups, group_shift(camera)),
-        sensor=camera.sensor,
         sensor_distance_mm=sensor_distance(camera),
-        microlenses=camera.microlenses,
-        circle_of_confusion_px=camera.circle_of_confusion_px,
-        near_mm=camera.near_mm,
-        far_mm=camera.far_mm,
-        weight=camera.weight,
+        **{name: getattr(camera, name) for name in shared},
     )
     return with_matched_stop(placed) if camera.match_stop else placed
 
@@ -214,10 +209,7 @@ def sensor_distance(request: FocusRequest) -> float:
         return request.sensor_distance_mm
     near, far = reachable(request)
     if not (near < wanted < far or wanted == far == math.inf):
-        place = f"{wanted:g} mm from the stop" if math.isfinite(wanted) else "infinity"
-        what = f"no position of the sensor brings {place} into focus"
-        reach = f"between {near:.6g} and {far:.6g} mm" if math.isfinite(far) else f"beyond {near:.6g} mm"
-        raise CameraError(what, hint=f"within reach: distances {reach}")
+        raise _out_of_reach("the sensor", wanted, near, far)
     array = request.microlenses
     film = -first_order(request.prescription).image_mm(wanted) - _image_behind_film(request)
     return film + (_principal_mm(array, request.type)[1] if array else 0.0)
@@ -289,10 +281,7 @@ def matched_stop_mm(lens: FirstOrder, array: MicrolensArray, sensor_distance_mm:
 
 
 def with_matched_stop(camera: Camera) -> Camera:
-    """The camera with its stop matched to its microlenses.
-
-    Raises CameraError: there are no microlenses, or the edge of another surface would limit the light on the axis.
-    """
+    """The camera with its stop matched to its microlenses; CameraError: another surface limits the light."""
     array, prescription = camera.microlenses, camera.prescription
     if array is None:
         raise CameraError("a camera without microlenses has no stop that matches them", hint="match_stop=False")

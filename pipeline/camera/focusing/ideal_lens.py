@@ -33,12 +33,10 @@ def with_ideal_lens(
     A thin lens has the real entrance pupil's diameter, and so its F-number. The sensor moves with its array to where
     the object plane that the real lens images onto sensor or array is in focus again.
 
-    `camera`: Camera or FocusRequest.
     `distortion`: k1, k2, p1, p2, k3 of OpenCV in the plane of the sensor, or of the microlenses; empty: none. A camera
         with distortion is focused at once, because its image must stand somewhere.
-    Raises CameraError: the lens has no positive focal length, nothing before it is in focus, or its distortion folds
-        the image.
-    Raises PrescriptionError: the lens is afocal.
+    Raises CameraError or PrescriptionError: the lens has no positive focal length, nothing before it is in focus, or
+        its distortion folds the image.
     """
     if model == PRESCRIPTION:
         return camera

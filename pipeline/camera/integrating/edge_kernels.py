@@ -43,14 +43,6 @@ class Rule(NamedTuple):
     weight: np.ndarray
 
 
-class Nodes(NamedTuple):
-    """Nodes of quadratures over bundles."""
-
-    owner: np.ndarray  # (m,) int64, sensor position of each, ascending
-    points: np.ndarray  # (m, 2) float64, points of the sampling plane [mm]
-    measure: np.ndarray  # (m,) float64, area that each node stands for [mm^2]
-
-
 class SingleHits(NamedTuple):
     """Hits of single rays on planes."""
 
@@ -60,17 +52,16 @@ class SingleHits(NamedTuple):
 
 
 def empty_hits(count: int) -> SingleHits:
-    """Room for so many."""
+    """Arrays for so many rays."""
     return SingleHits(np.empty((count, 2)), np.empty(count), np.empty(count, bool))
 
 
 @kernel
 def bounds(camera, positions, microlens, polygons, counts, free):
-    """Polygons that enclose what passes, and the weight of all rays through each position's own microlens.
+    """Polygons that enclose what passes, and the weight of all rays through each position's own microlens [sr].
 
-    `polygons`, `counts`: (n, MAX_VERTICES, 2) float64, (n,) int64, written, counter-clockwise; 0 vertices where nothing
-        passes.
-    `free`: (n,) float64, written; 0 without a microlens [sr].
+    `polygons`, `counts`, `free`: (n, MAX_VERTICES, 2) counter-clockwise, (n,), (n,), written; 0: nothing passes, or
+        there is no microlens.
     """
     region = new_region()
     polygon = region.polygon
@@ -101,12 +92,10 @@ def spread(polygons, counts, points):
 
 @kernel
 def probe(camera, positions, microlens, owner, points, is_named, label):
-    """Trace one ray through each point and say whether it passes, or what blocks it.
+    """Trace the ray from a sensor position, `owner`, ascending, through each point of the sampling plane (m, 2).
 
-    `owner`: (m,) int64, sensor position that a ray starts from, ascending.
-    `points`: (m, 2) float64, points of the sampling plane.
-    `is_named`: whether labels name what blocks a ray, see `label_packet`, which costs more; else all of these are 0.
-    `label`: (m,) int64, written.
+    `label`: (m,), written: whether it passes, or what blocks it. Names of that, see `label_packet`, cost more; else all
+        of these are 0.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     here = np.empty(PACKET, np.int64)
@@ -126,18 +115,15 @@ def probe(camera, positions, microlens, owner, points, is_named, label):
 
 @kernel
 def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
-    """Sum moments on two planes of each position over nodes of a quadrature; returns the number of nodes.
+    """Sum moments on two planes (n, 2, 4, 3) of each position over nodes of a quadrature; returns the number of nodes.
 
     Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
-
-    `planes`: (n, 2, 4, 3) float64.
     `rule`: along each piece of a way.
-    `moments`: (n, COLUMNS) float64, written where a position has nodes, but for the free weight.
-    `whole`: (n,) bool, written: every node passes.
+    `moments`, `whole`: (n, COLUMNS), (n,), written where a position has nodes, but for the free weight; all nodes pass.
     """
     most = rays.start.size * rule.node.shape[0]
     owner, points, measure = np.empty(most, np.int64), np.empty((most, 2)), np.empty(most)
-    count = _lay(rays, rule, Nodes(owner, points, measure))
+    count = _lay(rays, rule, owner, points, measure)
     owner, points, measure = owner[:count], points[:count], measure[:count]
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     alive, weight, crossing = packet.alive, packet.weight, np.empty((4, PACKET))
@@ -172,8 +158,8 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
 
 
 @inline
-def _lay(rays, rule, nodes):
-    """Lay nodes along all ways and return their number; pieces may be empty."""
+def _lay(rays, rule, owner, points, measure):
+    """Lay nodes along all ways, each with the area that it stands for [mm^2]; their number: pieces may be empty."""
     count = 0
     for d in range(rays.owner.shape[0]):
         n, cx, cy = rays.owner[d], rays.along[d, 0], rays.along[d, 1]
@@ -182,23 +168,18 @@ def _lay(rays, rule, nodes):
             width = length * rays.share[d]
             for j in range(rule.node.shape[0]):
                 r = start + length * rule.node[j]
-                measure = r * (width * rule.weight[j])
-                if measure > 0.0:
-                    nodes.owner[count], nodes.measure[count] = n, measure
-                    nodes.points[count, 0] = rays.centres[n, 0] + r * cx
-                    nodes.points[count, 1] = rays.centres[n, 1] + r * cy
+                area = r * (width * rule.weight[j])
+                if area > 0.0:
+                    owner[count], measure[count] = n, area
+                    points[count, 0] = rays.centres[n, 0] + r * cx
+                    points[count, 1] = rays.centres[n, 1] + r * cy
                     count += 1
     return count
 
 
 @kernel
 def hits(camera, planes, positions, microlens, owner, points, hit):
-    """Trace the ray through each point to the plane of its position.
-
-    `planes`: (n, 4, 3) float64.
-    `owner`, `points`: (m,) int64, (m, 2) float64, as in `probe`.
-    `hit`: written.
-    """
+    """Trace the ray through each point, as in `probe`, to the plane (n, 4, 3) of its position; `hit` is written."""
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     x, y, z, dx, dy, dz, alive, _, weight = packet
     on_plane, density, passes = hit

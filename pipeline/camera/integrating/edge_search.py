@@ -23,8 +23,7 @@ from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETE
 PASSES = -1
 """Label of a ray that leaves the camera; other labels name what blocks it."""
 _STRAIGHT = 1 << 10
-"""Step of labels from one straight edge of an aperture to the next; below it they count surfaces, and no lens has a
-thousand."""
+"""Step of labels from one straight edge of an aperture to the next: no lens has a thousand surfaces."""
 
 
 class Labels(NamedTuple):
@@ -190,15 +189,12 @@ def _turn(angle, f, place, known, along):
 
 @kernel
 def find_edges(camera, positions, microlens, centres, spokes, steps, radius, label):
-    """Search the edge of what passes along directions from inner points; returns the number of rays.
+    """Search the edge of what passes along directions from inner points (n, 2); returns the number of rays.
 
     Packets are filled with as many directions as fit; a new one takes the place of one that is found.
-
-    `camera`, `positions`, `microlens`: as in `probes.probe`.
-    `centres`: (n, 2) float64, inner points.
     `steps`: the radius errs by less than 2^-(steps + 1) of the way to the bound.
-    `radius`, `label`: (m,) float64, (m,) int64, written: where light ends, and what ends it; the bound itself, and no
-        label, where a ray passes there.
+    `radius`, `label`: (m,), written: where light ends, and what ends it; the bound itself, and no label, where a ray
+        passes there.
     """
     owner, _, limit, towards = spokes
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)

@@ -67,6 +67,14 @@ ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
 over the whole bound, too: a step that sees one piece of two goes far astray."""
 
 
+class Outcome(NamedTuple):
+    """Moments (n, COLUMNS), as of `Tracer.moments`; EMPTY, INTEGRATED or NOT_STAR_SHAPED (n,); and rays traced."""
+
+    moments: np.ndarray
+    status: np.ndarray
+    rays: int
+
+
 @dataclass(frozen=True, slots=True)
 class Edges(Ways):
     """Regions that rays pass, and the means to integrate over them."""
@@ -75,16 +83,11 @@ class Edges(Ways):
     rays: int  # traced so far
     effort: Effort
 
-    def moments(
-        self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True
-    ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Moments of all bundles on two planes of each.
+    def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
+        """Integrate all bundles on two planes of each.
 
-        `nodes`: (int, int), along the radius, and over the full circle.
+        `nodes`: along the radius, and over the full circle.
         `is_last`: whether it is a result, and no finer level follows: rays over the whole bound are held against that.
-        Returns (n, COLUMNS) float64: as `Tracer.moments`; the standard errors are 0.
-        Returns (n,) int64: EMPTY, INTEGRATED or NOT_STAR_SHAPED.
-        Returns int: rays traced.
         """
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
@@ -107,7 +110,7 @@ class Edges(Ways):
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
-        return result, status, rays
+        return Outcome(result, status, rays)
 
     def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth.
@@ -196,18 +199,12 @@ def _try(bundles: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.
     return rays
 
 
-def _along(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines and sines of so many ways in the first directions, point by point, (count,) each."""
-    angle, points = boundary.even_angles(_FIRST_DIRECTIONS), count // _FIRST_DIRECTIONS
-    return np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
-
-
 def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
     """Move inner points to the centroids of their regions, which the first directions enclose, where those pass."""
-    n = len(bundles.positions)
-    area = np.bincount(owner, 1.5 * radius**2, n)
-    lever = radius**3
-    moved = np.stack([np.bincount(owner, lever * along, n) for along in _along(len(owner))], axis=1)
+    n, angle = len(bundles.positions), boundary.even_angles(_FIRST_DIRECTIONS)
+    area, lever, points = np.bincount(owner, 1.5 * radius**2, n), radius**3, len(owner) // len(angle)
+    along = np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
+    moved = np.stack([np.bincount(owner, lever * part, n) for part in along], axis=1)
     some = np.flatnonzero(area > 0)
     middle = bundles.centres[some] + moved[some] / area[some, None]
     passed = bundles.probe(some, middle) == PASSES
@@ -239,20 +236,19 @@ class Regions(NamedTuple):
         """Traced so far."""
         return sum(part.rays for _, part in self.parts)
 
-    def moments(
-        self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True
-    ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Moments of all bundles, as of `Edges.moments`."""
+    def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
+        """Integrate all bundles, as `Edges.moments`."""
         each = [part.moments(planes, nodes, is_last) for _, part in self.parts]
         if len(each) == 1:
             return each[0]
-        moments, outcomes = (np.stack(values, axis=1) for values in list(zip(*each, strict=True))[:2])
+        moments = np.stack([part.moments for part in each], axis=1)
+        outcomes = np.stack([part.status for part in each], axis=1)
         result, outcome = mixed(moments, np.array([sign for sign, _ in self.parts])), outcomes[:, 0].copy()
         result[:, FREE_WEIGHT] = moments[:, 0, FREE_WEIGHT]
         outcome[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
         outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
         result[outcome == EMPTY, :WEIGHT], result[outcome == EMPTY, WEIGHT] = np.nan, 0.0
-        return result, outcome, sum(rays for *_, rays in each)
+        return Outcome(result, outcome, sum(part.rays for part in each))
 
 
 def regions(
@@ -270,8 +266,7 @@ def regions(
 
 
 _INSIDE = 1 - 1e-7
-"""Place of the outermost rays over that of the edge [1]: they must pass, and the edge is known to 3e-8 of the way to
-the bound."""
+"""Place of the outermost rays over that of the edge [1]: they must pass, and edges are known to 3e-8 of the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,10 +296,7 @@ def bundle_hits(
     plane: Float64[np.ndarray, "4 3"],
     nodes: Polar,
 ) -> Hits:
-    """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none.
-
-    `plane`: rows origin, first axis, second axis, normal.
-    """
+    """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none, to a plane."""
     shares, directions, about = nodes
     n, behind = len(positions_mm), np.full(len(positions_mm), microlens)
     home, ways = inner_points(arrays, positions_mm[[about]], behind[:1]), bounded(arrays, positions_mm, behind)

@@ -4,6 +4,7 @@ That an edge holds all that passes is checked by rays all over the bound of a bu
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,15 @@ _STEPS = 12
 disagrees by less agrees."""
 _CHANCE, _ERRORS = 3.0, 4.0
 """So many rays, and standard errors of their number, may pass beyond the chords of an edge for nothing."""
+
+
+class WayEnds(NamedTuple):
+    """Ends of ways: radius of the edge, its label, radius of the polygon, (m,) each; and rays traced."""
+
+    radius: np.ndarray
+    label: np.ndarray
+    limit: np.ndarray
+    rays: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,23 +71,14 @@ class Ways:
     def probe(
         self, owner: Int64[np.ndarray, "n"], points: Float64[np.ndarray, "n 2"], is_named: bool = False
     ) -> np.ndarray:
-        """Labels, as of `edge_kernels.probe`, of what blocks the ray of each position through each point; owners
-        ascend.
-
-        Without names, which cost more, all that are blocked have one label.
-        """
+        """Labels, as of `edge_kernels.probe`, of what blocks rays of positions, ascending, through points."""
         label, points = np.empty(len(owner), np.int64), np.ascontiguousarray(points)
         edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, points, is_named, label)
         edge_kernels.probe.count(len(owner), len(self.arrays.table))
         return label
 
-    def find(
-        self, owner: Int64[np.ndarray, "n"], angle: Float64[np.ndarray, "n"], steps: int = _EDGE_STEPS
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
-
-        The radius errs by less than 2^-(steps + 1) of the way to the polygon.
-        """
+    def find(self, owner: Int64[np.ndarray, "n"], angle: Float64[np.ndarray, "n"], steps: int = _EDGE_STEPS) -> WayEnds:
+        """Edges in directions sorted by owner, whose radius errs by less than 2^-(steps + 1) of the polygon's."""
         m = len(owner)
         spokes, label = Spokes(owner, angle, np.empty(m), np.empty((2, m))), np.empty(m, np.int64)
         edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
@@ -86,13 +87,12 @@ class Ways:
         way = self.positions, self.microlens, self.centres, spokes
         rays = edge_search.find_edges(self.arrays, *way, steps, radius, label)
         edge_search.find_edges.count(rays, len(self.arrays.table))
-        return radius, label, spokes.limit, rays
+        return WayEnds(radius, label, spokes.limit, rays)
 
     def all_over(self, rows: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Points of some regions up to their very edge, (rows, m, 2)."""
         owner, angle = np.repeat(rows, _AROUND), np.tile(even_angles(_AROUND), len(rows))
-        radius, *_ = self.find(owner, angle)
-        way = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        way = self.find(owner, angle).radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return (self.centres[owner, None] + _OUTWARDS[:, None] * way[:, None]).reshape(len(rows), -1, 2)
 
     def nothing_beyond(

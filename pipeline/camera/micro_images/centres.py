@@ -12,8 +12,7 @@ from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_kernels import aims_for, rays_before
-from pipeline.camera.tracing.records import CameraArrays
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines_at
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines_around
 from pipeline.jit.decorators import kernel
 from pipeline.optics.first_order import exit_pupil
 from pipeline.records.shapes import Float64, Int64
@@ -136,20 +135,15 @@ def vertex_aims(
 def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
     """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
     rows, aperture = tracer.arrays.microlenses, tracer.arrays.aperture
-    polygons, by_start = outlines_of(tracer.arrays, rows), rows[:, column.BY_START]
+    polygons, by_start = (
+        outlines_around(tracer.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]]),
+        rows[:, column.BY_START],
+    )
     base = rows[:, None, [column.BASE_X, column.BASE_Y]]
     edge = (polygons - base) / by_start[:, None, None] - (centre - rows[:, :2])[:, None]
     corner = np.hypot(*aperture.T).max() * (1 + rows[0, column.INFLATION])
     slack = corner * np.abs(rows[:, column.BY_AIM]) + rows[:, column.MARGIN]
     return np.hypot(*edge.T).max(axis=0) + slack / np.abs(by_start) + _ROUNDING_MM
-
-
-def outlines_of(camera: CameraArrays, rows: Float64[np.ndarray, "n columns"]) -> np.ndarray:
-    """Outlines that bound the light of rows of `CameraArrays.microlenses`, (n, directions, 2)."""
-    polygons = np.empty((len(rows), camera.outlines.shape[2], 2))
-    around = np.ascontiguousarray(rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
-    outlines_at(camera.optics.step_mm, camera.outlines, around, polygons)
-    return polygons
 
 
 _SLACK_PX = math.sqrt(0.5)
@@ -169,10 +163,7 @@ class _Discs(NamedTuple):
 def pixel_strata(
     tracer: Tracer, images: MicroImages | None, rows: tuple[int, int], spread_mm: float = 0.0
 ) -> np.ndarray:
-    """Microlenses that light of each pixel of some rows may pass, nearest first: its own cell's, (n, s) int64.
-
-    Diffraction may spread light by `spread_mm` more than geometry lets it go.
-    """
+    """Microlenses whose light, spread by `spread_mm`, may pass each pixel of some rows, nearest first, (n, s) int64."""
     width = tracer.camera.sensor.width_px
     count = (rows[1] - rows[0]) * width
     if images is None:

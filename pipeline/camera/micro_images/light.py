@@ -7,12 +7,11 @@ penumbra.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera.boundary import unit_nodes
-from pipeline.camera.micro_images.centres import MicroImages, outlines_of
+from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.micro_images.pupil_images import BY_X, BY_Y, FILLED, LIGHT, RIM, SUMS, Apertures, Contours, Pencils
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
@@ -21,22 +20,20 @@ from pipeline.camera.parts.polygon import regular, rim_of
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_tables import on_apertures
+from pipeline.camera.tracing.sampling_bounds import outlines_around
 from pipeline.optics.table import without_obstructions
 from pipeline.records.shapes import Float64, Int64
 
 OUTLINE_DEG = tuple(range(0, 360, 15))
 """Directions of outlines [deg], from +x towards +y of the image."""
 _NEIGHBOUR = 1e-3
-"""Distance of the neighbours of an aperture point over the radius of the ring [1]: central differences err by about its
-square, a millionth."""
+"""Distance of the neighbours of an aperture point over the ring radius [1]: differences err by about a millionth."""
 _INSIDE = 1 - 1e-9
 """Place of the outermost rim points over that of the rim [1]: roundings must not put them outside."""
 _ROOM = 1.1
-"""Reach of a pupil's image over that of the sampling bounds about the vertex [1]: a first guess, which is widened where
-light goes beyond."""
+"""Reach of a pupil's image over that of the sampling bounds [1]: a first guess, widened where light goes beyond."""
 _STEP = 0.3
-"""Share of the least radius of the pupil's image: a shorter way than a rim that light has reached stays lit; and of the
-penumbra."""
+"""Share of the least radius of the pupil's image, and of the penumbra: a lit rim stays lit so far."""
 _RING, _RINGS = 0.01, 12
 """Distance of rings of rim points over the radius of the aperture [1], and their number: where two curved faces both
 end, light may be cut up to 11 percent inside of the rim."""
@@ -59,37 +56,26 @@ class MicroLight:
 
 
 def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:
-    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them.
-
-    Raises CameraError: the camera has no microlenses.
-    """
-    array, grid = tracer.camera.microlenses, tracer.lattice
-    if array is None or grid is None:
+    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them."""
+    if tracer.camera.microlenses is None:
         raise CameraError("a conventional camera has no micro-images")
     rows = np.array_split(reaching(tracer, images), tiles)[tile]
     shift, limit = _motion(tracer, images, rows)
     lit = limit > 0
-    rows, shift, limit, kind = rows[lit], shift[lit], limit[lit], grid.type[rows[lit]]
+    rows, shift, limit = rows[lit], shift[lit], limit[lit]
     stretches = [slice(i, i + _AT_ONCE) for i in range(0, len(rows), _AT_ONCE)]
-    parts = [_stretch(tracer, array, images, _Some(rows[s], kind[s], shift[s], limit[s])) for s in stretches]
-    joined = [np.concatenate(values) for values in zip(*parts, strict=True)] if parts else _nothing()
-    return MicroLight(rows, *joined)
-
-
-class _Some(NamedTuple):
-    """Some microlenses: rows and types, how far the pupil's image moves and how far it reaches, see `_motion`."""
-
-    rows: np.ndarray
-    kind: np.ndarray
-    shift: np.ndarray
-    limit: np.ndarray
+    parts = [_stretch(tracer, images, rows[s], shift[s], limit[s]) for s in stretches]
+    dark = np.zeros((0, 2)), np.zeros(0), *np.zeros((2, 0, len(OUTLINE_DEG)))
+    return MicroLight(rows, *([np.concatenate(values) for values in zip(*parts, strict=True)] if parts else dark))
 
 
 def _stretch(
-    tracer: Tracer, array: MicrolensArray, images: MicroImages, some: _Some
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centroids, areas and outlines of some microlenses."""
-    rows, kind, shift, limit = some
+    tracer: Tracer, images: MicroImages, rows: np.ndarray, shift: np.ndarray, limit: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Centroids, areas and both outlines of some microlenses; `shift` and `limit` are those of `_motion`."""
+    array, grid = tracer.camera.microlenses, tracer.lattice
+    assert array is not None and grid is not None
+    kind = grid.type[rows]
     camera = tracer.arrays
     points, shares = _nodes(array)
     middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), SUMS))
@@ -108,7 +94,7 @@ def _stretch(
     pupil = outer.reach(np.nan_to_num(centroid), along, limit)
     least = np.nan_to_num(pupil.min(axis=1), nan=0.0)
     least = np.where(least > 0, least, limit)
-    rim = np.concatenate([share * _rim(array) for share in _shares_of_rim(array)])
+    rim = _rims(array)
     beyond = 1.05 * np.abs(shift) * np.hypot(*rim.T).max() + 0.01 * least
     outside = np.where(np.isnan(pupil), limit[:, None], pupil) + beyond[:, None]
     rims = Pencils(rows, kind, on_apertures(array, rim))
@@ -116,10 +102,6 @@ def _stretch(
     light = contours.distances(outside, _STEP * np.minimum(least, beyond))
     pupil[~lit], light[~lit] = np.nan, np.nan
     return centroid, area, pupil, light
-
-
-def _nothing() -> tuple[np.ndarray, ...]:
-    return np.zeros((0, 2)), np.zeros(0), *np.zeros((2, 0, len(OUTLINE_DEG)))
 
 
 def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
@@ -137,7 +119,8 @@ def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.n
     From the sampling bounds, turned round as for `MicroImages.reach_mm`.
     """
     some = tracer.arrays.microlenses[rows]
-    polygons, by_start, by_aim = outlines_of(tracer.arrays, some), some[:, column.BY_START], some[:, column.BY_AIM]
+    polygons = outlines_around(tracer.arrays, some[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+    by_start, by_aim = some[:, column.BY_START], some[:, column.BY_AIM]
     across = (polygons - some[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
     edge = some[:, None, :2] + across - images.centre_mm[rows, None]
     farthest = np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0)
@@ -181,14 +164,14 @@ def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ring, np.linalg.lstsq(terms, wanted, rcond=None)[0]
 
 
-def _rim(array: MicrolensArray) -> np.ndarray:
-    """RIM points around an aperture, corners of a cell among them, (RIM, 2)."""
+def _rims(array: MicrolensArray) -> np.ndarray:
+    """RIM points around an aperture, corners of a cell among them, (RIM, 2), where light may pass the outermost ones.
+
+    Where two curved faces both end more such rings follow, inside of the rim.
+    """
     if array.disc_diameter_mm is not None:
-        return array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)
-    return rim_of(cell(array), RIM)
-
-
-def _shares_of_rim(array: MicrolensArray) -> np.ndarray:
-    """Outermost points that light may pass: the rim, or some way inside of it where two curved faces both end."""
+        rim = array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)
+    else:
+        rim = rim_of(cell(array), RIM)
     has_two = any(all(faces.curved) for faces in array.faces)
-    return _INSIDE - _RING * np.arange(_RINGS if has_two else 1)
+    return np.concatenate([(_INSIDE - _RING * ring) * rim for ring in range(_RINGS if has_two else 1)])

@@ -101,13 +101,10 @@ def _density(camera, microlens, near, sx, sy):
 
 @kernel
 def add_light(camera, pencils, shares, middle, sectors, sums):
-    """Integrate light over the regions of pencils whose edges are known.
+    """Integrate light over the regions of pencils, whose points are nodes of a quadrature with weights `shares`.
 
-    `pencils`: their points are nodes of a quadrature over the aperture.
-    `shares`: (k,) float64, weights of the nodes.
-    `middle`: (n, 2) float64, origin of the moments.
-    `sums`: (n, 4) float64, added to: light [sr], its moments along x and y [sr mm], and the area that light through
-        node 0 fills [mm^2].
+    `sums`: (n, 4), added to: light [sr], its moments along x and y from `middle` [sr mm], and the area that light
+        through node 0 fills [mm^2].
     """
     owner, which, bases, directions, radius, angle = sectors
     microlens, kind, points = pencils
@@ -129,8 +126,7 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
 
 
 DIRECTIONS = 24
-"""Directions of a first look at an edge, 15 degrees apart: where one thing blocks all around, even nodes converge
-faster than any power of their number."""
+"""Directions of a first look at an edge: even nodes converge fast where one thing blocks all around."""
 _EDGE_STEPS = 17
 """Bisections of an edge: to 1e-5 of its reach."""
 _WIDENINGS = 11
@@ -148,8 +144,7 @@ _GOLDEN_RAD = 2.399963229728653
 RIM = 384
 """Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
 _COARSE, _FINE = 24, 9
-"""Points that are tried: first all around, then from the neighbour before the one that goes dark last to the neighbour
-behind it."""
+"""Points that are tried: first all around, then between the neighbours of the one that goes dark last."""
 _STRIDE = RIM // _COARSE
 """Points of the rim from one coarse point to the next."""
 _FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
@@ -186,7 +181,7 @@ class Apertures:
         lit = self._settle(owner, which, bases, limit)
         tips = _Tips(owner, which, bases, limit[owner])
         row, angle = np.repeat(np.arange(n * m), DIRECTIONS), np.tile(even_angles(DIRECTIONS), n * m)
-        radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, angle))
+        radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, _circle(angle)))
         off, is_round = _middles(radius, blocker)
         sums, rounds = np.zeros((n, SUMS)), np.repeat(lit & is_round, DIRECTIONS)
         share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
@@ -209,15 +204,11 @@ class Apertures:
         owner, vertex = np.arange(n), np.zeros(n, np.int64)
         lit = self._passes(owner, vertex, origins)
         tips = _Tips(owner, vertex, origins, limit)
-        radius, _ = self._reaches(tips, np.repeat(owner, d), np.tile(directions, (n, 1)))
+        radius, _ = self._edges(tips, np.repeat(owner, d), np.tile(directions, (n, 1)))
         return np.where(lit[:, None], radius.reshape(n, d), np.nan)
 
-    def _edges(self, tips: "_Tips", row: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reach of light from the tips of some rows (m,), ascending, at angles (m,), and what blocks it, (m,) each."""
-        return self._reaches(tips, row, _circle(angle))
-
-    def _reaches(self, tips: "_Tips", row: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same along unit vectors (m, 2)."""
+    def _edges(self, tips: "_Tips", row: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reach of light from the tips of some rows (m,), ascending, along (m, 2), and what blocks it, (m,) each."""
         owner, which, bases, limit = tips.only(row)
 
         def label(far: np.ndarray, is_named: bool = False) -> np.ndarray:
@@ -258,12 +249,12 @@ class Apertures:
         passes = self._passes(tips.owner, tips.which, moved)
         tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
         even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
-        label = self._edges(tips, *even)[1].reshape(-1, DIRECTIONS)
-        edge_corners = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
+        label = self._edges(tips, even[0], _circle(even[1]))[1].reshape(-1, DIRECTIONS)
+        edge_corners = corners(lambda row, angle: self._edges(tips, row, _circle(angle))[1], rows, label, _CORNER_STEPS)
         row, angle, share = directions(rows, edge_corners, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
         order = np.lexsort((angle, row))
         row, angle, share = row[order], angle[order], share[order]
-        return _sectors(tips, row, angle, self._edges(tips, row, angle)[0], share)
+        return _sectors(tips, row, angle, self._edges(tips, row, _circle(angle))[0], share)
 
 
 class _Tips(NamedTuple):
@@ -307,11 +298,10 @@ class _Points(NamedTuple):
 
 
 class Contours:
-    """Outer edges of light along directions from origins.
+    """Outer edges of light along directions (d, 2) from origins (n, 2).
 
     `rims`: microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be
         dark, because another face cuts the light there.
-    `origins`, `directions`: (n, 2), (d, 2) float64.
     """
 
     def __init__(

@@ -21,21 +21,12 @@ WEIGHTS = ("irradiance", "area")
 class Sensor:
     """A plane of square pixels, perpendicular to the axis.
 
-    Attributes
-    ----------
-    width_px, height_px : int
-        Number of pixels along x and y.
-    pitch_mm : float
-        Distance of neighbouring pixel centres, the same in x and y.
-    offset_x_mm, offset_y_mm : float
-        Point where the optical axis meets the sensor, from its centre, sensor frame (x right, y down in the image).
-    acceptance : str
-        Share of a ray at the angle theta to the axis that a pixel takes: `all`; `cosine`, cos^power(theta); `cone`, 1
-        up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
-    acceptance_power : float
-        Power of `cosine`.
-    acceptance_half_angle_deg, acceptance_roll_off_deg : float
-        Angles of `cone`.
+    - `width_px`, `height_px`: number of pixels along x and y.
+    - `pitch_mm`: distance of neighbouring pixel centres, the same in x and y.
+    - `offset_x_mm`, `offset_y_mm`: where the optical axis meets the sensor, from its centre, sensor frame (x right, y
+      down in the image).
+    - `acceptance`: share of a ray at the angle theta to the axis that a pixel takes: `all`; `cosine`, cos^power(theta);
+      `cone`, 1 up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
     """
 
     width_px: int
@@ -77,19 +68,12 @@ class Sensor:
 class Camera:
     """A main lens, a sensor and, for a plenoptic camera, a microlens array.
 
-    Attributes
-    ----------
-    sensor_distance_mm : float
-        Distance from the aperture stop to the sensor.
-    circle_of_confusion_px : float
-        Blur-disc diameter that still counts as sharp, for the depth of field.
-    near_mm, far_mm : float or None
-        Vision z of the planes of J_near and J_far; None: derived from the depth of field by `focused`.
-    weight : str
-        Weight of a ray, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
-        sampling plane. Weights are in sr or in mm^2.
-    spectrum : tuple of SpectralNode
-        Wavelengths of its light, at least two; empty: one wavelength, that of the prescription's indices.
+    - `sensor_distance_mm`: from the aperture stop to the sensor.
+    - `circle_of_confusion_px`: blur-disc diameter that still counts as sharp, for the depth of field.
+    - `near_mm`, `far_mm`: vision z of the planes of J_near and J_far; None: `focused` derives them.
+    - `weight`: of a ray, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
+      sampling plane. Weights are in sr or in mm^2.
+    - `spectrum`: wavelengths of its light, at least two; empty: that of the prescription's indices alone.
     """
 
     prescription: Prescription
@@ -148,8 +132,7 @@ class Sampling:
 
 
 REPLICAS = 4
-"""Independently scrambled replicas of every bundle: their spread gives the sampling error, and
-of more of them each would have fewer rays."""
+"""Independently scrambled replicas of a bundle: their spread is the sampling error; more would have fewer rays each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,7 +31,7 @@ class Lattice:
 def lattice(array: MicrolensArray) -> Lattice:
     """All microlenses whose vertex lies in the array's rectangle [-w/2, w/2) x [-h/2, h/2) around its centre.
 
-    Where the array counts its lenses, the rectangle that holds so many turns along with them.
+    Where the array counts its microlenses, the rectangle that holds so many turns along with them.
     """
     basis = array.pitch_mm * rotation(array) @ _basis(array)
     counted = array.columns is not None
@@ -51,7 +51,7 @@ def lattice(array: MicrolensArray) -> Lattice:
 
 
 def extent_mm(array: MicrolensArray) -> tuple[float, float]:
-    """Width and height of the rectangle that holds the vertices; of counted lenses before the rotation."""
+    """Width and height of the rectangle that holds the vertices; of counted microlenses before the rotation."""
     if array.width_mm is not None and array.height_mm is not None:
         return array.width_mm, array.height_mm
     assert array.columns is not None and array.rows is not None

@@ -33,8 +33,7 @@ _MOST_EDGES = 6
 LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
 MODELS = ("thin", "two-plane", "refractive")
 _AGREES = 1e-9
-"""Difference between a stated focal length and that of the faces [relative]: roundings of the two, and nothing that
-anybody measures."""
+"""Difference between a stated focal length and that of the faces [relative]: roundings of the two."""
 LEAST_MM = 1e-9
 """Least length of an array [mm]: less than an atom, and ratios of others to it stay finite."""
 _STRETCH = (0.75, 4 / 3)
@@ -96,8 +95,7 @@ class Faces:
 def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float | None, flat: bool) -> np.ndarray:
     """Rows of a microlens for `optics.kernels.trace_packet`, rear face first, about its rear vertex.
 
-    `cell`: (n, 2) float64, corners of the lattice cell, counter-clockwise.
-    `radius_mm`: radius of a disc that is the aperture instead.
+    `cell`: corners of the lattice cell, counter-clockwise; `radius_mm`: that of a disc that is the aperture instead.
     `flat`: whether the front face is traced as the plane through its vertex that does not bend: the two-plane model.
     """
     corner = float(np.hypot(*cell.T).max()) if radius_mm is None else radius_mm
@@ -132,45 +130,25 @@ def append_edges(row: Float64[np.ndarray, "n"], cell: Float64[np.ndarray, "m 2"]
 class MicrolensArray:
     """Microlenses on a regular lattice.
 
-    Attributes
-    ----------
-    layout : str
-        `hexagonal`, rows along +x; `hexagonal-columns`, columns along +y; `square`.
-    pitch_mm : float
-        Distance of neighbouring vertices, along the rows (of hexagonal-columns: along the columns).
-    cross_pitch_mm : float or None
-        Pitch across that direction; None: the same pitch.
-    focal_lengths_mm : tuple of float
-        One per type. Of refractive microlenses it follows from their faces, and may be left out.
-    type_table, type_period : tuple of int, (int, int) or None
-        Microlens (k, l) has the type table[(l mod period_l) period_k + k mod period_k]. Without a table one type is
-        everywhere, and three on a hexagonal lattice follow (k - l) mod 3.
-    width_mm, height_mm : float or None
-        Extent of the array: a microlens exists where its vertex lies inside.
-    columns, rows : int or None
-        Instead of the extent: the number of microlenses along x and y, before the rotation.
-    distance_mm : float
-        Distance from the sensor to the plane of thin microlenses, else to the vertices of the faces towards the sensor.
-    rotation_deg : float
-        Rotation of the lattice, from +x towards +y of the sensor frame.
-    offset_x_mm, offset_y_mm : float
-        Position of microlens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
-    tilt_x_deg, tilt_y_deg : float
-        Turn of the array about microlens (0, 0), first about the x axis, then about the y axis of the sensor frame (z
-        to the scene, right-handed: a positive tilt about x brings microlenses at +y nearer to the scene).
-    aperture : str
-        `cell`, the lattice cell; `disc`, a disc in an opaque plate.
-    disc_diameter_mm : float or None
-        Diameter of `disc`.
-    model : str
-        `thin`, `two-plane` or `refractive`.
-    index, thickness_mm : float or None
-        Index at the camera's wavelength and thickness from vertex to vertex; two-plane and refractive only.
-    front_radii_mm, rear_radii_mm : tuple of float
-        Radii of refractive microlenses, one per type: faces towards scene and sensor; positive when the
-        centre lies towards the sensor, inf is a plane.
-    front_conics, rear_conics : tuple of float
-        One per type; empty: spheres.
+    - `layout`: `hexagonal`, rows along +x; `hexagonal-columns`, columns along +y; `square`.
+    - `pitch_mm`: distance of neighbouring vertices, along the rows (of hexagonal-columns: along the columns).
+    - `cross_pitch_mm`: pitch across that direction; None: the same.
+    - `focal_lengths_mm`: one per type. Of refractive microlenses it follows from their faces, and may be left out.
+    - `type_table`, `type_period`: microlens (k, l) has the type table[(l mod period_l) period_k + k mod period_k].
+      Without a table one type is everywhere, and three on a hexagonal lattice follow (k - l) mod 3.
+    - `width_mm`, `height_mm`: extent of the array: a microlens exists where its vertex lies inside.
+    - `columns`, `rows`: instead of the extent, the number of microlenses along x and y, before the rotation.
+    - `distance_mm`: from the sensor to the plane of thin microlenses, else to the vertices of the faces towards it.
+    - `rotation_deg`: of the lattice, from +x towards +y of the sensor frame.
+    - `offset_x_mm`, `offset_y_mm`: microlens (0, 0) from the sensor's centre, sensor frame: both move together.
+    - `tilt_x_deg`, `tilt_y_deg`: turn of the array about microlens (0, 0), first about x, then about y of the sensor
+      frame (z to the scene, right-handed: a positive tilt about x brings microlenses at +y nearer to the scene).
+    - `aperture`: `cell`, the lattice cell; `disc`, a disc of `disc_diameter_mm` in an opaque plate.
+    - `model`: `thin`, `two-plane` or `refractive`.
+    - `index`, `thickness_mm`: at the camera's wavelength, from vertex to vertex; two-plane and refractive only.
+    - `front_radii_mm`, `rear_radii_mm`: of refractive microlenses, one per type: faces towards scene and sensor;
+      positive when the centre lies towards the sensor, inf is a plane.
+    - `front_conics`, `rear_conics`: one per type; empty: spheres.
     """
 
     layout: str = "hexagonal"

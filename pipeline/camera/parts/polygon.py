@@ -17,10 +17,7 @@ because a cut of a convex polygon adds one."""
 
 @inline
 def fan(polygon, count, cumulative):
-    """Cumulative areas of the triangles around the mean of the vertices.
-
-    Returns centre_x, centre_y, area : float.
-    """
+    """Cumulative areas of the triangles around the mean of the vertices, written; the mean, and the area."""
     cx, cy = 0.0, 0.0
     for i in range(count):
         cx += polygon[i, 0]

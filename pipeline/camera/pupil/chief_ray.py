@@ -16,8 +16,7 @@ from pipeline.optics.table import VERTEX, is_centred, motion_of, unbounded
 from pipeline.records.shapes import Float64
 
 _STEPS = 25
-"""Steps of Newton's method or of the secant method at most: both multiply digits near the end, and what has not ended
-by then has gone astray."""
+"""Steps of Newton's method or of the secant method at most: both multiply digits near the end."""
 _TOLERANCE_MM = 1e-12
 """Distance from the centre of the stop that ends a search [mm]: about 70 roundings of a length near 100 mm."""
 _ACCEPTED_MM = 1e-9
@@ -42,10 +41,9 @@ _TOO_WIDE = (
 def chief_slopes(
     table: Float64[np.ndarray, "n columns"], stop_row: int, points_mm: Float64[np.ndarray, "m 3"]
 ) -> np.ndarray:
-    """Slopes dx/dz and dy/dz with which the chief rays of points start, (m, 2).
+    """Slopes dx/dz and dy/dz with which the chief rays of points behind the lens start, (m, 2), vision frame.
 
-    `points_mm`: points behind the lens, vision frame.
-    Raises CameraError: when the rear group lets no such ray through.
+    Raises CameraError: the rear group lets no such ray through.
     """
     across, ahead = points_mm[:, :2], (table[0, VERTEX] - points_mm[:, 2])[:, None]
     if not is_centred(table[: stop_row + 1]):
@@ -134,13 +132,10 @@ def chief_heights(
     plane_mm: float | Float64[np.ndarray, "m"],
     heights: Float64[np.ndarray, "m"],
 ) -> np.ndarray:
-    """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
+    """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane, (m,).
 
-    `plane_mm`: float or (m,) float64, vision z of the points.
-    `heights`: heights of the points above the axis [mm].
-    Returns (m,) float64: height of the crossing, on the side given by its sign; the secant method ends when the ray
-        meets the stop within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is
-        bracketed; NaN where the rear group lets no such ray through. [mm]
+    The secant method ends when the ray meets the stop within 1e-12 mm of its centre, or when it stops improving. Where
+    it fails the crossing is bracketed; NaN where the rear group lets no such ray through. [mm]
     """
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
     if np.isclose(rear[-1, 0], rear[0, 0]):

@@ -14,37 +14,32 @@ the share of the circle that an aperture covers; no ray is lost.
 `table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
 
-import dataclasses
 import functools
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import numpy as np
 
 from pipeline.camera.boundary import even_angles, halved, inner_points
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing, motion_of
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing, motion_of, towards_scene
 from pipeline.records.shapes import Float64
 
-F = TypeVar("F", bound=Callable[..., Any])
 _KEPT = 8
-"""Results that are kept per function: more than a camera has planes to be asked for, and few enough to hold."""
+"""Outlines that are kept for other tracers of a lens: more than a camera has planes, and few enough to hold."""
 HEIGHTS = 48
 """Heights from the axis to the farthest point; `MARGIN` covers what lies between."""
 DIRECTIONS = 24
 """Edges of an outline, 15 degrees apart: around a circle it is 0.6 percent larger in area, rays that are lost."""
 MARGIN = 0.02
-"""Inflation of an outline about its centre [1]: covers interpolation in height and what lies between traced
-directions."""
+"""Inflation of an outline about its centre [1]: covers interpolation in height and between traced directions."""
 _TRACED = 720
 """Directions of an edge, half a degree apart: 30 per edge of an outline."""
 _BISECTIONS = 26
 """Halvings of the way to an edge, 2.5 semi-diameters of the rear surface: to 4e-8 of one."""
 _GRID = 65
-"""Rays along each side of a grid over the rear surface where the chief ray does not pass: a sliver narrower than a 64th
-of it counts as dark."""
+"""Rays along each side of a grid where the chief ray does not pass: a sliver narrower than a 64th counts as dark."""
 _LIT_STEPS = 24
 """Parts of the way that are looked at first: light that comes and goes within one of them is not seen."""
 _LIT_BISECTIONS = 12
@@ -58,35 +53,6 @@ _DARK_RINGS = 2
 """Rings of dark points that outlines go on to: interpolation reads the first, second differences there the second."""
 
 
-def once(function: F) -> F:
-    """Keep the last results of a function of numbers, arrays and frozen records; nobody may change what it gives.
-
-    Arguments are equal only if all bytes of their arrays are.
-    """
-    kept: dict[Hashable, Any] = {}
-
-    @functools.wraps(function)
-    def called(*args: Any) -> Any:
-        key = _frozen(args)
-        result = kept.pop(key) if key in kept else function(*args)
-        kept[key] = result  # as the youngest
-        for oldest in list(kept)[:-_KEPT]:
-            kept.pop(oldest, None)
-        return result
-
-    return called  # type: ignore[return-value]
-
-
-def _frozen(value: Any) -> Hashable:
-    if isinstance(value, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, tuple):
-        return tuple(map(_frozen, value))
-    if dataclasses.is_dataclass(value):
-        return tuple(_frozen(getattr(value, field.name)) for field in dataclasses.fields(value))
-    return float(value).hex() if isinstance(value, float) else value
-
-
 @dataclass(frozen=True, slots=True)
 class Outlines:
     """Outlines of the passing rays on the rear vertex plane, vision frame."""
@@ -96,23 +62,19 @@ class Outlines:
     # outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with its
     # middle in (0, 0).
     vertices_mm: Float64[np.ndarray, "rows columns DIRECTIONS 2"]
-    drift: float  # motion of an outline per motion of its point: near the axis, or in the middle of a grid
+    drift: float  # motion of an outline per motion of its point: near the axis, or the median over a grid
 
 
-@once
-def outlines(
-    table: Float64[np.ndarray, "n columns"],
-    stop_row: int,
-    plane_mm: float,
-    max_height_mm: float,
-    margin: float = MARGIN,
-) -> Outlines:
-    """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
+def _rear_of(prescription: Prescription) -> tuple[np.ndarray, int]:
+    """Table towards the scene of the circles around all apertures, and the row of the stop."""
+    table = enclosing(towards_scene(prescription))
+    return table, len(table) - 1 - prescription.stop_index
 
-    `plane_mm`: vision z of the plane (negative).
-    `max_height_mm`: largest height that will be asked for.
-    """
-    table = enclosing(table)
+
+@functools.lru_cache(maxsize=_KEPT)
+def outlines(prescription: Prescription, plane_mm: float, max_height_mm: float, margin: float = MARGIN) -> Outlines:
+    """Trace the outlines of a centred lens for points on the plane at vision z `plane_mm` behind it, up to a height."""
+    table, stop_row = _rear_of(prescription)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
     starts = np.stack([heights, np.zeros(HEIGHTS), np.full(HEIGHTS, plane_mm)], axis=1)
@@ -189,8 +151,6 @@ def edges(
 ) -> np.ndarray:
     """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
 
-    `starts`: points at which the rays start.
-    `inside`: a passing point each.
     `slack_mm`: distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
     """
     ray = directions_of(directions)
@@ -236,9 +196,8 @@ def lit_share(
 ) -> float:
     """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
 
-    `start_mm`, `end_mm`: vision frame; light arrives at the first one.
-    Returns float: the share to 1e-5, if light ends once along the way; a sliver of the pupil that is narrower than 1/64
-        of the rear surface and has no chief ray counts as dark.
+    Right to 1e-5, if light arrives at the first one and ends once along the way; a sliver of the pupil that is narrower
+    than 1/64 of the rear surface and has no chief ray counts as dark.
     """
     table = enclosing(table)
 
@@ -256,47 +215,30 @@ def lit_share(
     return float(halved(is_lit, last, last + 1 / _LIT_STEPS, _LIT_BISECTIONS)[0][0])
 
 
-@dataclass(frozen=True, slots=True)
-class FilmPlane:
-    """A plane behind the lens, vision frame: its points (u, v) are origin + u first + v second."""
-
-    origin_mm: Float64[np.ndarray, "3"]
-    # Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin
-    axes: Float64[np.ndarray, "2 3"]
-
-    def points(self, uv: Float64[np.ndarray, "... 2"]) -> np.ndarray:
-        """Points of the plane in space, (..., 2) to (..., 3) [mm]."""
-        return self.origin_mm + uv @ self.axes
-
-
-def upright(z_mm: float) -> FilmPlane:
-    """The plane across the axis at vision z, with x and y as coordinates."""
-    return FilmPlane(np.array([0.0, 0.0, z_mm]), np.eye(2, 3))
-
-
-@once
+@functools.lru_cache(maxsize=_KEPT)
 def grid_outlines(
-    table: Float64[np.ndarray, "n columns"],
-    stop_row: int,
-    plane: FilmPlane,
+    prescription: Prescription,
+    middle_mm: tuple[float, float, float],
     half_extents_mm: tuple[float, float],
     slack_mm: float,
     margin: float = MARGIN,
 ) -> Outlines:
-    """Trace the outlines of any lens for a grid of points of a plane behind it.
+    """Trace the outlines of any lens for a grid of points of a plane across the axis behind it.
 
-    `half_extents_mm`: largest distances from the plane's origin, along u and v, of points that will be
-        asked for.
+    `middle_mm`: middle of the grid, vision frame.
+    `half_extents_mm`: largest distances from there, along x and y, of points that will be asked for.
     `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.
     """
-    table = enclosing(table)
+    table, stop_row = _rear_of(prescription)
     step = max(*half_extents_mm, 1e-6) / _NODES
     columns, rows = (max(3, 2 * int(np.ceil(extent / step - 1e-9)) + 1) for extent in half_extents_mm)
-    v, u = np.mgrid[:rows, :columns] * step
-    uv = np.stack([u - u.mean(), v - v.mean()], axis=-1)
-    traced = _traced(table, stop_row, plane.points(uv.reshape(-1, 2))).reshape(rows, columns, DIRECTIONS)
+    y, x = (axis - axis.mean() for axis in np.mgrid[:rows, :columns] * step)
+    starts = np.array(middle_mm) + np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    traced = _traced(table, stop_row, starts).reshape(rows, columns, DIRECTIONS)
     centre = corners(traced).mean(axis=2)
-    drift = _drift(centre, step)
+    along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
+    known = along[~np.isnan(along)]
+    drift = float(np.median(known)) if known.size else 0.0
     shift = drift * step * directions_of(DIRECTIONS)
     reach = _continued(traced, shift)
     wide = np.nan_to_num(_bend(reach) + slack_mm / step * _slope(reach, shift))
@@ -314,13 +256,6 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
         slack = 2 * float(np.hypot(*middle))
         result[lit] = supports(edges(table, starts[lit], inside[lit], _GRID_TRACED, _GRID_BISECTIONS, slack))
     return result
-
-
-def _drift(centre: np.ndarray, step: float) -> float:
-    """Movement of outlines per movement of their points, the median over a grid (rows, columns, 2)."""
-    along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
-    known = along[~np.isnan(along)]
-    return float(np.median(known)) if known.size else 0.0
 
 
 def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:

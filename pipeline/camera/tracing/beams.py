@@ -15,7 +15,7 @@ from pipeline.camera.tracing.records import CameraArrays, SensorPoints
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, new_region, outline_at
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
-from pipeline.optics.table import EDGES, INNER_SQUARED, SEMI_DIAMETER_SQUARED
+from pipeline.optics.table import unbounded
 
 NODES = 4
 """Nodes along an axis of a block: a cubic has four coefficients."""
@@ -50,16 +50,9 @@ def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
     """Trace the beams of some blocks."""
     shape = len(blocks.microlens), NODES * NODES, RAYS, 3
     beams = Beams(np.empty(shape), np.empty(shape), np.zeros(shape[0], bool))
-    _trace(camera._replace(table=_wide_open(camera.table)), blocks, beams)
+    _trace(camera._replace(table=unbounded(camera.table)), blocks, beams)
     _trace.count(len(blocks.microlens) * NODES * NODES * RAYS, len(camera.table))
     return beams
-
-
-def _wide_open(table: np.ndarray) -> np.ndarray:
-    """The surfaces of a lens without apertures."""
-    result = table.copy()
-    result[:, SEMI_DIAMETER_SQUARED], result[:, INNER_SQUARED], result[:, EDGES] = np.inf, 0.0, 0.0
-    return result
 
 
 @kernel

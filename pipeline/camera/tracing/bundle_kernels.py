@@ -35,19 +35,11 @@ _GAUSS = 0.28867513459481287
 
 
 @inline
-def mean_free_weight(camera, microlens, x, y, square, polygon):
-    """Free weight of a position, or its mean over the square around it; over a few pixels it is all but quadratic."""
-    points = 4 if square > 0.0 else 1
-    total, off = 0.0, _GAUSS * square
-    for i in range(points):
-        a, b = x + (off if i % 2 else -off), y + (off if i // 2 else -off)
-        total += free_weight(camera, microlens, a, b, polygon) / points
-    return total
-
-
-@inline
 def bound_bundle(camera, samples, starts, n, region, row):
-    """Bound the rays of a bundle; its moments become those of an empty one, but for the free weight."""
+    """Bound the rays of a bundle; its moments become those of an empty one, but for the free weight.
+
+    That is the mean over the square that rays start on; over a few pixels it is all but quadratic.
+    """
     _, anchors, positions, microlens = starts
     square, sx, sy, ax, ay = samples.edge_mm, positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
     for k in range(row.shape[0]):
@@ -56,7 +48,10 @@ def bound_bundle(camera, samples, starts, n, region, row):
     if microlens[n] == SKIP:
         return Fan(0, 0.0, 0.0, 0.0)
     if microlens[n] >= 0:
-        row[FREE_WEIGHT] = mean_free_weight(camera, microlens[n], sx, sy, square, region.polygon)
+        points, off = 4 if square > 0.0 else 1, _GAUSS * square
+        for i in range(points):
+            x, y = sx + (off if i % 2 else -off), sy + (off if i // 2 else -off)
+            row[FREE_WEIGHT] += free_weight(camera, microlens[n], x, y, region.polygon) / points
     return bound(camera, microlens[n], ax, ay, CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay), region)
 
 
@@ -83,9 +78,8 @@ def draw_bundle(samples, starts, n, replica, first, aims):
 def bundle_moments(camera, planes, samples, starts, moments):
     """Moments of the bundles of many sensor positions on two planes.
 
-    `planes`: (n or 1, 2, 4, 3) float64, two planes of each position, or of all, as rows origin, first axis, second
-        axis, normal.
-    `moments`: (n, COLUMNS) float64, written, see `camera.tracing.moments`; NaN where the bundle is empty.
+    `planes`: (n or 1, 2, 4, 3), two of each position, or of all, as rows origin, first axis, second axis, normal.
+    `moments`: (n, COLUMNS), written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
     region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
     x, y, alive, weight, scratch = packet.x, packet.y, packet.alive, packet.weight, packet.scratch
@@ -158,11 +152,9 @@ def aim_shots(camera, samples, squares, diffraction, shots, region, aims):
 
 @kernel
 def image_rays(camera, samples, squares, diffraction, rays):
-    """Rays that leave the camera from many squares of the sensor, compacted.
+    """Rays that leave the camera from many squares of the sensor, compacted; returns their number.
 
     With diffraction a ray that arrives in a square starts where it would arrive by geometry.
-
-    Returns int: number of rays written.
     """
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)

@@ -6,7 +6,6 @@ of one.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,65 +28,46 @@ CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
 aperture is that of the front face, behind a plane; the last is their number."""
 
 
-class MicrolensPlace(NamedTuple):
-    """Place of a microlens's rear vertex [mm], height of its aim plane above the sensor, sensor below the vertex."""
-
-    x: float
-    y: float
-    z: float
-    aim: float
-    below: float
-
-
-@inline
-def place_of_microlens(camera, microlens):
-    """The place of a microlens that is not plain."""
-    row = camera.microlenses[microlens]
-    return MicrolensPlace(row[X], row[Y], row[Z], row[AIM], camera.optics.sensor_z_mm - row[Z])
-
-
 @unit
 def through_microlens(camera, microlens, start, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
-    elements, bends = camera.elements, camera.elements.bends
-    kind, place = int(camera.microlenses[microlens, KIND]), place_of_microlens(camera, microlens)
+    elements, row = camera.elements, camera.microlenses[microlens]
+    kind, turn, vx, vy, vz = int(row[KIND]), elements.turn, row[X], row[Y], row[Z]
     towards_microlens(camera, microlens, start, size, packet)
     trace_packet(elements.faces[kind], packet, size)
     if elements.model == THIN:
-        focal = camera.microlenses[microlens, FOCAL]
+        focal = row[FOCAL]
         for i in range(size):
-            put(packet, i, bent_thinly(focal, ray_of(packet, i)))
+            put(packet, i, _bent_thinly(focal, ray_of(packet, i)))
     elif elements.model == TWO_PLANE:
-        curvature, mu = bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX]
+        curvature, mu = elements.bends[kind, CURVATURE_OF_NORMALS], elements.bends[kind, INDEX]
         for i in range(size):
-            put(packet, i, bent_by_normals(curvature, mu, ray_of(packet, i)))
+            put(packet, i, _bent_by_normals(curvature, mu, ray_of(packet, i)))
     for i in range(size):
-        put(packet, i, out_of_microlens(place, elements.turn, ray_of(packet, i)))
+        ray = ray_of(packet, i)
+        dx, dy, dz = turned_back(turn, ray.dx, ray.dy, ray.dz)
+        x, y, z = turned_back(turn, ray.x, ray.y, ray.z)
+        put(packet, i, Ray(x + vx, y + vy, z + vz, dx, dy, dz, ray.alive))
 
 
 @inline
 def towards_microlens(camera, microlens, start, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
-    place, turn, x, y = place_of_microlens(camera, microlens), camera.elements.turn, packet.x, packet.y
+    row, turn = camera.microlenses[microlens], camera.elements.turn
+    vx, vy, h, below = row[X], row[Y], row[AIM], camera.optics.sensor_z_mm - row[Z]
     for i in range(size):
-        ray, packet.weight[i] = into_microlens(place, turn, start.x[i], start.y[i], x[i], y[i])
-        put(packet, i, ray)
+        start_x, start_y = start.x[i], start.y[i]
+        sx, sy = (packet.x[i] - start_x) / h, (packet.y[i] - start_y) / h
+        squared = 1.0 + sx * sx + sy * sy
+        w = 1.0 / math.sqrt(squared)
+        dx, dy, dz = turned(turn, sx * w, sy * w, w)
+        px, py, pz = turned(turn, start_x - vx, start_y - vy, below)
+        put(packet, i, Ray(px, py, pz, dx, dy, dz, 1.0))
+        packet.weight[i] = 1.0 / (h * h * squared * squared)
 
 
 @inline
-def into_microlens(place, turn, start_x, start_y, x, y):
-    """The ray from a sensor position towards an aim point (x, y), and its weight: frame of the microlens."""
-    h = place.aim
-    sx, sy = (x - start_x) / h, (y - start_y) / h
-    squared = 1.0 + sx * sx + sy * sy
-    w = 1.0 / math.sqrt(squared)
-    dx, dy, dz = turned(turn, sx * w, sy * w, w)
-    px, py, pz = turned(turn, start_x - place.x, start_y - place.y, place.below)
-    return Ray(px, py, pz, dx, dy, dz, 1.0), 1.0 / (h * h * squared * squared)
-
-
-@inline
-def bent_thinly(focal, ray):
+def _bent_thinly(focal, ray):
     """The ray bent where it is by a thin microlens."""
     a, b = ray.dx / ray.dz - ray.x / focal, ray.dy / ray.dz - ray.y / focal
     w = 1.0 / math.sqrt(1.0 + a * a + b * b)
@@ -95,7 +75,7 @@ def bent_thinly(focal, ray):
 
 
 @inline
-def bent_by_normals(curvature, mu, ray):
+def _bent_by_normals(curvature, mu, ray):
     """Snell's law at a plane with the normals of a sphere, for a ray that leaves a medium of index mu."""
     nx, ny = -curvature * ray.x, -curvature * ray.y
     flat = 1.0 - nx * nx - ny * ny
@@ -112,14 +92,6 @@ def bent_by_normals(curvature, mu, ray):
         mu * ray.dz + step * nz,
         ray.alive if (squared >= 0.0) & (flat >= 0.0) else 0.0,
     )
-
-
-@inline
-def out_of_microlens(place, turn, ray):
-    """The ray in the vision frame."""
-    dx, dy, dz = turned_back(turn, ray.dx, ray.dy, ray.dz)
-    x, y, z = turned_back(turn, ray.x, ray.y, ray.z)
-    return Ray(x + place.x, y + place.y, z + place.z, dx, dy, dz, ray.alive)
 
 
 @inline

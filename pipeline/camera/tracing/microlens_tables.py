@@ -18,7 +18,7 @@ from pipeline.camera.pupil.outlines import Outlines
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_kernels import PLAIN, REFRACTIVE, THIN, TWO_PLANE, aims_for, rays_before
 from pipeline.camera.tracing.records import Acceptance, CameraArrays, Elements, Optics
-from pipeline.camera.tracing.sampling_bounds import outlines_at
+from pipeline.camera.tracing.sampling_bounds import outlines_around
 from pipeline.errors import PipelineError
 from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 from pipeline.records.shapes import Float64
@@ -39,10 +39,7 @@ _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
 def element_tables(array: MicrolensArray) -> np.ndarray:
-    """Both faces, or the plane, of each type for the packet tracer, (types, surfaces, columns).
-
-    Raises CameraError: a face ends before the aperture does.
-    """
+    """Both faces, or the plane, of each type, (types, surfaces, columns); CameraError: one ends before the aperture."""
     outline, radius = cell(array), None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
     if array.model == "thin":
         plane = np.zeros(COEFFICIENTS)
@@ -80,8 +77,12 @@ def camera_arrays(
         rows[:, :2], rows[:, column.KIND] = vertices, lattice.type
         rows[:, column.FOCAL] = np.array(array.focal_lengths_mm)[lattice.type]
         rows[:, column.Z] = sampling_mm + lattice.z_mm
-        if array.is_plain:
-            _set_plain(arrays, camera, array)
+        if array.is_plain:  # the linear maps are exact
+            rows[:, column.AIM] = sampling_mm - sensor_mm
+            rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = rows[:, [column.BASE_X, column.BASE_Y]] = rows[:, :2]
+            behind, ahead = array.distance_mm, rear_mm + camera.sensor_distance_mm - array.distance_mm
+            rows[:, column.BY_START] = -ahead / behind
+            rows[:, column.BY_AIM] = 1.0 + ahead / behind - ahead / rows[:, column.FOCAL] - bounds.drift
         else:
             _LinearMaps(arrays, array, lattice, stop_row).set()
     return arrays
@@ -102,16 +103,6 @@ def _elements(array: MicrolensArray) -> Elements:
     model, disc_mm = PLAIN if array.is_plain else _MODELS[array.model], (array.disc_diameter_mm or 0.0) / 2
     turn = np.ascontiguousarray((_HALF_TURN @ tilt(array) @ _HALF_TURN).T)
     return Elements(model, disc_mm, turn, element_tables(array), bends, _rims(array))
-
-
-def _set_plain(arrays: CameraArrays, camera: Camera, array: MicrolensArray) -> None:
-    """Write the linear maps of plain microlenses, which are exact."""
-    rows, optics = arrays.microlenses, arrays.optics
-    rows[:, column.AIM] = optics.sampling_z_mm - optics.sensor_z_mm
-    rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = rows[:, [column.BASE_X, column.BASE_Y]] = rows[:, :2]
-    behind, ahead = array.distance_mm, optics.rear_z_mm + camera.sensor_distance_mm - array.distance_mm
-    rows[:, column.BY_START] = -ahead / behind
-    rows[:, column.BY_AIM] = 1.0 + ahead / behind - ahead / rows[:, column.FOCAL] - optics.drift
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:
@@ -148,20 +139,16 @@ class _LinearMaps:
         slab = [faces.thickness_mm / faces.index * faces.aperture_is_in_front for faces in array.faces]
         rows[:, column.AIM] = array.distance_mm + self.lattice.z_mm
         rows[:, column.AIM] += np.array(slab)[self.lattice.type] if slab else 0.0
-        base = self._on_film()
+        base = self.vertices
+        if array.is_tilted:  # crossings of the chief rays through vertices with the plane of the untilted array
+            slopes = chief_slopes(self.arrays.table, self.stop_row, rows[:, [column.X, column.Y, column.Z]])
+            base = self.vertices - self.lattice.z_mm[:, None] * slopes
         rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = base
         rows[:, [column.BASE_X, column.BASE_Y]] = self.vertices - drift * (self.vertices - base)
         for place, at_sensor in ((column.BY_START, 1.0), (column.BY_AIM, 0.0)):
             at_rear, at_film = self._crossings(at_sensor)
             rows[:, place] = at_rear - drift * at_film
         self._measure()
-
-    def _on_film(self) -> np.ndarray:
-        """Crossings of the chief rays through vertices of tilted arrays with the plane of the untilted one."""
-        if not self.array.is_tilted:
-            return self.vertices
-        slopes = chief_slopes(self.arrays.table, self.stop_row, self.rows[:, [column.X, column.Y, column.Z]])
-        return self.vertices - self.lattice.z_mm[:, None] * slopes
 
     def _crossings(self, at_sensor: float) -> tuple[np.ndarray, np.ndarray]:
         """Paraxial crossings with the rear vertex and the film plane per unit of the sensor (1) or aim point (0)."""
@@ -176,7 +163,10 @@ class _LinearMaps:
     def _measure(self) -> None:
         """Set inflation and margin from real rays of the lowest, the highest and a middle microlens of each type."""
         rows, kinds, around = self.rows, self.lattice.type, self._sensor_reach()
-        rng = np.random.default_rng(0)
+        rng, aperture = np.random.default_rng(0), self.arrays.aperture
+        edge = np.roll(aperture, -1, axis=0) - aperture
+        normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+        inradius = np.sum(normal * aperture, axis=1)
         inflation = margin = 0.0
         for kind in np.unique(kinds):
             of_kind = np.flatnonzero(kinds == kind)
@@ -187,7 +177,7 @@ class _LinearMaps:
                 starts = vertex + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
                 points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
                 aims_for(self.arrays, which, starts, points, aims)
-                inflation = max(inflation, _excess(aims - vertex, self.arrays.aperture))
+                inflation = max(inflation, float((((aims - vertex) @ normal.T) / inradius).max() - 1))
                 inner = vertex + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - vertex)
                 margin = max(margin, self._error(which, starts, inner))
         rows[:, column.INFLATION] = _SAFETY * inflation + 1e-9
@@ -195,10 +185,8 @@ class _LinearMaps:
 
     def _sensor_reach(self) -> float:
         """Largest distance from below its vertex at which light of a microlens meets the sensor, to first order."""
-        rows, outlines = self.rows, self.arrays.outlines
-        polygons = np.empty((len(rows), outlines.shape[2], 2))
-        points = np.ascontiguousarray(rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
-        outlines_at(self.optics.step_mm, outlines, points, polygons)
+        rows = self.rows
+        polygons = outlines_around(self.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
         across = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
         reach = np.hypot(*across.T).max(axis=0) + np.hypot(*self.arrays.aperture.T).max() * np.abs(
             rows[:, column.BY_AIM]
@@ -216,10 +204,3 @@ class _LinearMaps:
         linear += row[column.BY_AIM] * (aims - row[:2])
         off = at_rear - self.optics.drift * (at_film - row[[column.OUTLINE_X, column.OUTLINE_Y]]) - linear
         return float(np.hypot(*off.T)[passes > 0].max(initial=0.0))
-
-
-def _excess(points: np.ndarray, polygon: np.ndarray) -> float:
-    """By what share a polygon about the origin must grow to hold points."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-    return float(((points @ normal.T) / np.sum(normal * polygon, axis=1)).max() - 1)

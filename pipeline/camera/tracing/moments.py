@@ -87,8 +87,7 @@ def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
 def finish(sums, total, pivot, sample_area, row):
     """Turn sums into the columns of a bundle's moments.
 
-    `sums`: (REPLICAS, 5) float64, weight and first moments of each replica.
-    `total`: (10,) float64, second moments of all.
+    `sums`, `total`: weight and first moments of each replica (REPLICAS, 5), second moments of all (10,).
     `sample_area`: area of the sampling region per sample [mm^2].
     """
     weight = 0.0
@@ -117,7 +116,7 @@ def finish(sums, total, pivot, sample_area, row):
 def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
     """Moments of bundles that mix others, of points of a square or of wavelengths, (n, COLUMNS).
 
-    `moments`: moments of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
+    Errors of parts are independent; NaN, with weight 0, where nothing passes.
     `share`: share of each part in the mixture where all pass alike; negative: the part is taken away.
     """
     weight = moments[..., WEIGHT] * share

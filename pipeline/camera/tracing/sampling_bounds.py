@@ -23,7 +23,9 @@ from pipeline.camera.tracing.microlens_kernels import (
     X,
     Y,
 )
+from pipeline.camera.tracing.records import CameraArrays
 from pipeline.jit.decorators import buffers, inline, kernel, unit
+from pipeline.records.shapes import Float64
 
 NO_MICROLENS, SKIP = -1, -2
 """Numbers in place of the row of a microlens: a camera without any; nothing to trace."""
@@ -58,10 +60,7 @@ def new_region():
 
 @unit
 def bound(camera, microlens, x, y, slack, region):
-    """Bound the rays of a sensor position by a polygon, written into the region; returns its fan.
-
-    `slack`: the sensor position may move by this much in any direction.
-    """
+    """Bound the rays of a sensor position, which may move by `slack`, by a polygon in the region; its fan."""
     if microlens == NO_MICROLENS:
         count = outline_at(camera.optics.step_mm, camera.outlines, x, y, region.polygon)
     else:
@@ -161,8 +160,14 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
     return count
 
 
+def outlines_around(camera: CameraArrays, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+    """Outlines for points of the plane that the main lens sees, (n, directions, 2)."""
+    polygons = np.empty((len(points_mm), camera.outlines.shape[2], 2))
+    _outlines_at(camera.optics.step_mm, camera.outlines, np.ascontiguousarray(points_mm), polygons)
+    return polygons
+
+
 @kernel
-def outlines_at(step, outlines, points, polygons):
-    """Outlines for many points (n, 2), written, (n, directions, 2)."""
+def _outlines_at(step, outlines, points, polygons):
     for n in range(points.shape[0]):
         outline_at(step, outlines, points[n, 0], points[n, 1], polygons[n])

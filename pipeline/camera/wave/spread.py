@@ -11,6 +11,8 @@ Its derivative along x is the light of the spread in the pixel's column above a 
 where both are equal; likewise along y.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from pipeline.camera.tracer import Tracer
@@ -20,8 +22,7 @@ from pipeline.camera.wave.wavefront import View, Wavefront, aperture
 from pipeline.records.shapes import Float64
 
 _PEAK = 0.2
-"""Distance of the points at which the peak is sought over wavelength / (2 numerical aperture) [1]: between them it is a
-parabola to a thousandth."""
+"""Distance of the points of a peak over wavelength / (2 numerical aperture) [1]: a parabola to a thousandth there."""
 _STEPS = 60
 """Steps of the search at most; each leaves a part of the miss that is as small as the spread is symmetric."""
 _DONE = 1e-9
@@ -126,28 +127,20 @@ def saddle_of_rays(front: Wavefront, pitch_mm: float) -> np.ndarray:
     return _saddle(lambda x, y: np.sum(weight * x(spots[:, 0]) * y(spots[:, 1])), pitch_mm)
 
 
-class _Window:
-    """Functions of a pixel about a place along an axis: its square, and what lies on which side of the place."""
-
-    def __init__(self, place: float, edge_mm: float) -> None:
-        self.place, self.edge_mm = place, edge_mm
-
-    def inside(self, x: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """1 within the pixel, 0 outside, with soft sides."""
-        return np.clip((self.edge_mm / 2 - np.abs(x - self.place)) / (_SOFT * self.edge_mm) + 0.5, 0.0, 1.0)
-
-    def side(self, x: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """The part of the pixel on the far side of the edge through x less that on the near side."""
-        return np.clip(2 * (self.place - x) / self.edge_mm, -1.0, 1.0)
-
-
 def _saddle(light_of, edge_mm: float) -> np.ndarray:  # type: ignore[no-untyped-def]
     """The place at which both derivatives vanish; `light_of` folds the spread with two functions, of x and of y."""
+
+    def inside(at: float) -> Callable[[np.ndarray], np.ndarray]:  # 1 in the pixel about a place, with soft sides
+        return lambda x: np.clip((edge_mm / 2 - np.abs(x - at)) / (_SOFT * edge_mm) + 0.5, 0.0, 1.0)
+
+    def side(at: float) -> Callable[[np.ndarray], np.ndarray]:  # its part beyond the edge through x less that before
+        return lambda x: np.clip(2 * (at - x) / edge_mm, -1.0, 1.0)
+
     place = np.zeros(2)
     for _ in range(_STEPS):
-        x, y = _Window(place[0], edge_mm), _Window(place[1], edge_mm)
-        bend = light_of(x.inside, y.inside) * 2 / edge_mm
-        move = np.array([light_of(x.side, y.inside), light_of(x.inside, y.side)]) / bend
+        in_x, in_y = inside(place[0]), inside(place[1])
+        bend = light_of(in_x, in_y) * 2 / edge_mm
+        move = np.array([light_of(side(place[0]), in_y), light_of(in_x, side(place[1]))]) / bend
         move = np.clip(move, -edge_mm, edge_mm)
         place = place - move
         if np.abs(move).max() < _DONE * edge_mm:
@@ -156,29 +149,16 @@ def _saddle(light_of, edge_mm: float) -> np.ndarray:  # type: ignore[no-untyped-
 
 
 def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
-    """The spread of the apertures of a camera in light of one wavelength.
-
-    `middles`: one for each type of microlens; none without microlenses.
-    """
+    """The spread of the apertures of a camera in light of one wavelength; `middles`: one for each type of microlens."""
     if middles and tracer.lattice is not None:
         views = [View(np.array([x, y]), row, np.inf) for x, y, row in middles]
-        return _of_views(tracer, wavelength_nm, views, np.ones(2), tracer.lattice.type.astype(np.int64))
-    sensor = tracer.camera.sensor
-    extent = np.abs([sensor.offset_x_mm, sensor.offset_y_mm]) + np.array(sensor.size_mm) / 2
-    node_mm, places = 2 * extent / (NODES - 1), np.arange(NODES) - (NODES - 1) / 2
-    at = [np.array([x, y]) * node_mm for y in places for x in places]
-    views = [View(position, NO_MICROLENS, np.inf) for position in at]
-    return _of_views(tracer, wavelength_nm, views, node_mm, np.zeros(0, np.int64))
-
-
-def _of_views(
-    tracer: Tracer, wavelength_nm: float, views: list[View], node_mm: np.ndarray, of_microlens: np.ndarray
-) -> Diffraction:
-    pictures, edges = [], []
-    for view in views:
-        picture, edge = _picture(tracer, wavelength_nm, view)
-        pictures.append(picture)
-        edges.append(edge)
+        node_mm, of_microlens = np.ones(2), tracer.lattice.type.astype(np.int64)
+    else:
+        sensor, places = tracer.camera.sensor, np.arange(NODES) - (NODES - 1) / 2
+        extent = np.abs([sensor.offset_x_mm, sensor.offset_y_mm]) + np.array(sensor.size_mm) / 2
+        node_mm, of_microlens = 2 * extent / (NODES - 1), np.zeros(0, np.int64)
+        views = [View(np.array([x, y]) * node_mm, NO_MICROLENS, np.inf) for y in places for x in places]
+    pictures, edges = zip(*(_picture(tracer, wavelength_nm, view) for view in views), strict=True)
     rows = np.cumsum(np.stack(pictures).sum(axis=2), axis=1)
     cells = np.cumsum(pictures, axis=2)
     rows, cells = (np.ascontiguousarray(sums / sums[..., -1:]) for sums in (rows, cells))

@@ -23,7 +23,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_kernels import PLAIN, THIN, TWO_PLANE
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_at
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_around
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.optics.rays import traced
@@ -74,9 +74,6 @@ def ideal_path(
 
     With s the slope of a ray at the distance p from the middle and a that of the ray through the middle, which is not
     bent, light of a point has the path (a + s) p / (sqrt(1 + a^2) + sqrt(1 + s^2)) across the plane of the lens.
-
-    `offset_mm`: points where the rays meet the lens, from its middle.
-    `before`, `behind`: their slopes.
     """
     known = np.isfinite(before).all(axis=1) & np.isfinite(offset_mm).all(axis=1)
     terms = np.column_stack([np.ones(len(offset_mm)), offset_mm])
@@ -92,12 +89,7 @@ def _path_across(offset: np.ndarray, middle: np.ndarray, slope: np.ndarray) -> n
 def sent(
     tracer: Tracer, microlens: int, start_mm: Float64[np.ndarray, "2"], direction: Float64[np.ndarray, "n 3"]
 ) -> PathRays:
-    """Rays that leave the camera, on its front surface, with their path from the sensor.
-
-    `microlens`: row of the one that they pass, or `NO_MICROLENS`.
-    `start_mm`: start on the sensor.
-    `direction`: unit vectors with a positive z.
-    """
+    """Rays that leave the camera through a microlens or NO_MICROLENS, on its front surface, with their path."""
     count = len(direction)
     point = np.array([*start_mm, tracer.sensor_z_mm])
     rays = PathRays(np.tile(point, (count, 1)), direction, np.ones(count, bool), np.zeros(count))
@@ -241,10 +233,7 @@ class Wavefront:
 
     @cached_property
     def crossings_mm(self) -> np.ndarray:
-        """Crossings of rays through the middles of the cells with the sensor, from the image position, (n, n, 2).
-
-        By geometry: the gradient of the wavefront error by direction cosine.
-        """
+        """Crossings of rays with the sensor, from the image position, (n, n, 2): the gradient of the path."""
         dy, dx = np.gradient(self.path_mm, self.step)
         return np.stack([dx, dy], axis=-1)
 
@@ -261,9 +250,18 @@ def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
 
     Raises CameraError: no light arrives, or the blur is so wide that diffraction has no part in it.
     """
-    centre, width = _pupil(tracer, view)
+    lens, (centre, width) = first_order(tracer.camera.prescription), _pupil(tracer, view)
+    # Vision z of the image of the limiting aperture: the entrance pupil, or that of the microlenses.
+    is_bare = view.microlens == NO_MICROLENS
+    aperture_mm = lens.entrance_pupil.z_mm if is_bare else lens.object_mm(tracer.film_z_mm)
     for size in _SIZES:
-        front = _wavefront_of(tracer, view, wavelength_nm * 1e-6, (centre, width / (size - 2), size))
+        step = width / (size - 2)
+        rays = _sent(tracer, view, *np.meshgrid(*_axes(centre, step, size)))
+        known = np.isfinite(rays.path_mm).reshape(size, size)
+        share = np.where(known, _shares(tracer, view, (centre, step, size), _PARTS), 0.0)
+        path = _to_object(rays, share.ravel(), view.object_mm, aperture_mm).reshape(size, size)
+        path -= np.sum(np.where(known, path, 0.0) * share) / share.sum()
+        front = Wavefront(wavelength_nm * 1e-6, centre, step, np.where(known, path, 0.0), share)
         lit = front.share > 0
         reach = np.hypot(*front.crossings_mm[lit].T).max()
         if reach < _FILLED * front.wavelength_mm / front.step:
@@ -282,19 +280,6 @@ def aperture(tracer: Tracer, view: View, wavelength_nm: float, size: int) -> Wav
     step = width / (size - 2)
     share = _shares(tracer, view, (centre, step, size), 4)
     return Wavefront(wavelength_nm * 1e-6, centre, step, np.zeros((size, size)), share)
-
-
-def _wavefront_of(tracer: Tracer, view: View, wavelength_mm: float, grid: tuple[np.ndarray, float, int]) -> Wavefront:
-    """The wavefront in a grid of cells: middle, edge of a cell, cells along an axis."""
-    centre, step, size = grid
-    columns, rows = _axes(centre, step, size)
-    rays = _sent(tracer, view, *np.meshgrid(columns, rows))
-    share = _shares(tracer, view, grid, _PARTS)
-    known = np.isfinite(rays.path_mm).reshape(size, size)
-    share = np.where(known, share, 0.0)
-    path = _to_object(rays, share.ravel(), view.object_mm, _aperture_mm(tracer, view)).reshape(size, size)
-    path -= np.sum(np.where(known, path, 0.0) * share) / share.sum()
-    return Wavefront(wavelength_mm, centre, step, np.where(known, path, 0.0), share)
 
 
 def _axes(centre: np.ndarray, step: float, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -332,9 +317,7 @@ def _outline(tracer: Tracer, view: View) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest direction cosines within the bounds of the camera, (2,) each."""
     optics = tracer.arrays.optics
     if view.microlens == NO_MICROLENS:
-        polygon = np.empty((1, tracer.arrays.outlines.shape[2], 2))
-        outlines_at(optics.step_mm, tracer.arrays.outlines, view.position_mm[None].copy(), polygon)
-        corners = polygon[0]
+        corners = outlines_around(tracer.arrays, view.position_mm[None])[0]
     else:
         corners = tracer.arrays.microlenses[view.microlens, :2] + 1.05 * tracer.arrays.aperture
     ahead = optics.sampling_z_mm - optics.sensor_z_mm
@@ -378,9 +361,3 @@ def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm
     missed = np.sum((point - position - ahead[:, None] * direction) ** 2, axis=1)
     radius = (object_mm - aperture_mm) / mean[2]
     return rays.path_mm + ahead + missed / (2 * radius)
-
-
-def _aperture_mm(tracer: Tracer, view: View) -> float:
-    """Vision z of the image of the limiting aperture: the entrance pupil, or that of the microlenses."""
-    lens = first_order(tracer.camera.prescription)
-    return lens.entrance_pupil.z_mm if view.microlens == NO_MICROLENS else lens.object_mm(tracer.film_z_mm)

@@ -17,35 +17,18 @@ from pipeline.optics.glass.errors import BadAbsorption, OutOfRange, UnknownAbsor
 from pipeline.optics.glass.medium import Medium
 
 _TABLE = Path(__file__).with_name("absorption.csv.gz")
-_OWN = 'write "plen:internalTransmittanceTable" on the surface, with its source'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Absorption:
-    """Absorption of a medium.
+    """Absorption of a medium, by coefficients a: exp(-a d) of the light is left after d mm (Beer and Lambert)."""
 
-    Attributes
-    ----------
-    label : str
-        For people: messages.
-    wavelengths_nm : tuple of float
-        Ascending.
-    coefficients_per_mm : tuple of float
-        Coefficient a of absorption at each of them: exp(-a d) of the light is left after d mm (Beer and Lambert).
-    """
-
-    label: str
-    wavelengths_nm: tuple[float, ...]
+    label: str  # for people
+    wavelengths_nm: tuple[float, ...]  # ascending
     coefficients_per_mm: tuple[float, ...]
 
     def share_per_mm(self, wavelength_nm: float) -> float:
-        """Share of light that a millimetre lets pass.
-
-        Raises
-        ------
-        OutOfRange
-            The wavelength is not between the first and the last entry.
-        """
+        """Share of light that a millimetre lets pass; OutOfRange beyond the first and the last entry."""
         low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
         if not low <= wavelength_nm <= high:
             what = f"the absorption of {self.label} is known from {low:.7g} to {high:.7g} nm"
@@ -58,13 +41,8 @@ class Absorption:
 def stated(
     wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float, label: str = "the medium"
 ) -> Absorption:
-    """Absorption by internal transmittances of a thickness, as catalogues of glass print them.
-
-    Raises
-    ------
-    BadAbsorption
-        There are not as many of both, wavelengths do not ascend, or light is gained or lost altogether.
-    """
+    """Absorption by internal transmittances of a thickness, as catalogues of glass print them; a BadAbsorption if there
+    are not as many of both, wavelengths do not ascend, or light is gained or lost altogether."""
     if not wavelengths_nm or len(wavelengths_nm) != len(transmittance):
         what = f"an internal transmittance has {len(wavelengths_nm)} wavelengths and {len(transmittance)} values"
         raise BadAbsorption(what, hint="as many of both")
@@ -81,18 +59,14 @@ def stated(
 
 
 def measured(medium: Medium) -> Absorption | None:
-    """Absorption of a medium by the table that ships with the package; None for air, which absorbs nothing.
-
-    Raises
-    ------
-    UnknownAbsorption
-        The table does not have it.
-    """
+    """Absorption of a medium by the table that ships with the package, UnknownAbsorption if it lacks it; None for air,
+    which absorbs nothing."""
     if medium.label == "air":
         return None
     row = _rows().get(medium.label.casefold())
     if row is None:
-        raise UnknownAbsorption(f"the absorption of {medium.label} is not known", hint=_OWN)
+        hint = 'write "plen:internalTransmittanceTable" on the surface, with its source'
+        raise UnknownAbsorption(f"the absorption of {medium.label} is not known", hint=hint)
     wavelengths_um, extinction = (np.array(text.split(), float) for text in row)
     # a = 4 pi k / wavelength, with the extinction coefficient k of the complex index (Born and Wolf, section 14.1).
     coefficients = 4 * np.pi * extinction / (1000 * wavelengths_um) * 1e6

@@ -22,38 +22,21 @@ _NEAR_NAMES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Glass(Medium):
-    """An entry of the catalogue.
-
-    Attributes
-    ----------
-    vendor, name : str
-        Its key; `label` is `vendor:name`.
-    series, status : str
-        Empty for a vendor's main catalogue; `preferred`, `standard`, `special` or empty where nothing is stated.
-    temperature_c : float or None
-        Temperature of the catalogue, None where it is not stated.
-    stated_nd, stated_vd : float or None
-        Values that the vendor prints, rounded; for reports and tests only.
-    """
+    """An entry of the catalogue; its `label` is `vendor:name`."""
 
     vendor: str
     name: str
-    series: str
-    status: str
+    series: str  # empty for a vendor's main catalogue
+    status: str  # `preferred`, `standard`, `special` or empty
     temperature_c: float | None
-    stated_nd: float | None
+    stated_nd: float | None  # as the vendor prints them, rounded; for reports and tests only
     stated_vd: float | None
 
 
 def find(name: str) -> Glass:
     """The glass of a name, with `vendor:` in front or without.
 
-    Raises
-    ------
-    UnknownGlass
-        No entry has this name. The hint lists near names.
-    AmbiguousGlass
-        Several vendors have an entry of this name and none is named.
+    Raises UnknownGlass: no entry has this name; AmbiguousGlass: several vendors have one, and none is named.
     """
     vendor, _, bare = name.rpartition(":")
     glasses = [glass for glass in _named(bare) if vendor.casefold() in ("", glass.vendor)]

@@ -121,31 +121,15 @@ def _between_f_and_c(k: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
-    """A medium behind a surface.
+    """A transparent medium behind a surface."""
 
-    Attributes
-    ----------
-    label : str
-        For people: messages, tables, reports.
-    dispersion : Dispersion
-        Its formula.
-    min_nm, max_nm : float
-        Wavelengths in air for which the formula holds.
-    """
-
-    label: str
+    label: str  # for people
     dispersion: Dispersion
-    min_nm: float = 0.0
+    min_nm: float = 0.0  # wavelengths in air for which the formula holds
     max_nm: float = math.inf
 
     def index(self, wavelength_nm: float) -> float:
-        """Refractive index relative to air at a wavelength in air.
-
-        Raises
-        ------
-        OutOfRange
-            The formula does not hold there.
-        """
+        """Refractive index relative to air at a wavelength in air; OutOfRange where the formula does not hold."""
         if not self.holds(wavelength_nm):
             raise OutOfRange(
                 f"{self.label} is known from {self.min_nm:.7g} to {self.max_nm:.7g} nm, not at {wavelength_nm:.7g} nm"

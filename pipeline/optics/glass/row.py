@@ -32,21 +32,11 @@ def names_an_entry(glass: str) -> bool:
 
 
 def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
-    """The medium of a row.
+    """The medium of a row; a GlassError if it is not known, or not what is printed.
 
-    Parameters
-    ----------
-    glass : str
-        `vendor:name`, a name that one vendor uses, a formula, or empty.
-    index, abbe : float or None
-        Printed values; None where nothing is printed.
-    wavelength_nm : float
-        Wavelength to which the printed index belongs.
-
-    Raises
-    ------
-    GlassError
-        It is not known, or not what is printed.
+    `glass`: `vendor:name`, a name that one vendor uses, a formula, or empty.
+    `index`, `abbe`: printed values; None where nothing is printed.
+    `wavelength_nm`: to which the printed index belongs.
     """
     if not glass:
         return _nameless(index, abbe, wavelength_nm)
@@ -118,16 +108,16 @@ class Written:
         return n
 
 
-def _compare(found: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
+def _compare(entry: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
     """Refuse an entry that is not the printed glass."""
     differences = []
-    if index is not None and not abs((known := found.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
+    if index is not None and not abs((known := entry.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
         differences.append(f"index {known:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({known - index:+.6f})")
-    if abbe is not None and (vd := found.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
+    if abbe is not None and (vd := entry.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
         differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
     if differences:
-        error = GlassMismatch(f"{found.label} has {' and '.join(differences)}")
-        raise _with_neighbours(error, found.label, index, abbe)
+        error = GlassMismatch(f"{entry.label} has {' and '.join(differences)}")
+        raise _with_neighbours(error, entry.label, index, abbe)
 
 
 def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: float | None) -> GlassError:
@@ -136,7 +126,7 @@ def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: f
         return error
     name = glass.rpartition(":")[2].casefold()
     close = nearest(index, abbe, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)
-    close = sorted(close, key=lambda one: one.name.casefold() != name)[:3]
+    close = sorted(close, key=lambda entry: entry.name.casefold() != name)[:3]
     fits = f"{index:g}/{abbe:g} fits {listed(close)}" if close else f"no glass of the catalogue has {index:g}/{abbe:g}"
     return type(error)(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits)
 
@@ -157,18 +147,14 @@ class Doubt:
 
 
 def doubt_of(medium: Medium, wavelength_nm: float) -> Doubt | None:
-    """Doubt about a written formula at a wavelength in air; None for entries of the catalogue, and where it is sound.
-
-    Raises
-    ------
-    GlassError
-        There is no index at that wavelength.
-    """
+    """Doubt about a written formula at a wavelength in air; None where it is sound, and for glasses by name."""
     if not isinstance(medium.dispersion, Written):
         return None
     index, wavelength_um = medium.index(wavelength_nm), wavelength_nm / 1000.0
     at = f'"{medium.label}" is used at {wavelength_nm:.7g} nm'
-    for resonance_um in _resonances_um(medium):
+    formula = medium.dispersion.dispersion
+    terms = formula.terms if isinstance(formula, Sellmeier) else ()
+    for resonance_um in (math.sqrt(c) for b, c in terms if b != 0 and c > 0):
         if 1.0 / _NEAR < wavelength_um / resonance_um < _NEAR:
             hint = "c1, c2, ... are squares of wavelengths in um^2: 0.01 in the ultraviolet, 100 in the infrared"
             what = f"{at}, in the absorption band about its resonance at {1000 * resonance_um:.7g} nm"
@@ -177,8 +163,3 @@ def doubt_of(medium: Medium, wavelength_nm: float) -> Doubt | None:
         hint = "coefficients belong to wavelengths in um: are their units, signs and order right?"
         return Doubt(f"{at}, where its index grows with the wavelength, as no clear glass has it", hint)
     return None
-
-
-def _resonances_um(medium: Medium) -> list[float]:
-    formula = medium.dispersion.dispersion if isinstance(medium.dispersion, Written) else None
-    return [math.sqrt(c) for b, c in formula.terms if b != 0 and c > 0] if isinstance(formula, Sellmeier) else []
