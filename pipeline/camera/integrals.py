@@ -32,6 +32,8 @@ _ANCHORED_PX = 0.5
 """Farthest anchor [px]: half of the pixel within which a region holds for other positions."""
 _NODES_AT_ONCE = 1 << 22
 """Nodes of quadrature of a stretch of squares: bounds memory, and no result depends on it."""
+_Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
+"""Moments and status of each level, and rays traced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +91,6 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
         other = random_integrals(tracer, bundles.only(odd), RANDOM_RAYS[level])
         moments[odd], error[odd], rays = other.moments, other.error_mm, rays + other.rays
     return Integral(moments, error, odd, rays)
-
-
-_Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
-"""Moments and status of each level, and rays traced."""
 
 
 def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:

@@ -48,6 +48,10 @@ PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
 SCRATCH = 7
 """Arrays that a packet needs besides its rays, for aspheres."""
+_TURNS = 4000
+"""Turns of a run: with a packet of values some milliseconds, long beside a reading of the clock."""
+_RUNS = 5
+"""Runs, of which the fastest counts: what else the processor does can only slow them."""
 
 
 class Packet(NamedTuple):
@@ -180,12 +184,6 @@ def trace_rays(table, position, direction, alive):
             )
             direction[start + i, 0], direction[start + i, 1] = packet.dx[i], packet.dy[i]
             direction[start + i, 2], alive[start + i] = packet.dz[i], packet.alive[i]
-
-
-_TURNS = 4000
-"""Turns of a run: with a packet of values some milliseconds, long beside a reading of the clock."""
-_RUNS = 5
-"""Runs, of which the fastest counts: what else the processor does can only slow them."""
 
 
 @kernel

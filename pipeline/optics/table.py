@@ -16,6 +16,24 @@ from pipeline.frames import VISION_FROM_CAMERA, rigid
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.shapes import Float64
 
+VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
+    range(11)
+)
+"""Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
+number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
+straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
+its place, 0 for a surface in it. Zeros behind the first four make a circle of a centred sphere. An edge takes three
+columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
+IDEAL = -1.0
+"""Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
+TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
+"""Marks of one whose image is distorted, by the way of the light; its coefficients are power, 1 / image distance [1/mm]
+and k1, k2, p1, p2, k3, see `optics.brown`."""
+LOW_TERMS = 5
+"""Least number of coefficients in the row of an asphere; zeros fill up."""
+COEFFICIENTS = 11
+"""First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
+
 
 def displacements(prescription: Prescription) -> list[np.ndarray | None]:
     """Motion of every surface, (4, 4) [mm]; None where it stands in its place.
@@ -41,25 +59,6 @@ def motion(decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivo
     about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
     turn, pivot = about_x @ about_y, np.array([0.0, 0.0, pivot_mm])
     return rigid(turn, pivot - turn @ pivot + np.array([*decentre_mm, 0.0]))
-
-
-VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
-    range(11)
-)
-"""Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
-number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
-straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
-its place, 0 for a surface in it. Zeros behind the first four make a circle of a centred sphere. An edge takes three
-columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
-IDEAL = -1.0
-"""Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
-TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
-"""Marks of one whose image is distorted, by the way of the light; its coefficients are power, 1 / image distance [1/mm]
-and k1, k2, p1, p2, k3, see `optics.brown`."""
-LOW_TERMS = 5
-"""Least number of coefficients in the row of an asphere; zeros fill up."""
-COEFFICIENTS = 11
-"""First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
 
 def towards_scene(prescription: Prescription) -> np.ndarray:

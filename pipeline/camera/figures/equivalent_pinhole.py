@@ -39,6 +39,10 @@ WORTH_IT = 0.9
 IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken, so
 derivatives have neither truncation errors nor cancelled digits."""
+_COLUMNS, _ROWS = 17, 13
+"""Image positions that are traced, the corners among them: 442 coordinates for eleven parameters at most."""
+_LEVEL = 2
+"""Level of the quadrature: means are right to 1e-8 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,12 +122,6 @@ class Sightings:
             rms_px=self.rms_px(p),
             max_px=float(np.hypot(*self.residuals(p).T).max()),
         )
-
-
-_COLUMNS, _ROWS = 17, 13
-"""Image positions that are traced, the corners among them: 442 coordinates for eleven parameters at most."""
-_LEVEL = 2
-"""Level of the quadrature: means are right to 1e-8 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

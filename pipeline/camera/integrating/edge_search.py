@@ -24,6 +24,13 @@ PASSES = -1
 """Label of a ray that leaves the camera; other labels name what blocks it."""
 _STRAIGHT = 1 << 10
 """Step of labels from one straight edge of an aperture to the next: no lens has a thousand surfaces."""
+LOW, HIGH, INNER, OUTER, HERE, ROOM = range(6)
+"""Rows of a search: between which shares of the way the edge lies, the clearance at both, the share that is tried, and
+how far apart the bounds may stay."""
+_TRUNCATION, _SLACK = 0.05, 4.0
+"""A search steps beyond its estimate by this share of the squared width, and may lag one halving behind bisection."""
+_KNOWN = 64
+"""Angles whose cosines are kept: ways from different points often have the same."""
 
 
 class Labels(NamedTuple):
@@ -131,16 +138,6 @@ def _straight_edge(row, x, y):
         if beyond > worst:
             worst, edge = beyond, j + 1
     return edge, -nearest / math.sqrt(row[SEMI_DIAMETER_SQUARED])
-
-
-LOW, HIGH, INNER, OUTER, HERE, ROOM = range(6)
-"""Rows of a search: between which shares of the way the edge lies, the clearance at both, the share that is tried, and
-how far apart the bounds may stay."""
-_TRUNCATION, _SLACK = 0.05, 4.0
-"""A search steps beyond its estimate by this share of the squared width, and may lag one halving behind bisection."""
-
-_KNOWN = 64
-"""Angles whose cosines are kept: ways from different points often have the same."""
 
 
 class Spokes(NamedTuple):

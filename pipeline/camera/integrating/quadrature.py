@@ -48,6 +48,8 @@ _LEAST_PER_ARC = 4
 that a result is compared with fewer: what all levels integrate alike, their differences do not show."""
 _LEAST = 1e-6
 """Share of the light that obstructions leave below which a bundle is empty [1]: edges are known to 3e-8."""
+_INSIDE = 1 - 1e-7
+"""Place of the outermost rays over that of the edge [1]: they must pass, and edges are known to 3e-8 of the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,10 +265,6 @@ def regions(
     lit = np.where(np.isnan(whole.centres[:, 0]), SKIP, microlens)
     taken = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, whole)) for s, part in others]
     return Regions([(sign, whole), *taken])
-
-
-_INSIDE = 1 - 1e-7
-"""Place of the outermost rays over that of the edge [1]: they must pass, and edges are known to 3e-8 of the way."""
 
 
 @dataclass(frozen=True, slots=True)

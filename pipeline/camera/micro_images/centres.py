@@ -27,6 +27,8 @@ _TOLERANCE = 1e-12
 """Miss in slope that ends the search [1]: thousands of roundings of a slope."""
 _ROUNDING_MM = 1e-9
 """Room beyond the reach of a micro-image [mm], so that roundings leave no light out."""
+_SLACK_PX = math.sqrt(0.5)
+"""Circumradius of a pixel."""
 
 
 @dataclass(frozen=True)
@@ -144,10 +146,6 @@ def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
     corner = np.hypot(*aperture.T).max() * (1 + rows[0, column.INFLATION])
     slack = corner * np.abs(rows[:, column.BY_AIM]) + rows[:, column.MARGIN]
     return np.hypot(*edge.T).max(axis=0) + slack / np.abs(by_start) + _ROUNDING_MM
-
-
-_SLACK_PX = math.sqrt(0.5)
-"""Circumradius of a pixel."""
 
 
 class _Discs(NamedTuple):

@@ -32,6 +32,35 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Nodes along the radius on [-1, 1], and their weights: exact to the ninth degree."""
 _CONE_NODES, _CONE_WEIGHTS = np.polynomial.legendre.leggauss(16)
 """The same where pixels take light from a cone: with its roll-off the weight of a ray has kinks."""
+DIRECTIONS = 24
+"""Directions of a first look at an edge: even nodes converge fast where one thing blocks all around."""
+_EDGE_STEPS = 17
+"""Bisections of an edge: to 1e-5 of its reach."""
+_WIDENINGS = 11
+"""Times that the reach of a search grows by half while light passes at its end: up to 86-fold."""
+_CORNER_STEPS = 10
+"""Bisections of the 15 degrees in which a corner lies: to 0.015 degrees."""
+_AROUND, _LEAST_PER_ARC = 48, 8
+"""Nodes over a full circle with corners, and on each arc at least."""
+_OFF_CENTRE = 0.1
+"""Share of the mean radius: a base that lies farther from the middle moves there."""
+_SPREAD = 256
+"""Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
+_GOLDEN_RAD = 2.399963229728653
+"""Turn from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
+RIM = 384
+"""Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
+_COARSE, _FINE = 24, 9
+"""Points that are tried: first all around, then between the neighbours of the one that goes dark last."""
+_STRIDE = RIM // _COARSE
+"""Points of the rim from one coarse point to the next."""
+_FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
+"""Points of the rim from one fine point to the next: the fine ones span two coarse strides."""
+_COARSE_STEPS, _FINE_STEPS = 7, 8
+"""Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
+_CONTOUR_WIDENINGS = 20
+"""Steps inwards or outwards at most to where light and dark meet: a step is nearly a third of the pupil's image or of
+the penumbra, the smaller of both, and the search begins near the edge."""
 
 
 class Pencils(NamedTuple):
@@ -123,37 +152,6 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
             sums[n, LIGHT] += light
             sums[n, BY_X] += light * (x - middle[n, 0])
             sums[n, BY_Y] += light * (y - middle[n, 1])
-
-
-DIRECTIONS = 24
-"""Directions of a first look at an edge: even nodes converge fast where one thing blocks all around."""
-_EDGE_STEPS = 17
-"""Bisections of an edge: to 1e-5 of its reach."""
-_WIDENINGS = 11
-"""Times that the reach of a search grows by half while light passes at its end: up to 86-fold."""
-_CORNER_STEPS = 10
-"""Bisections of the 15 degrees in which a corner lies: to 0.015 degrees."""
-_AROUND, _LEAST_PER_ARC = 48, 8
-"""Nodes over a full circle with corners, and on each arc at least."""
-_OFF_CENTRE = 0.1
-"""Share of the mean radius: a base that lies farther from the middle moves there."""
-_SPREAD = 256
-"""Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
-_GOLDEN_RAD = 2.399963229728653
-"""Turn from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
-RIM = 384
-"""Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
-_COARSE, _FINE = 24, 9
-"""Points that are tried: first all around, then between the neighbours of the one that goes dark last."""
-_STRIDE = RIM // _COARSE
-"""Points of the rim from one coarse point to the next."""
-_FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
-"""Points of the rim from one fine point to the next: the fine ones span two coarse strides."""
-_COARSE_STEPS, _FINE_STEPS = 7, 8
-"""Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
-_CONTOUR_WIDENINGS = 20
-"""Steps inwards or outwards at most to where light and dark meet: a step is nearly a third of the pupil's image or of
-the penumbra, the smaller of both, and the search begins near the edge."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from pipeline.optics.printed import Lost, PrintedLens
 from pipeline.records.declared import settle
 
 WEIGHTS = ("irradiance", "area")
+REPLICAS = 4
+"""Independently scrambled replicas of a bundle: their spread is the sampling error; more would have fewer rays each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,10 +131,6 @@ class Sampling:
     supersampling: int = 1  # K of the paper: position images are K times finer than the image along each axis
     samples: int = 1024  # rays per position of a position image, over all replicas; four times a power of two
     seed: int = 0  # `plen:seed` of the dataset
-
-
-REPLICAS = 4
-"""Independently scrambled replicas of a bundle: their spread is the sampling error; more would have fewer rays each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

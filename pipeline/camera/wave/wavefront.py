@@ -30,6 +30,18 @@ from pipeline.optics.rays import traced
 from pipeline.optics.table import INDEX_RATIO, POSE, TERMS, motion_of
 from pipeline.records.shapes import Bool, Float64
 
+_COARSE = 65
+"""Directions along an axis that find out where light passes: a pupil is then known to a thirtieth of its width."""
+_SIZES = (256, 512, 1024)
+"""Cells along an axis of the pupil: the first with which the image is far narrower than what the cells resolve."""
+_FILLED = 0.25
+"""Share of the field of an image, as the cells resolve it, that rays may reach from its middle: half of it would fill
+it, and diffracted light goes on from there."""
+_PARTS = 8
+"""Parts along each axis of a cell at the pupil's edge: its share is right to about a hundredth."""
+_ROUNDS = 3
+"""Times that light is looked for in the square that the time before left: a pupil may be small in its bounds."""
+
 
 class PathRays(NamedTuple):
     """Rays with the way that they have come."""
@@ -160,19 +172,6 @@ def _in_polygon(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     edge = np.roll(corners, -1, axis=0) - corners
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
     return (points @ normal.T <= np.sum(normal * corners, axis=1)).all(axis=1)
-
-
-_COARSE = 65
-"""Directions along an axis that find out where light passes: a pupil is then known to a thirtieth of its width."""
-_SIZES = (256, 512, 1024)
-"""Cells along an axis of the pupil: the first with which the image is far narrower than what the cells resolve."""
-_FILLED = 0.25
-"""Share of the field of an image, as the cells resolve it, that rays may reach from its middle: half of it would fill
-it, and diffracted light goes on from there."""
-_PARTS = 8
-"""Parts along each axis of a cell at the pupil's edge: its share is right to about a hundredth."""
-_ROUNDS = 3
-"""Times that light is looked for in the square that the time before left: a pupil may be small in its bounds."""
 
 
 @dataclass(frozen=True, slots=True)

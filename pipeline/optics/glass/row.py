@@ -24,6 +24,11 @@ _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
 """Powers of the wavelength [um] behind the constant in Schott's formula for the squared index."""
 _KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
 _FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
+_NEAR = 1.25
+"""Ratio of a wavelength and a resonance, the longer over the shorter, below which light is absorbed [1]: at 400 nm no
+glass of the catalogue is nearer than 1.38."""
+_STEP_UM = 1e-3
+"""Step over which the slope of an index is asked [um]."""
 
 
 def names_an_entry(glass: str) -> bool:
@@ -129,13 +134,6 @@ def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: f
     close = sorted(close, key=lambda entry: entry.name.casefold() != name)[:3]
     fits = f"{index:g}/{abbe:g} fits {listed(close)}" if close else f"no glass of the catalogue has {index:g}/{abbe:g}"
     return type(error)(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits)
-
-
-_NEAR = 1.25
-"""Ratio of a wavelength and a resonance, the longer over the shorter, below which light is absorbed [1]: at 400 nm no
-glass of the catalogue is nearer than 1.38."""
-_STEP_UM = 1e-3
-"""Step over which the slope of an index is asked [um]."""
 
 
 @dataclass(frozen=True, slots=True)
