@@ -168,22 +168,16 @@ def trace_rays(table, position, direction, alive):
     for start in range(0, position.shape[0], PACKET):
         count = min(PACKET, position.shape[0] - start)
         for i in range(count):
-            packet.x[i], packet.y[i], packet.z[i] = (
-                position[start + i, 0],
-                position[start + i, 1],
-                position[start + i, 2],
-            )
-            packet.dx[i], packet.dy[i] = direction[start + i, 0], direction[start + i, 1]
-            packet.dz[i], packet.alive[i] = direction[start + i, 2], alive[start + i]
+            j = start + i
+            packet.x[i], packet.y[i], packet.z[i] = position[j, 0], position[j, 1], position[j, 2]
+            packet.dx[i], packet.dy[i], packet.dz[i] = direction[j, 0], direction[j, 1], direction[j, 2]
+            packet.alive[i] = alive[j]
         trace_packet(table, packet, count)
         for i in range(count):
-            position[start + i, 0], position[start + i, 1], position[start + i, 2] = (
-                packet.x[i],
-                packet.y[i],
-                packet.z[i],
-            )
-            direction[start + i, 0], direction[start + i, 1] = packet.dx[i], packet.dy[i]
-            direction[start + i, 2], alive[start + i] = packet.dz[i], packet.alive[i]
+            j = start + i
+            position[j, 0], position[j, 1], position[j, 2] = packet.x[i], packet.y[i], packet.z[i]
+            direction[j, 0], direction[j, 1], direction[j, 2] = packet.dx[i], packet.dy[i], packet.dz[i]
+            alive[j] = packet.alive[i]
 
 
 @kernel

@@ -48,19 +48,19 @@ def cameras() -> dict[str, Camera]:
         "two-plane": {"model": "two-plane", **bent},
         "refractive": {"model": "refractive", **bent, **faces},
     }
-    found = {
+    cameras = {
         name: dataclasses.replace(plenoptic, microlenses=dataclasses.replace(array, **kind))
         for name, kind in kinds.items()
     }
     cosine = dataclasses.replace(plenoptic.sensor, acceptance="cosine", acceptance_power=1.5)
-    found["cosine"] = dataclasses.replace(plenoptic, sensor=cosine, weight="area")
-    found["conventional"] = rigs.conventional()
-    found["displaced"] = rigs.displaced(rigs.conventional())
-    found["aspheric"] = aspheric(rigs.conventional())
+    cameras["cosine"] = dataclasses.replace(plenoptic, sensor=cosine, weight="area")
+    cameras["conventional"] = rigs.conventional()
+    cameras["displaced"] = rigs.displaced(rigs.conventional())
+    cameras["aspheric"] = aspheric(rigs.conventional())
     coarse = dataclasses.replace(rigs.conventional(), near_mm=None, far_mm=None)
-    found["ideal"] = focused(with_ideal_lens(coarse, "thinLens"))
-    found["Brown"] = focused(with_ideal_lens(coarse, "thinLens", (-8.0, 100.0, 0.01, -0.02, 300.0)))
-    return found
+    cameras["ideal"] = focused(with_ideal_lens(coarse, "thinLens"))
+    cameras["Brown"] = focused(with_ideal_lens(coarse, "thinLens", (-8.0, 100.0, 0.01, -0.02, 300.0)))
+    return cameras
 
 
 def aspheric(camera: Camera) -> Camera:

@@ -116,13 +116,6 @@ def test_an_unknown_name_is_an_error_that_lists_near_names(name, near):
     assert near in caught.value.hint
 
 
-def test_a_name_like_nothing_says_how_names_are_written():
-    with pytest.raises(UnknownGlass) as caught:
-        find("?")
-
-    assert caught.value.hint == "write vendor:name, as in schott:N-BK7"
-
-
 def test_the_nearest_glass_to_its_own_numbers_is_itself():
     glass = find("ohara:LAL11")
 
