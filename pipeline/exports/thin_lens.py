@@ -19,18 +19,13 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThinLens:
-    """Thin lens and array.
+    """Thin lens and array."""
 
-    `focal_mm`, `f_number`: focal length and f-number of the main lens.
-    `main_lens_mm`, `sensor_mm`: distances of the array from the main lens, D, and from the sensor, d.
-    `focal_lengths_mm`: (types,) float64, focal lengths of the microlenses.
-    """
-
-    focal_mm: float
+    focal_mm: float  # of the main lens
     f_number: float
-    main_lens_mm: float
-    sensor_mm: float
-    focal_lengths_mm: np.ndarray
+    main_lens_mm: float  # distance of the array from the main lens, D
+    sensor_mm: float  # distance of the array from the sensor, d
+    focal_lengths_mm: np.ndarray  # (types,), of the microlenses
 
     @property
     def mode(self) -> int:
@@ -59,15 +54,9 @@ def thin_lens_of(camera: ExportCamera) -> ThinLens:
 
 
 def thin_lens(record: dict[str, Any], focal_lengths_mm: np.ndarray) -> ThinLens:
-    """The thin-lens camera of a plenoptic camera.
-
-    `record`: content of camera.json.
-    `focal_lengths_mm`: (types,) float64, focal lengths of the microlenses, in the order that the thin-lens camera shall
-        have.
-    """
+    """The thin-lens camera of a plenoptic camera, from its camera.json and focal lengths of its types in some order."""
     lens, types = record["lens"], record["mla"]["types"]
-    front = sum(one["principal_planes_mm"][0] for one in types) / len(types)
-    rear = sum(one["principal_planes_mm"][1] for one in types) / len(types)
+    front, rear = (sum(kind["principal_planes_mm"][side] for kind in types) / len(types) for side in (0, 1))
     return ThinLens(
         focal_mm=lens["efl_mm"],
         f_number=lens["f_number"],

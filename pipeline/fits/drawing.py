@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,21 +29,21 @@ def picture(camera: FittedCamera, fit: Fit) -> str:
     half = (inner - _MARGIN_PX) / 2
     below = 2 * _MARGIN_PX + tall + 20
     distances = by_distance(fit, camera.field)
-    curves = _Plot(
-        box=(_MARGIN_PX, below, half, _PLOT_PX),
-        x=np.array([1e3 / row["z_mm"] for row in distances]),
-        ys=[np.array([row[name] for row in distances]) for name in ("rms_px", "max_px")],
-        words=("residual at other distances [px]: rms (blue), largest (red)", "1 / z [1/m]"),
+    curves = _plot(
+        (_MARGIN_PX, below, half, _PLOT_PX),
+        ("residual at other distances [px]: rms (blue), largest (red)", "1 / z [1/m]"),
+        np.array([1e3 / row["z_mm"] for row in distances]),
+        [np.array([row[name] for row in distances]) for name in ("rms_px", "max_px")],
     )
-    pupil = _Plot(
-        box=(2 * _MARGIN_PX + half, below, half, _PLOT_PX),
-        x=camera.pupil.angle_deg,
-        ys=[camera.pupil.z_mm],
-        words=("entrance pupil: vision z [mm] where rays pass the axis", "angle [°]"),
+    pupil = _plot(
+        (2 * _MARGIN_PX + half, below, half, _PLOT_PX),
+        ("entrance pupil: vision z [mm] where rays pass the axis", "angle [°]"),
+        camera.pupil.angle_deg,
+        [camera.pupil.z_mm],
     )
     title = f"{camera.name}: {fit.model.consumer}. rms {fit.rms_px:.2e} px, largest {fit.max_px:.2e} px"
     items = [svg.words(title, (_MARGIN_PX, 26), font_size=15, fill=_DARK)]
-    items += [*_arrows(camera, fit, inner / wide), *curves.items(), *pupil.items()]
+    items += [*_arrows(camera, fit, inner / wide), *curves, *pupil]
     size = (_WIDTH_PX, below + _PLOT_PX + _MARGIN_PX)
     return svg.document(size, *items, font_family="sans-serif")
 
@@ -81,43 +80,34 @@ def _dots(points: Sequence[svg.Point], colour: str, width_px: float) -> str:
     return svg.path(steps, stroke=colour, stroke_width=width_px, stroke_linecap="round")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Plot:
-    """Curves over one another in a box: x, y of its corner, width, height; the words above and below it."""
+def _plot(
+    box: tuple[float, float, float, float], words: tuple[str, str], x: np.ndarray, ys: Sequence[np.ndarray]
+) -> Iterator[str]:
+    """Curves over one another in a box: x, y of its corner, width, height; words above and below it."""
+    (left, top, wide, tall), (above, below) = box, words
+    yield svg.words(above, (left, top - 10), font_size=12, fill=_DARK)
+    yield svg.element("rect", x=left, y=top, width=wide, height=tall, fill="none", stroke=_GREY, stroke_width=1)
+    if not len(x):
+        return
+    across, up = _ticks(x), _ticks(np.concatenate(list(ys)))
 
-    box: tuple[float, float, float, float]
-    x: np.ndarray
-    ys: Sequence[np.ndarray]
-    words: tuple[str, str]
+    def point(x: float, y: float) -> svg.Point:
+        right, high = ((v - ticks[0]) / (ticks[-1] - ticks[0]) for v, ticks in ((x, across), (y, up)))
+        return left + right * wide, top + (1 - high) * tall
 
-    def items(self) -> Iterator[str]:
-        left, top, wide, tall = self.box
-        above, below = self.words
-        yield svg.words(above, (left, top - 10), font_size=12, fill=_DARK)
-        yield svg.element("rect", x=left, y=top, width=wide, height=tall, fill="none", stroke=_GREY, stroke_width=1)
-        if not len(self.x):
-            return
-        across, up = _ticks(self.x), _ticks(np.concatenate(list(self.ys)))
-        for tick in across:
-            x = left + self._share(tick, across) * wide
-            yield svg.words(f"{tick:.6g}", (x, top + tall + 16), font_size=11, fill=_DARK, text_anchor="middle")
-        for tick in up:
-            y = top + (1 - self._share(tick, up)) * tall
-            yield svg.line([(left, y), (left + wide, y)], stroke=_GREY, stroke_width=0.5)
-            yield svg.words(f"{tick:.6g}", (left - 6, y + 4), font_size=11, fill=_DARK, text_anchor="end")
-        yield svg.words(below, (left + wide / 2, top + tall + 34), font_size=12, fill=_DARK, text_anchor="middle")
-        for values, colour in zip(self.ys, (_NEAR, _FAR), strict=False):
-            points = [
-                (left + self._share(x, across) * wide, top + (1 - self._share(y, up)) * tall)
-                for x, y in zip(self.x.tolist(), values.tolist(), strict=True)
-            ]
-            if len(points) <= _MARKED:
-                yield svg.line(points, stroke=colour, stroke_width=1.5)
-            yield _dots(points, colour, 4)
-
-    @staticmethod
-    def _share(value: float, ticks: list[float]) -> float:
-        return (value - ticks[0]) / (ticks[-1] - ticks[0])
+    for tick in across:
+        at = point(tick, up[0])[0], top + tall + 16
+        yield svg.words(f"{tick:.6g}", at, font_size=11, fill=_DARK, text_anchor="middle")
+    for tick in up:
+        y_px = point(across[0], tick)[1]
+        yield svg.line([(left, y_px), (left + wide, y_px)], stroke=_GREY, stroke_width=0.5)
+        yield svg.words(f"{tick:.6g}", (left - 6, y_px + 4), font_size=11, fill=_DARK, text_anchor="end")
+    yield svg.words(below, (left + wide / 2, top + tall + 34), font_size=12, fill=_DARK, text_anchor="middle")
+    for values, colour in zip(ys, (_NEAR, _FAR), strict=False):
+        points = [point(*pair) for pair in zip(x.tolist(), values.tolist(), strict=True)]
+        if len(points) <= _MARKED:
+            yield svg.line(points, stroke=colour, stroke_width=1.5)
+        yield _dots(points, colour, 4)
 
 
 def _ticks(values: np.ndarray) -> list[float]:

@@ -98,8 +98,11 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
     vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in images.microlens.tolist()]]
     seen, wanted = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
 
+    origin, pitch_mm = camera.rig.tracer.pixels_at(np.zeros((1, 2))), camera.camera.sensor.pitch_mm
+
     def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
-        return _pixels(camera, p, positions_mm(p, seen[rows], vertices[rows])) - wanted[rows]
+        places_mm = positions_mm(p, seen[rows], vertices[rows]) - p[7:9]  # on the sensor, which is shifted
+        return np.asarray(origin - places_mm / pitch_mm - wanted[rows])  # as `Tracer.pixels_at`, analytic
 
     held = [name in ("a0", "a1", "a2") for name in PARAMETERS]
     parameters = least(lambda p: off(p).ravel(), _start(camera), held)
@@ -123,12 +126,6 @@ def positions_mm(p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) 
     turned = vertices_mm @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     vertex = turned + np.array([x, y])
     return np.asarray(vertex - (vertex - image) * (sensor / (behind - main_lens))[:, None])
-
-
-def _pixels(camera: ReadyCamera, p: np.ndarray, places_mm: np.ndarray) -> np.ndarray:
-    """Image positions of points of the sensor, which is shifted; as `Tracer.pixels_at`, analytic."""
-    origin = camera.rig.tracer.pixels_at(np.zeros((1, 2)))
-    return np.asarray(origin - (places_mm - p[7:9]) / camera.camera.sensor.pitch_mm)
 
 
 def _scene_points(camera: ReadyCamera, count: int) -> np.ndarray:

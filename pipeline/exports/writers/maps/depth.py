@@ -1,12 +1,13 @@
 """Depth of each pixel: how far before the camera the first surface is that its ray meets, an EXR file per frame."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.exports.material import ExportCamera, Material, Scene
-from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
-from pipeline.files.exr import Part, write_exr
+from pipeline.exports.writers.maps.traced import about, traced
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, Format, Origin, Reads, Unit
 
 FORMAT = Format(
@@ -27,18 +28,17 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         (folder / camera.name).mkdir()
         with traced(camera, folder) as pixels:
+            shape, attributes = pixels.rays.shape[:2], about(material, camera)
             for frame in material.frames:
-                depth = _depth(camera, scene, frame, pixels)
-                part = Part(name="depth", channels={"Z": depth}, attributes=about(material, camera))
-                write_exr(folder / camera.name / f"{frame:04d}.depth.exr", [part])
+                rows = partial(_rows, camera, scene, frame, pixels.rays)
+                part = BandedPart(name="depth", shape=shape, channels=("Z",), rows=rows, attributes=attributes)
+                write_bands(folder / camera.name / f"{frame:04d}.depth.exr", [part])
 
 
-def _depth(camera: ExportCamera, scene: Scene, frame: int, pixels: TracedPixels) -> np.ndarray:
-    """Vision z of the first surfaces, in the unit of the format, (h, w) float32."""
-    height, width, _ = pixels.rays.shape
-    depth = np.empty((height, width), np.float32)
-    for first, end in pixels.bands():
-        origin, direction = np.array(pixels.rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
-        z_mm = origin[:, 2] + scene.distance_mm(frame, camera.name, origin, direction) * direction[:, 2]
-        depth[first:end] = z_mm.reshape(-1, width) * camera.rays.convention.scale
-    return depth
+def _rows(
+    camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, first: int, end: int
+) -> dict[str, np.ndarray]:
+    """Vision z of the first surfaces that the rays of rows of pixels meet, in the unit of the format."""
+    origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
+    z_mm = origin[:, 2] + scene.distance_mm(frame, camera.name, origin, direction) * direction[:, 2]
+    return {"Z": z_mm.reshape(end - first, -1) * camera.rays.convention.scale}

@@ -21,11 +21,6 @@ class TracedPixels:
     rays: np.ndarray
     microlenses: np.ndarray | None
 
-    def bands(self) -> Iterator[tuple[int, int]]:
-        """First and end rows of bands that fit into memory."""
-        height, width, _ = self.rays.shape
-        return bands(height, AT_ONCE // width)
-
 
 @contextmanager
 def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
