@@ -68,11 +68,10 @@ class Part:
         return np.shape(next(iter(self.channels.values())))  # type: ignore[return-value]
 
 
-def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
+def write_exr(path: str | Path, parts: list[Part]) -> None:
     """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
 
     `path`: in a folder that exists.
-    `tiled`: tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
     """
     names = [part.name for part in parts]
     if not names or len(set(names)) != len(names):
@@ -82,11 +81,14 @@ def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
         raise FileNotFoundError(f"{path.parent}: no such folder")
     # The display window is one for the whole file: that of the largest part. Each part's own size is its data window.
     display = (max(part.shape[0] for part in parts), max(part.shape[1] for part in parts))
-    encoded = [_encode(part, display, len(parts), tiled) for part in parts]
+    encoded = [_encode(part, display, len(parts)) for part in parts]
     try:
         OpenEXR.File(encoded, num_threads=_IN_CALLING_THREAD).write(str(path))
-    except RuntimeError as error:
-        raise _system_error(error, path) from error
+    except RuntimeError as error:  # OpenEXR names an error of the system, such as a full disk, only in its message
+        known = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
+        if known is None:
+            raise
+        raise OSError(known, os.strerror(known), str(path)) from error
 
 
 def read_exr(path: str | Path) -> dict[str, Part]:
@@ -132,14 +134,6 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
     return channels
 
 
-def _system_error(error: RuntimeError, path: Path) -> Exception:
-    """The error of the system that OpenEXR names only in its message, so that a full disk is recognised."""
-    for number in errno.errorcode:
-        if os.strerror(number) in str(error):
-            return OSError(number, os.strerror(number), str(path))
-    return error
-
-
 def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
     """Refuse an implausible size before OpenEXR allocates memory: one wrong bit can ask for minutes and all memory."""
     for part in headers.parts:
@@ -158,18 +152,16 @@ def _values(part: OpenEXR.Part) -> int:
     return len(part.header["channels"]) * int(extent[0]) * int(extent[1])
 
 
-def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:
+def _encode(part: Part, display: tuple[int, int], part_count: int) -> OpenEXR.Part:
     channels = {name: np.array(pixels, dtype=np.float32, order="C") for name, pixels in sorted(part.channels.items())}
     header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
     header |= {CRC: _crc32(part.name, channels, header), PART_COUNT: str(part_count)}
     header |= {"compression": _COMPRESSION, "dataWindow": _window(part.shape), "displayWindow": _window(display)}
     if PRIMARIES_XY in header:
         header["chromaticities"] = tuple(map(float, header[PRIMARIES_XY].split()))
-    header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
-    if tiled:
-        header["tiles"] = OpenEXR.TileDescription()
-        header["tiles"].xSize = header["tiles"].ySize = TILE_PX
-        header["tiles"].mode = OpenEXR.ONE_LEVEL
+    header |= {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+    header["tiles"].xSize = header["tiles"].ySize = TILE_PX
+    header["tiles"].mode = OpenEXR.ONE_LEVEL
     return OpenEXR.Part(header, channels, part.name)
 
 

@@ -170,7 +170,7 @@ class BandedPart:
 
 
 def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
-    """Write the file that `exr.write_exr` writes of the same parts, tiled, with one band of a part in memory."""
+    """Write the file that `exr.write_exr` writes of the same parts, with one band of a part in memory."""
     path = Path(path)
     band_file = path.with_name(f"{path.name}.band")
     try:

@@ -35,7 +35,9 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):
-        return _float(value, where)
+        if math.isnan(value):
+            raise ValueError(f"{''.join(where)}: NaN has no place in a JSON file")
+        return f'"{float(value)!r}"' if math.isinf(value) else float.__repr__(value)
     if value is None or isinstance(value, bool | int | str):
         return _WORDS.encode(value)
     row = isinstance(value, list | tuple) and all(type(item) is float for item in value)
@@ -52,12 +54,6 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
         return f"[{', '.join(items)}]" if plain else f"[{deeper}{f',{deeper}'.join(items)}{newline}]"
     name = type(value).__name__
     raise TypeError(f"{''.join(where)}: JSON cannot hold a {name} (or a dict with keys that are not text)")
-
-
-def _float(value: float, where: tuple[str, ...]) -> str:
-    if math.isnan(value):
-        raise ValueError(f"{''.join(where)}: NaN has no place in a JSON file")
-    return f'"{float(value)!r}"' if math.isinf(value) else float.__repr__(value)
 
 
 def read_json(path: str | Path) -> Any:

@@ -54,27 +54,16 @@ def write_table(
 def read_table(path: str | Path) -> Table:
     """Read a table that `write_table` wrote.
 
-    Raises DamagedFile: as `table_of`.
-    """
-    return table_of(path, Path(path).read_bytes())
-
-
-def table_of(path: str | Path, data: bytes) -> Table:
-    """The table contained in the bytes of a file.
-
     Raises DamagedFile: if it has no header, or one name twice, a row is too short or too long, or it is not UTF-8 text
         that ends in a line feed.
     """
     try:
-        text = data.decode()
+        text = Path(path).read_bytes().decode()
     except UnicodeDecodeError as error:
         raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
     if not text.endswith("\n"):
         raise DamagedFile(path, "the last line is cut off")
-    return _parsed(path, list(io.StringIO(text, newline="\n")))
-
-
-def _parsed(path: str | Path, lines: list[str]) -> Table:
+    lines = list(io.StringIO(text, newline="\n"))
     comment_count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
     comments = tuple(line[1:].strip() for line in lines[:comment_count])
     reader = csv.reader(lines[comment_count:], strict=True)

@@ -12,15 +12,12 @@ import pytest
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import Part, read_exr, write_exr
 
-TILED_AND_SCAN_LINES = pytest.mark.parametrize("tiled", [True, False])
-
 
 def noise(height: int, width: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
 
 
-@TILED_AND_SCAN_LINES
-def test_parts_of_different_size_return_their_pixels(tmp_path: Path, tiled: bool) -> None:
+def test_parts_of_different_size_return_their_pixels(tmp_path: Path) -> None:
     """Moments are stored at K = 1 beside position images that are K times larger. Names are digests, without ending."""
     near = Part(name="near", channels={"X": noise(150, 290, 1), "Y": noise(150, 290, 2)})
     near.channels["X"][::3, 1::2] = np.nan
@@ -29,7 +26,7 @@ def test_parts_of_different_size_return_their_pixels(tmp_path: Path, tiled: bool
     dot = Part(name="dot", channels={"Y": noise(1, 1, 4)})
     path = tmp_path / "a b ü" / "0a1b2c3d"
     path.parent.mkdir()
-    write_exr(path, [moments, near, dot], tiled=tiled)
+    write_exr(path, [moments, near, dot])
     parts = read_exr(path)
     assert list(parts) == ["moments", "near", "dot"]
     for part in (near, moments, dot):
@@ -38,7 +35,6 @@ def test_parts_of_different_size_return_their_pixels(tmp_path: Path, tiled: bool
             np.testing.assert_array_equal(parts[part.name].channels[name], pixels)
 
 
-@TILED_AND_SCAN_LINES
 @pytest.mark.parametrize(
     "view",
     [
@@ -54,11 +50,11 @@ def test_parts_of_different_size_return_their_pixels(tmp_path: Path, tiled: bool
     ],
     ids=["transposed", "flipped", "mirrored", "sliced", "broadcast", "interleaved", "fortran", "big-endian", "double"],
 )
-def test_arrays_of_any_layout_are_written_as_they_look(tmp_path: Path, view, tiled: bool) -> None:
+def test_arrays_of_any_layout_are_written_as_they_look(tmp_path: Path, view) -> None:
     """OpenEXR reads the buffer behind an array and ignores its strides."""
     image = view(noise(140, 130))
     before = image.copy()
-    write_exr(tmp_path / "x.exr", [Part(name="j", channels={"X": image})], tiled=tiled)
+    write_exr(tmp_path / "x.exr", [Part(name="j", channels={"X": image})])
     np.testing.assert_array_equal(read_exr(tmp_path / "x.exr")["j"].channels["X"], before)
     np.testing.assert_array_equal(image, before)
 

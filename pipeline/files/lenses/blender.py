@@ -213,7 +213,7 @@ def _lost(keys: _Keys) -> list[Lost]:
     if keys.text("prop_mla_enabled") != "True" and "prop_microlens_diam" in keys.rows:
         lost.append(Lost(what="microlenses, which the file switches off", line=keys.rows["prop_mla_enabled"][0]))
     elif keys.rows.get("prop_three_ml_types", (0, ""))[1] == "True":
-        loss = "which side of lens (0, 0) has the second focal length: taken as the add-on's formula says"
+        loss = "which side of microlens (0, 0) has the second focal length: taken as the add-on's formula says"
         lost.append(Lost(what=loss))
     unread = [(key, line) for key, (line, _) in keys.rows.items() if key and key not in {*_READ.split(), *_MESHING}]
     return lost + [Lost(what=f"{key} is not read", line=line) for key, line in unread]

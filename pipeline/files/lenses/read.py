@@ -45,20 +45,15 @@ def read_lens(
         override those of the file.
     Raises UnreadableLens: the format is unknown, or the lens cannot be represented.
     """
-    kind = _kind(path)
-    for name, value, only, what in (
-        ("--spacing", spacing, ".dat", "lens tables of pbrt (.dat)"),
-        ("--apertures", apertures, ".lens", "lenses of FlareSim (.lens)"),
-        ("--scenario", scenario, _BENCH, "texts of the Optical Bench"),
-        (
-            "--f-number and --half-field",
-            half_field_deg if f_number is None else f_number,
-            _TABLE,
-            "tables (.csv, .tsv, .txt)",
-        ),
+    kind, beam = _kind(path), half_field_deg if f_number is None else f_number
+    for words, value, only in (
+        ("--spacing is for lens tables of pbrt (.dat)", spacing, ".dat"),
+        ("--apertures is for lenses of FlareSim (.lens)", apertures, ".lens"),
+        ("--scenario is for texts of the Optical Bench", scenario, _BENCH),
+        ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", beam, _TABLE),
     ):
         if value is not None and kind != only:
-            raise UnreadableLens(path, f"{name} {'are' if ' and ' in name else 'is'} for {what}")
+            raise UnreadableLens(path, words)
     with computing(path):
         if kind == _TABLE:
             what, lens = _from_table(path, f_number, half_field_deg)

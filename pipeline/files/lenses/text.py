@@ -11,11 +11,7 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.optics.glass import catalogue
 from pipeline.optics.printed import Lost
 
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 class UnreadableLens(UsageError):
@@ -47,7 +43,7 @@ def read_lines(path: str | Path) -> list[str]:
         raw = Path(path).read_bytes()
     except OSError as error:
         raise UnreadableLens(path, error.strerror or "cannot be read") from None
-    encoding = next((name for mark, name in _MARKS if raw.startswith(mark)), None)
+    encoding = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), None)
     try:
         text = raw.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:

@@ -165,15 +165,12 @@ class _System:
         elif keyword == "OBSC" and first == 0:
             row.inner = second
         elif keyword == "OBSC":
-            what = (
-                f"surface {len(self.rows) - 1}: an obstruction from {first:g} to {second:g}, which leaves a hole inside"
-            )
-            self.lost.append(Lost(what=what, line=line))
+            loss = f"an obstruction from {first:g} to {second:g}, which leaves a hole inside"
+            self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: {loss}", line=line))
         elif keyword == "SQAP":
             row.half_widths = (first, second)
         elif row.semi_diameter is None or row.is_automatic:
-            semi_diameter = self._first(line, keyword, words)
-            row.semi_diameter = semi_diameter or None
+            row.semi_diameter = self._first(line, keyword, words) or None
             row.is_automatic = len(words) < 2 or number(self.path, line, words[1], keyword) == 0
 
 
@@ -199,8 +196,7 @@ def read_zemax(path: str | Path) -> PrintedLens:
 
 
 def _lost(system: _System, image: _Row) -> list[Lost]:
-    lost = list(system.lost)
-    first = system.rows[0]
+    lost, first = list(system.lost), system.rows[0]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
         lost.append(Lost(what=what, line=first.line))
