@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-from unittest.mock import MagicMock
 
 import pytest
 from engine import toy
@@ -29,23 +28,6 @@ def test_without_the_extra_the_engine_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(EnvironmentFault, match="cluster"):
         engine_of("dask:tcp://localhost:1")
-
-
-def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(store, monkeypatch):
-    """A stand-in for Dask: the library may not be installed."""
-    dask, client = MagicMock(), MagicMock(status="running")
-    dask.Client.return_value = client
-    for name in ("dask", "distributed"):
-        monkeypatch.setitem(sys.modules, name, dask)
-    monkeypatch.setattr("pipeline.engine.running.cluster._NO_WORKERS_S", 0.3)
-    client.run.return_value = {"tcp://there": True}
-    client.scheduler_info.return_value = {"workers": {}}
-    engine, waits, start = Dask("tcp://here:1", store, ("toykit.tasks",)), 0, time.monotonic()
-    with pytest.raises(EnvironmentFault, match="no worker for"):
-        while time.monotonic() - start < 5:
-            assert engine.free <= 0 and engine.wait(0.1) == []
-            waits += 1
-    assert waits <= 5
 
 
 @pytest.fixture
@@ -117,6 +99,16 @@ def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
     failed = run(graph, store, engine=cluster.engine(store)).results["fail"]
     assert failed.state == "failed" and "ValueError: the flag is not there" in failed.error
     assert failed.spec and "about to look" in (store.root / failed.log).read_text()
+
+
+def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(cluster, store, monkeypatch):
+    engine = cluster.engine(store)
+    monkeypatch.setattr("pipeline.engine.running.cluster._NO_WORKERS_S", 1.0)
+    for worker in cluster.workers:
+        worker.kill()
+    with pytest.raises(EnvironmentFault, match="no worker for"):
+        for _ in range(100):
+            assert engine.wait(0.1) == []
 
 
 @pytest.mark.heavy

@@ -85,7 +85,7 @@ def test_a_death_in_company_condemns_nobody(tmp_path, store):
 def test_inputs_that_differ_are_no_company(tmp_path, store):
     """`together` is only a hint: who reads other bytes is run for itself."""
     result = graph(tmp_path, 2)
-    result.add("x", "toykit.tasks.slow", {"folder": str(tmp_path), "name": "x", "seconds": 0})
+    result.add("x", "toykit.tasks.faulty:slow", {"folder": str(tmp_path), "name": "x", "seconds": 0})
     params = {"name": "d", "value": 3, "folder": str(tmp_path)}
     result.add("d", "toykit.tasks.shared", params, {"x": "x"}, together="all")
     result.add("e", "toykit.tasks.shared", {**params, "name": "e"}, {"y": "x"}, together="all")

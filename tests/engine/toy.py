@@ -8,6 +8,7 @@ from pipeline.engine.project import Project
 from pipeline.engine.records import Blob, Components, Record
 
 KIT = Path(__file__).parent / "toykit"
+FAULTY = {"fail", "flaky", "full", "hungry", "killed", "linked", "meddled", "noisy", "probe", "slow"}
 POSES = ([[1.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]])
 
 
@@ -15,7 +16,8 @@ def graph_of(*tasks) -> TaskGraph:
     """Graph of (name, kind, params[, reads])."""
     graph = TaskGraph(("toykit.tasks",))
     for name, kind, params, *reads in tasks:
-        graph.add(name, f"toykit.tasks.{kind}", params, *reads)
+        module = f"faulty:{kind}" if kind in FAULTY else kind
+        graph.add(name, f"toykit.tasks.{module}", params, *reads)
     return graph
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import nearest_existing, read_regular
-from pipeline.engine.records import Blob
+from pipeline.engine.records import Blob, fields_of
 from pipeline.errors import UsageError
 from pipeline.limits import limits
 
@@ -43,37 +43,20 @@ def read(out: Path) -> Manifest:
         parsed = json.loads(data or b"")
         files = {path: Blob(**entry) for path, entry in parsed["files"].items()}
         tasks = parsed["tasks"]
-        ours = parsed["format"] == FORMAT and all(map(_is_sound, files.values()))
-        ours = ours and all(map(is_plain_path, files)) and isinstance(tasks, dict)
+        sound = [DIGEST.fullmatch(blob.sha256) and type(blob.size) is int and blob.size >= 0 for blob in files.values()]
+        ours = parsed["format"] == FORMAT and all(sound) and all(map(is_plain_path, files)) and isinstance(tasks, dict)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return Manifest(data=data)
+        ours = False
     if not ours:
         return Manifest(data=data)
     return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks, points=parsed.get("points"))
 
 
-def _is_sound(entry: Blob) -> bool:
-    return DIGEST.fullmatch(entry.sha256) is not None and type(entry.size) is int and entry.size >= 0
-
-
 def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
-    """Bytes of a manifest, with one line per task and per file; they depend on these facts only."""
-    facts = {name: _json(value, indent=1).replace("\n", "\n ") for name, value in {"format": FORMAT, **head}.items()}
-    facts["tasks"] = _lines({name: f'"{key}"' for name, key in tasks.items()})
-    facts["files"] = _lines(
-        {path: f'{{"sha256": "{entry.sha256}", "size": {entry.size}}}' for path, entry in files.items()}
-    )
-    return f"{_lines(facts, '')}\n".encode()
-
-
-def _lines(items: dict[str, str], indent: str = " ") -> str:
-    """A JSON object of values that are JSON texts already, sorted, one per line."""
-    rows = ",\n".join([f"{indent} {_json(name)}: {items[name]}" for name in sorted(items)])
-    return f"{{\n{rows}\n{indent}}}" if items else "{}"
-
-
-def _json(value: Any, indent: int | None = None) -> str:
-    return json.dumps(value, indent=indent, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    """Bytes of a manifest, which depend on these facts only."""
+    facts = {"format": FORMAT, **head, "tasks": tasks, "files": {path: fields_of(blob) for path, blob in files.items()}}
+    text = json.dumps(facts, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    return f"{text}\n".encode()
 
 
 def read_of(out: Path, stage: Any) -> Manifest:

@@ -11,7 +11,7 @@ from pipeline.edits import Edit
 from pipeline.engine.planning.forecast import Forecast
 from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 
-_SHOWN = 5
+_GROUPS_SHOWN = 5
 """Number of groups of similar tasks for which one task is explained."""
 _REASONS_SHOWN = 6
 """Number of reasons shown for one task of a plan: a turned board, if its edit is unknown, changes a dozen numbers."""
@@ -32,7 +32,7 @@ def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) ->
         yield f"to come: {_work(to_come)}"
     work = sorted((task for task in tasks if task.state != "cached"), key=lambda task: task.state != "run")
     for number, ((state, kind, cause), alike) in enumerate(_alike(work).items()):
-        if number >= _SHOWN:
+        if number >= _GROUPS_SHOWN:
             yield f"… and {len(alike):,} more {kind} ({state}): {cause}"
             continue
         yield from describe_task(alike[0], _REASONS_SHOWN)
@@ -76,15 +76,15 @@ def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[Pl
 def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
     """Lines about one task: its name and state, then at most `most` edits and other reasons."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
-    shown = [reason for reason in task.reasons if _is_told(reason)]
+    shown = _shown(task)
     others = [str(reason) for reason in shown if reason.type is not ReasonType.UPSTREAM]
-    lines = [*_edits_told(task.edits), *others, *_upstream_told(shown)]
+    lines = [*_lines_of_edits(task.edits), *others, *_lines_of_sources(shown)]
     yield from (f"         {line}" for line in lines[:most])
     if most is not None and len(lines) > most:
         yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"
 
 
-def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
+def _lines_of_edits(edits: Iterable[Edit]) -> Iterator[str]:
     """One line per edit; for many time samples of one attribute the first few and the number of others."""
     groups: dict[str, list[Edit]] = {}
     for edit in edits:
@@ -95,7 +95,7 @@ def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
             yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].what}"
 
 
-def _upstream_told(reasons: Iterable[Reason]) -> Iterator[str]:
+def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
     """One line per kind of the tasks that must run before: the first one and the number of others."""
     sources: dict[str, list[str]] = {}
     for reason in reasons:
@@ -105,9 +105,9 @@ def _upstream_told(reasons: Iterable[Reason]) -> Iterator[str]:
         yield f"{first} {f'and {len(more):,} more {kind} ' if more else ''}must run first"
 
 
-def _is_told(reason: Reason) -> bool:
-    """Whether a reason gets a line of its own because no edit covers it."""
-    return not reason.edits or reason.type is ReasonType.UPSTREAM
+def _shown(task: PlannedTask) -> list[Reason]:
+    """Reasons that get lines of their own because no edit covers them."""
+    return [reason for reason in task.reasons if not reason.edits or reason.type is ReasonType.UPSTREAM]
 
 
 def _cause(task: PlannedTask) -> str:
@@ -115,7 +115,7 @@ def _cause(task: PlannedTask) -> str:
     edited = sorted({edit.what for edit in task.edits})
     more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
     causes = set()
-    for reason in filter(_is_told, task.reasons):
+    for reason in _shown(task):
         # Elements of a list are grouped under the list.
         field = re.sub(r"(\[\d+\])+$", "", reason.field or "")
         if reason.type is ReasonType.UPSTREAM:

@@ -88,7 +88,8 @@ class _Driver:
 
     def loop(self, interrupts: Interrupts) -> None:
         while True:
-            may_go_on = self.options.keep_going or not self._failed()
+            failed = any(result.state == "failed" for result in self.outcome.results.values())
+            may_go_on = self.options.keep_going or not failed
             going = not (interrupts.arrived or self._broken) and may_go_on
             while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
                 self._take(heapq.heappop(self._ready)[1])
@@ -113,9 +114,6 @@ class _Driver:
             if name not in self.outcome.results:
                 self._settle(TaskResult(name=name, kind=self.graph[name].short_kind, state="skipped"))
         return self.outcome
-
-    def _failed(self) -> bool:
-        return any(result.state == "failed" for result in self.outcome.results.values())
 
     def _queue_if_ready(self, name: str) -> None:
         if self._is_ready(name):

@@ -31,13 +31,9 @@ class Engine(Protocol):
 
     @property
     def free(self) -> int: ...
-
     def submit(self, job: Job) -> None: ...
-
     def wait(self, timeout_s: float) -> list[Reply]: ...
-
     def drop_waiting(self) -> list[str]: ...
-
     def close(self) -> None: ...
 
 
@@ -54,7 +50,6 @@ class Inline:
         return 1 - len(self._waiting)
 
     def submit(self, job: Job) -> None:
-        """Accept a job; it runs in `wait`."""
         self._waiting.append(job)
 
     def wait(self, timeout_s: float) -> list[Reply]:
@@ -95,10 +90,6 @@ class Processes:
     def free(self) -> int:
         """Number of workers without a task, including those not started yet."""
         return self._jobs - sum(bool(worker.job) for worker in self._workers)
-
-    def pids(self) -> list[int]:
-        """Process ids of the workers."""
-        return [worker.process.pid for worker in self._workers]
 
     def submit(self, job: Job) -> None:
         """Give a job to an idle worker, or to a new one."""

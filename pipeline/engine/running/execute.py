@@ -14,7 +14,7 @@ import threading
 import time
 import traceback
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,17 +35,20 @@ _LINES = 12
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 
-def perform(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
+def perform(
+    specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None] = lambda: None
+) -> list[Reply]:
     """Look up the results of tasks, or compute them; running them twice is harmless.
 
-    Several tasks at once are of one kind and have the same inputs: they share work.
+    Several tasks at once are of one kind and have the same inputs: they share work. `begin` is called when no other
+    builder computes them.
     """
     start = time.perf_counter()
     try:
-        return _results(specs, store, packages, start)
+        return _results(specs, store, packages, begin)
     except (Exception, SystemExit) as error:
         if len(specs) > 1:  # unknown which of them failed: each runs alone, and reports its own error
-            return [reply for spec in specs for reply in perform([spec], store, packages)]
+            return [reply for spec in specs for reply in perform([spec], store, packages, begin)]
         return [_failure(specs[0], error, store, start)]
 
 
@@ -60,12 +63,13 @@ def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
     return Reply(name=spec.name, state="lost", error=how, memory=memory)
 
 
-def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], start: float) -> list[Reply]:
-    replies: dict[str, Reply] = {}
+def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None]) -> list[Reply]:
+    start, replies = time.perf_counter(), dict[str, Reply]()
     with contextlib.ExitStack() as locks:
         # Always in the same order, so that two builders cannot wait for each other for ever.
         for spec in sorted(specs, key=lambda spec: spec.key):
             locks.enter_context(store.single_flight(spec.key, f"makes {spec.name}"))
+        begin()
         for spec in specs:  # another builder may have made it meanwhile
             if not spec.force and (record := store.record(spec.key)) is not None:
                 replies[spec.name] = Reply(name=spec.name, state="cached", record=record)

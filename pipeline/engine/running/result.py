@@ -14,24 +14,14 @@ from pipeline.errors import Exit, PipelineError
 class Result:
     """The result of a build; `to_dict()` is what `build --json` prints.
 
-    Attributes
-    ----------
-    out : Path
-        Output folder, absolute.
-    seconds : float
-        Wall time of the whole build [s].
-    store, store_bytes : Path, int
-        The folder of the store, and the size of its whole content [bytes].
-    certificate, points : Any
-        Findings of tasks for the head of the manifest; None if no manifest was written.
-    delivery : Delivery or None
-        Changes in the output folder; None if it was not touched, see `untouched`.
-    interrupted : bool
-        Whether Ctrl-C ended the build.
-    error : PipelineError or None
-        The reason why the output folder could not be filled although all tasks are done.
-    checked : tuple of str
-        Tasks that ran a second time to compare their bytes.
+    `out`: output folder, absolute.
+    `seconds`: wall time of the whole build.
+    `certificate`, `points`: findings of tasks for the head of the manifest; None if no manifest was written.
+    `store`, `store_bytes`: the folder of the store, and the size of its whole content.
+    `delivery`: changes in the output folder; None if it was not touched, see `untouched`.
+    `interrupted`: whether Ctrl-C ended the build.
+    `error`: the reason why the output folder could not be filled although all tasks are done.
+    `checked`: tasks that ran a second time to compare their bytes.
     """
 
     stage: Any

@@ -11,7 +11,6 @@ import time
 from collections import ChainMap
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.events import Begun, warner
 from pipeline.engine.interrupts import Interrupts
@@ -58,18 +57,17 @@ def build(
     OurFiles(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, options)
-    with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
+    with Interrupts(warn) as interrupts:
         listener = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
         work = _Build(project=project, options=options, store=store, graph=graph, caller=listener, engine=engine)
-        kinds = {name: graph[name].short_kind for name in graph}
-        emit(Begun(tasks=kinds, jobs=options.workers))
-        with interrupts.stopping():
-            stack.enter_context(store.in_use())
-        outcome = work.compute(forced)
-        with interrupts.stopping():
-            work.hand_over()
-        outcome.interrupted = interrupts.arrived
-        stack.close()
+        emit(Begun(tasks={name: graph[name].short_kind for name in graph}, jobs=options.workers))
+        with contextlib.ExitStack() as use:
+            with interrupts.stopping():
+                use.enter_context(store.in_use())
+            work.compute(forced)
+            with interrupts.stopping():
+                work.hand_over()
+        work.outcome.interrupted = interrupts.arrived
         store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
         emit(Ended(result=result))
@@ -94,16 +92,17 @@ class _Build:
         self.warn, self.history = warner(self.caller.on_event), history_of(self.project, self.store)
         self.head, self.is_whole = self.project.head, len(self.graph) == len(self.project.graph)
 
-    def compute(self, forced: Iterable[str]) -> Outcome:
+    def compute(self, forced: Iterable[str]) -> None:
         """Run the tasks, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
         if self.options.check_percent and not self.outcome.interrupted:
-            again = self._run(_sample(self.outcome, self.options.check_percent))
+            done = sorted(self.outcome.records)
+            count = min(len(done), max(1, math.ceil(len(done) * self.options.check_percent / 100)))
+            again = self._run(random.SystemRandom().sample(done, count))  # others every time
             self.outcome.checked, self.outcome.interrupted = tuple(sorted(_ran(again))), again.interrupted
             bad = {name: task for name, task in _ran(again).items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
-        return self.outcome
 
     def hand_over(self) -> None:
         """Fill the output folder; results lost meanwhile are made again."""
@@ -112,7 +111,9 @@ class _Build:
                 self._fill()
             except DamagedBlob:
                 self.warn("results vanished from the store before delivery; they are made again")
-                self._run_again()
+                again = self._run()
+                self.outcome.results |= _ran(again)  # the report still counts the work of the first run
+                self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
                 self._fill()
         except DamagedBlob:
             twice = "results vanished from the store before delivery, twice"
@@ -120,14 +121,7 @@ class _Build:
         except PipelineError as error:
             self.error = error
 
-    def _run_again(self) -> None:
-        """Run all tasks again and continue with their records; the report still counts the work of the first run."""
-        again = self._run()
-        self.outcome.results |= _ran(again)
-        self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
-
     def result(self, seconds: float, store_bytes: int) -> Result:
-        """The result of the build."""
         return Result(
             stage=self.project.head.get("stage"),
             out=self.project.out.absolute(),
@@ -162,24 +156,19 @@ class _Build:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_whole:
             files = dict(project.files)
-            self.head = {**self.head, **_findings(project, outcome, self.store)}
+            for fact, places in project.findings.items():
+                blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in places.items()}
+                contents = {name: json.loads(self.store.read(blob.sha256)) for name, blob in blobs.items()}
+                self.head = {**self.head, fact: contents}
         else:
             return
-        contents = Contents(
-            files=files,
-            head=self.head,
-            records=outcome.records,
-            stage_id=project.stage_id,
-            whole=not self.options.targets,
-        )
-        self.delivery = deliver(project.out, contents, self.store, self.warn) if files else None
+        whole = not self.options.targets
+        goal = Contents(files=files, head=self.head, records=outcome.records, stage_id=project.stage_id, whole=whole)
+        self.delivery = deliver(project.out, goal, self.store, self.warn) if files else None
 
 
 def _require_place(project: Project) -> None:
-    """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`.
-
-    Such a place is a file, has an impossible name, holds another build, lies in a store, or contains the stage itself.
-    """
+    """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`."""
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
@@ -194,15 +183,6 @@ def _require_place(project: Project) -> None:
     if flaw:
         hint = "choose another folder with -o, for example -o build"
         raise UsageError(f"the output folder {project.out} {flaw}", hint=hint)
-
-
-def _findings(project: Project, outcome: Outcome, store: Store) -> manifest.Head:
-    """Findings of tasks for the head of the manifest."""
-
-    def content(task: str, output: str) -> Any:
-        return json.loads(store.read(outcome.records[task].outputs[output].sha256))
-
-    return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
 
 def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
@@ -258,13 +238,6 @@ def status_of(project: Project, *, store: Store | None = None) -> Status:
 
     states = {path: state(path, source) for path, source in sorted(project.files.items())}
     return Status(files=states, has_manifest=there.data is not None)
-
-
-def _sample(outcome: Outcome, percent: float) -> list[str]:
-    """A random sample of the finished tasks, at least one, different every time."""
-    done = sorted(outcome.records)
-    count = min(len(done), max(1, math.ceil(len(done) * percent / 100)))
-    return random.SystemRandom().sample(done, count)
 
 
 def _ran(outcome: Outcome) -> dict[str, TaskResult]:

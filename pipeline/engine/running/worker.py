@@ -6,6 +6,7 @@ send pickles, and fail all waiting tasks when one worker dies.
 
 import contextlib
 import faulthandler
+import functools
 import json
 import os
 import queue
@@ -21,24 +22,6 @@ from pipeline.engine.store.store import Store
 from pipeline.records.plain import from_plain
 
 
-class _Announcing(Store):
-    """A store that tells the driver when a task has its lock: time spent by another builder is not time of the task."""
-
-    replies: int
-    task: str
-
-    @contextlib.contextmanager
-    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
-        """Hold the lock of a key as any store does, and announce the start of the task."""
-        with super().single_flight(key, doing) as held:
-            _send(self.replies, [Reply(name=self.task, state="begun")])
-            yield held
-
-    def say_waiting(self, text: str) -> None:
-        """Send the message to the driver now, not when the task is done."""
-        _send(self.replies, [Reply(name=self.task, state="waiting", warnings=(text,))])
-
-
 def main() -> None:
     """Serve until the driver closes our standard input."""
     requests, replies = os.dup(0), os.dup(1)
@@ -49,13 +32,17 @@ def main() -> None:
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
     setup = json.loads(lines.get())
     warnings: list[str] = []
-    store, packages = _Announcing(setup["store"], warn=warnings.append), tuple(setup["packages"])
-    store.replies = replies
+    store, packages = Store(setup["store"], warn=warnings.append), tuple(setup["packages"])
     while True:
         job = [from_plain(Spec, plain) for plain in json.loads(lines.get())]
-        store.task = job[0].name
+
+        def announce(state: str, *texts: str, task: str = job[0].name) -> None:
+            _send(replies, [Reply(name=task, state=state, warnings=texts)])
+
+        store.say_waiting = functools.partial(announce, "waiting")
         with _descriptors_in(store.file_for("log", job[0].key)):
-            first, *others = perform(job, store, packages)
+            # Time spent by another builder is not time of the task.
+            first, *others = perform(job, store, packages, functools.partial(announce, "begun"))
         _send(replies, [replace(first, warnings=tuple(warnings)), *others])
         warnings.clear()
 

@@ -54,7 +54,7 @@ class StoreFolder:
     """
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
-        self.root, self.warn = root, warn
+        self.root, self.warn, self.say_waiting = root, warn, warn
         if flaw := flaw_of(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         if self.root.exists() and not self.root.is_dir():
@@ -82,10 +82,6 @@ class StoreFolder:
     def single_flight(self, key: str, doing: str) -> AbstractContextManager[bool]:
         """Hold the lock of a key, so that it is computed once; `doing` tells those who wait."""
         return locked(self.file_for("lock", key), doing=doing, say=self.say_waiting)
-
-    def say_waiting(self, text: str) -> None:
-        """Report the process for which this one waits."""
-        self.warn(text)
 
     def in_use(self) -> AbstractContextManager[bool]:
         """Context during which no process collects garbage in this store."""
