@@ -56,8 +56,7 @@ def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
     yield from check_skin(prim)
-    moving = [name for name in SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]
-    if moving:
+    if moving := [name for name in SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]:
         message = f'"{moving[0]}" of an occluder is animated, and occluders keep their shape'
         hint = "animate its xformOps, or use one mesh per shape and make it invisible in other frames"
         yield problem(prim.GetAttribute(moving[0]), "not-yet-supported", message, hint=hint)

@@ -28,13 +28,7 @@ from pipeline.scene.usd.poses import (
     world_from,
 )
 from pipeline.scene.usd.problems import Problem, metadata_problem, problem, shortened
-from pipeline.scene.usd.values import (
-    Sources,
-    need,
-    read,
-    target_paths,
-    targets,
-)
+from pipeline.scene.usd.values import Sources, need, read, target_paths, targets
 from pipeline.spelling import frames_in_words
 
 LONGEST_NAME = 200

@@ -20,10 +20,6 @@ def codes(kind: str, **values: object) -> list[tuple[str, str]]:
 STOP = {"semiDiameter": 4.0}
 
 
-def test_what_is_written_in_vain_is_told_where_it_is():
-    assert codes("PlenSurface", **STOP, blades=6) == [("aperture-value", "/A.plen:blades")]
-
-
 @pytest.mark.parametrize("shape", ["circular", "rectangular"])
 def test_the_fallback_takes_back_what_a_file_below_says_and_is_nothing_in_vain(shape: str):
     rest = {"halfWidths": (1.0, 1.0)} if shape == "rectangular" else {}

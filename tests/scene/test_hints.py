@@ -3,22 +3,13 @@
 from pathlib import Path
 
 import pytest
+from stage_text import head
 
 from pipeline.scene.load import load
 from pipeline.spelling import did_you_mean
 
 TINY = Path(__file__).resolve().parents[1] / "data/tiny_conventional"
-HEAD = """#usda 1.0
-(
-    defaultPrim = "Mine"
-    endTimeCode = 1
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    upAxis = "Y"
-)
-def PlenDataset "Mine"
-{
-"""
+HEAD = head("Mine") + 'def PlenDataset "Mine"\n{\n'
 LENS = """    rel plen:cameras = </Mine/Cam>
     def Camera "Cam" (prepend apiSchemas = ["PlenCameraAPI"])
     {
@@ -50,28 +41,23 @@ def problems(tmp_path, body):
     ],
 )
 def test_what_usd_cannot_parse_comes_with_a_way_to_mend_it(tmp_path, body, hint):
-    (one,) = problems(tmp_path, body)
-    assert (one.code, one.line) == ("usd-syntax", 11) and hint in one.hint
+    (problem,) = problems(tmp_path, body)
+    assert (problem.code, problem.line) == ("usd-syntax", 12) and hint in problem.hint
 
 
 def test_a_negative_index_is_understood_as_a_mirror(tmp_path):
-    found = problems(
-        tmp_path,
-        LENS.replace("FILE", "cooke_triplet_50mm")
-        .replace("PRIM", "Stop")
-        .replace("Diameter = 4", "Diameter = 4\n            uniform double plen:index = -1"),
-    )
-    (one,) = (one for one in found if one.code == "out-of-range")
-    assert "mirrors are not simulated" in one.hint
+    text = LENS.replace("FILE", "cooke_triplet_50mm").replace("PRIM", "Stop").replace("semiDiameter = 4", "index = -1")
+    (problem,) = (problem for problem in problems(tmp_path, text) if problem.code == "out-of-range")
+    assert "mirrors are not simulated" in problem.hint
 
 
 def test_a_missing_file_is_one_error_with_the_nearest_name_and_the_folders_that_were_searched(tmp_path):
-    found = problems(tmp_path, LENS.replace("FILE", "double_gauss_50mm_cannon").replace("PRIM", "Stop"))
-    missing = next(one for one in found if one.code == "usd-invalid-asset-path")
+    listed = problems(tmp_path, LENS.replace("FILE", "double_gauss_50mm_cannon").replace("PRIM", "Stop"))
+    missing = next(problem for problem in listed if problem.code == "usd-invalid-asset-path")
     assert missing.hint.startswith("did you mean @lenses/double_gauss_50mm_canon.usda@? searched: ")
     assert str(tmp_path) in missing.hint and missing.hint.endswith("stages")
-    assert not {one.code for one in found} & {"over-without-def", "wrong-target"}
-    assert not any("Lens" in (one.at or "") for one in found if one is not missing)
+    assert not {problem.code for problem in listed} & {"over-without-def", "wrong-target"}
+    assert not any("Lens" in (problem.at or "") for problem in listed if problem is not missing)
 
 
 @pytest.mark.parametrize(
@@ -94,9 +80,9 @@ def test_a_stage_that_is_not_there_comes_with_the_nearest_name_and_the_folders(t
 
 def test_operations_in_no_order_are_one_problem_with_one_order_that_holds_all(tmp_path):
     body = "    double3 xformOp:translate = (0, 0, 1)\n    float3 xformOp:rotateXYZ = (0, 0, 1)\n"
-    found = [one for one in problems(tmp_path, f'    def Xform "A"\n    {{\n{body}    }}\n') if "xform" in one.code]
-    (one,) = found
-    assert '["xformOp:translate", "xformOp:rotateXYZ"]' in one.hint and "last one acts first" in one.hint
+    listed = problems(tmp_path, f'    def Xform "A"\n    {{\n{body}    }}\n')
+    (problem,) = (problem for problem in listed if "xform" in problem.code)
+    assert '["xformOp:translate", "xformOp:rotateXYZ"]' in problem.hint and "last one acts first" in problem.hint
 
 
 @pytest.mark.parametrize(
@@ -116,8 +102,8 @@ def test_only_a_near_name_is_suggested(name, choices, meant):
 
 def test_a_misspelt_value_is_not_reported_as_missing_too(tmp_path):
     size = "uniform double plen:squaresize = 1"
-    found = problems(tmp_path, f'    def PlenCheckerboard "Board"\n    {{\n        {size}\n    }}\n')
-    assert [one.code for one in found if "squaresize" in one.message.lower()] == ["unknown-property"]
+    listed = problems(tmp_path, f'    def PlenCheckerboard "Board"\n    {{\n        {size}\n    }}\n')
+    assert [problem.code for problem in listed if "squaresize" in problem.message.lower()] == ["unknown-property"]
 
 
 @pytest.mark.parametrize(
