@@ -15,12 +15,11 @@ import numpy as np
 import pipeline
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.graph.frame_contents import Things
 from pipeline.graph.frame_tasks import exposure_of
-from pipeline.graph.poses import target_poses
+from pipeline.graph.poses import Things, target_poses
 from pipeline.render.in_lights import pictures_in_lights, white_parts
 from pipeline.tasks.images import scene_of
-from pipeline.tasks.params.placed import PaintedView
+from pipeline.tasks.params.frames import PaintedView
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/04_stereo_colour/dataset.usda"
 _FRAME, _ROWS = 1, (150, 182)

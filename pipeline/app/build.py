@@ -21,8 +21,7 @@ from pipeline.engine.running.result import Result
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
-from pipeline.graph.devices import on_device
-from pipeline.graph.preview import folder_of, only_images, preview_of
+from pipeline.graph.variants import folder_of, on_device, only_images, preview_of
 from pipeline.jit.files import is_whole, make_folder, say
 from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
@@ -61,7 +60,7 @@ def project(
     Parameters
     ----------
     preview : bool
-        Plan small pictures only, a quarter of the size (see `graph.preview`), by default for another output folder.
+        Plan small pictures only, a quarter of the size (see `graph.variants`), by default for another output folder.
 
     Raises
     ------

@@ -40,8 +40,7 @@ from pipeline.tasks.artefacts.surroundings import surroundings_of
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
 from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
-from pipeline.tasks.params.placed import PlacedView
-from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
+from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging.judges import sample
 from pipeline.truth.visibility import visibility
 
@@ -189,7 +188,7 @@ def _wrong_list(build: Project, listed: Manifest) -> Iterator[str]:
 
 def _judge(out: Path, name: str, points: Any, camera: _JudgedCamera, seed: int, verdict: Verdict) -> None:
     """Add the findings about a camera to a verdict; `points` is what the manifest counts."""
-    tracer = Tracer(camera.camera, camera.truth.labels.seed ^ (_STREAM + seed))
+    tracer = Tracer(camera.camera, camera.truth.seed ^ (_STREAM + seed))
     rig = Rig.of(tracer, camera.square_px)
     tables = list(_kept_tables(out, camera, rig, verdict.problems))
     judged = [(frame.view.targets, table) for frame, table in tables]
@@ -226,7 +225,8 @@ def _camera(graph: TaskGraph, name: str) -> Camera:
 def _view(graph: TaskGraph, task: str) -> PlacedView:
     """The view of a task `truth`, or of its tiles if it has any; targets by name."""
     truth = from_plain(Truth, graph[task].params)
-    view = truth.view or from_plain(TruthTile, graph[graph[task].reads["tile0"]].params).view
+    view = truth.view or from_plain(Truth, graph[graph[task].reads["tile0"]].params).view
+    assert view is not None
     return dataclasses.replace(view, targets=tuple(sorted(view.targets, key=lambda entry: entry.name)))
 
 
@@ -271,7 +271,7 @@ def _broken_contract(camera: _JudgedCamera, rig: Rig, frame: _FrameTable, table:
 def _labels(rig: Rig, frame: _FrameTable) -> Iterator[tuple[tuple[str, ...], set[tuple[str, ...]]]]:
     """Columns that say what a row belongs to, and all cells that the stage has for them."""
     yield ("frame", "camera"), {(str(frame.truth.frame), frame.truth.camera)}
-    if channel := frame.truth.labels.channel:
+    if channel := frame.truth.channel:
         yield (CHANNEL,), {(channel.name,)}
     counts = {entry.name: len(target_from_plain(entry.target).points().kinds) for entry in frame.view.targets}
     yield ("target", "point_id"), {(name, str(point)) for name, count in counts.items() for point in range(count)}

@@ -31,7 +31,7 @@ class BuildOptions:
     `timeout_s`: time limit of a task [s]; a task that takes longer fails.
     `check_percent`: share of the tasks that run a second time to compare their bytes [%].
     `engine`: `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
-    `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; `graph.devices`.
+    `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; `graph.variants`.
     `allow_roots`: further folders that the stage may reference.
     `preview`: make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
     """

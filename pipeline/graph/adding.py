@@ -11,8 +11,8 @@ from typing import Any
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.limits import MOST_SAMPLES
 from pipeline.records.plain import to_plain
-from pipeline.tasks.params.cameras import Nothing
-from pipeline.tasks.params.images import BEFORE, CHECK, STRIP, ImagePass, NoiseCheck, WhitePass
+from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, NoiseCheck, Nothing, White
+from pipeline.tasks.params.frames import Image
 
 _MODULES = {
     "camera": ("focus", "channel", "stop", "planes", "pinhole", "first_order"),
@@ -58,11 +58,7 @@ def add_tiles(
 
 
 def add_passes(
-    graph: TaskGraph,
-    name: str,
-    parts: Sequence[WhitePass | ImagePass],
-    reads: dict[str, str],
-    noise: float,
+    graph: TaskGraph, name: str, parts: Sequence[White | Image], reads: dict[str, str], noise: float
 ) -> dict[str, str]:
     """Add all passes over an image; role and name of what the image reads of them.
 
@@ -72,7 +68,10 @@ def add_passes(
     """
     kind, _, subject = name.partition("/")
     subject = subject if kind == "image_pass" else f"{subject}/white"
-    reads_of = [_of_strip(reads, strip) for strip in range(len(parts))]
+    reads_of = [
+        {role: pass_name(read[:-1], strip, 0) if read.endswith("/") else read for role, read in reads.items()}
+        for strip in range(len(parts))
+    ]
     first = [
         add(graph, pass_name(name, strip, 0), part, source)
         for strip, (part, source) in enumerate(zip(parts, reads_of, strict=True))
@@ -100,11 +99,3 @@ def pass_name(name: str, strip: int, number: int) -> str:
 
 def _roles(role: str, names: Sequence[str]) -> dict[str, str]:
     return {f"{role}{number}": name for number, name in enumerate(names)}
-
-
-def _of_strip(reads: dict[str, str], strip: int) -> dict[str, str]:
-    """Sources of a strip."""
-    return {
-        role: pass_name(source.rstrip("/"), strip, 0) if source.endswith("/") else source
-        for role, source in reads.items()
-    }

@@ -5,6 +5,7 @@ appear only in the params of tasks that write them.
 """
 
 import dataclasses
+from typing import NamedTuple
 
 from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.channel_names import name_with
@@ -12,20 +13,17 @@ from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
-from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
-from pipeline.graph.poses import target_poses, targets_json
+from pipeline.graph.poses import Things, matrix, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
-from pipeline.tasks.params import exposing
 from pipeline.tasks.params.cameras import (
     PARTS,
     AskedCamera,
     CameraLabels,
-    CameraReport,
     FocusLabels,
     InChannel,
     JoinedRays,
@@ -36,16 +34,47 @@ from pipeline.tasks.params.cameras import (
     Planes,
     RaysTile,
     Stop,
+    White,
 )
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps
-from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
-from pipeline.tasks.params.placed import SHEET, Matrix, PictureFile, Sheet, source_name
-from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
+from pipeline.tasks.params.frames import (
+    BASELINES,
+    SHEET,
+    Baselines,
+    FramePoses,
+    Matrix,
+    PictureFile,
+    PosedFrame,
+    RigFrame,
+    Sheet,
+    poses_file,
+    source_name,
+)
+from pipeline.tasks.params.outputs import (
+    DNG,
+    MAPS,
+    PREVIEW,
+    SPECTRAL,
+    TIFF,
+    TRANSMISSION,
+    ColourImage,
+    Expose,
+    LossesOfLight,
+    PatternMaps,
+    Transmission,
+)
 
 
-def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
+class DatasetGraph(NamedTuple):
     """All tasks of a dataset, the sources of the files in the output folder, and the certificate of each camera."""
-    graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
+
+    graph: TaskGraph
+    files: dict[str, Source]
+    certificates: dict[str, tuple[str, str]]
+
+
+def graph_of(dataset: Dataset) -> DatasetGraph:
+    """The tasks of a dataset, and what its build delivers."""
+    made = graph, files, certificates = DatasetGraph(TaskGraph(), {}, {})
     painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
@@ -73,11 +102,10 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     add_exports(graph, files, dataset, bare)
-    return graph, files, certificates
+    return made
 
 
 def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
-    """Add the task that states the relative poses of the cameras; returns its name."""
     names = [camera.name for camera in dataset.cameras]
     frames = [
         RigFrame(number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names))
@@ -88,7 +116,6 @@ def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
 
 
 def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry) -> None:
-    """The task that writes the poses of a camera in all frames."""
     posed = [
         PosedFrame(
             number=frame.number,
@@ -117,8 +144,7 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     reads = {"camera": add(graph, f"focus/{name}", AskedCamera.of(entry.asked))}
     settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
     pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
-    params = CameraReport(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
-    report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
+    report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
 
 
@@ -162,11 +188,11 @@ def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name
     is_smooth = entry.asked.microlenses is None and not exposure.diffraction
     if noise is None:
         bands = image_bands(sensor, entry.image_samples)
-        parts = [WhiteTile(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
+        parts = [White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
         tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
         params = White(exposure=exposure, tiles=len(tiles), is_smooth=is_smooth)
     else:
-        first = [WhitePass(exposure=exposure, rows=rows, is_smooth=is_smooth, number=0) for rows in strips(sensor)]
+        first = [White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in strips(sensor)]
         tiles = add_passes(graph, f"white_pass/{name}", first, reads, noise)
         params = White(exposure=exposure, tiles=len(first), is_smooth=is_smooth, noise=noise)
     white = add(graph, f"white/{name}", params, {**reads, **tiles})
@@ -183,7 +209,6 @@ def _white_files(tasks: tuple[str, str | None], white_at: str, tables_at: str) -
 
 
 def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:
-    """Add the task of the tables of micro-images, with its tiles; returns its name."""
     assert entry.asked.microlenses is not None
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
     parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
@@ -203,6 +228,7 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
             stop_match="microlenses" if asked.match_stop else "none",
         )
     return CameraLabels(
+        circle_of_confusion_px=asked.circle_of_confusion_px,
         lens_name=entry.lens_name,
         index_source=entry.index_source,
         light=light_of(entry),
@@ -212,7 +238,6 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
-    """Add the tile tasks of a camera's rays and the task that joins them; returns its name."""
     bands = bundle_bands(entry.asked.sensor, entry.sampling)
     tiles = {
         f"tile{number}": add(
@@ -258,9 +283,9 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)
 
 
-def _lossy(irradiation: Irradiation) -> exposing.Transmission | None:
+def _lossy(irradiation: Irradiation) -> Transmission | None:
     """Losses of an exposure by radiance in the lens; None: there are none."""
-    lights = [exposing.LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
+    lights = [LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
     if irradiation.radiance:
-        lights = [exposing.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
-    return exposing.Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None
+        lights = [LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
+    return Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None

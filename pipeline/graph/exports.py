@@ -8,12 +8,11 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.exports.noise import Noise
 from pipeline.exports.writer_code import code_of_writer
 from pipeline.formats import Format, Reads, folder_of, format_of
-from pipeline.graph.frame_contents import Things
-from pipeline.graph.frame_tasks import add
-from pipeline.graph.poses import target_poses
+from pipeline.graph.adding import add
+from pipeline.graph.poses import Things, target_poses
 from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
-from pipeline.tasks.params.placed import PlacedView
+from pipeline.tasks.params.frames import PlacedView
+from pipeline.tasks.params.outputs import Export, SeenFrame, SightedCamera
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
@@ -25,7 +24,7 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
     for name in asked.formats:
         wanted = format_of(name)
         cameras = [camera for camera in dataset.cameras if wanted.takes(_is_plenoptic(camera))]
-        read = _Read(graph, files, cameras, wanted)
+        read = _Read(files, cameras, wanted)
         sights = read.sights() if Reads.RAYS in wanted.reads else {}
         noisy = Reads.CORNERS in wanted.reads
         params = Export(
@@ -49,8 +48,8 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
 class _Read:
     """Results that a format reads of a build; `roles` has the task of each role."""
 
-    def __init__(self, graph: TaskGraph, files: dict[str, Source], cameras: list[CameraEntry], wanted: Format) -> None:
-        self.graph, self.files, self.cameras, self.wanted = graph, files, cameras, wanted
+    def __init__(self, files: dict[str, Source], cameras: list[CameraEntry], wanted: Format) -> None:
+        self.files, self.cameras, self.wanted = files, cameras, wanted
         self.roles = dict[str, str]()
         self._known = dict[str, str]()
 

@@ -1,6 +1,7 @@
 """The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,22 +10,20 @@ from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply
 from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
-from pipeline.graph.frame_contents import Things, matrix
-from pipeline.graph.poses import target_poses
+from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params.cameras import BundleLight, ChannelLabel
-from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
-from pipeline.tasks.params.placed import PaintedView, PlacedView
-from pipeline.tasks.params.truth import (
+from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Exposure
+from pipeline.tasks.params.frames import (
     Certificate,
+    Image,
     JudgedFrame,
+    PaintedView,
+    PlacedView,
     PlaneAsked,
     Positions,
-    TableLabels,
     Truth,
     TruthTable,
-    TruthTile,
 )
 from pipeline.truth.planes import plane_name
 
@@ -87,7 +86,16 @@ class FrameTasks:
     ) -> None:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
-        self._labels, self._counts = _labels_of(entry), entry.truth.that_count
+        self._table = TruthTable(
+            frame=0,
+            camera=entry.name,
+            settings=entry.truth.that_count,
+            light=light_of(entry),
+            index_source=entry.index_source,
+            seed=entry.sampling.seed,
+            samples=entry.sampling.samples if entry.truth.searches else None,
+            channel=channel_label(entry),
+        )
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
@@ -124,7 +132,7 @@ class FrameTasks:
         if self.entry.image_noise is not None:
             return self._add_image_in_passes(name, view, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
-        parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in self._bands]
+        parts = [Image(exposure=exposure, view=view, rows=rows) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
         tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
@@ -134,9 +142,7 @@ class FrameTasks:
 
     def _add_image_in_passes(self, name: str, view: PaintedView, noise: float) -> str:
         exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
-        parts = [
-            ImagePass(exposure=exposure, view=view, rows=rows, number=0) for rows in strips(self.entry.asked.sensor)
-        ]
+        parts = [Image(exposure=exposure, view=view, rows=rows) for rows in strips(self.entry.asked.sensor)]
         reads = {**self._reads, "white": f"{white}/", **self._pictures}
         passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
         last = passes_of(exposure.samples) - 1
@@ -162,7 +168,7 @@ class FrameTasks:
         if "saddle" in self.entry.truth.column_sets:
             targets = self.painted.targets(poses)
         view = PlacedView(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
-        table = TruthTable(frame=frame.number, camera=self.entry.name, settings=self._counts, labels=self._labels)
+        table = replace(self._table, frame=frame.number)
         reads = dict(self._reads)
         if self.entry.truth.searches:
             reads["rays"] = f"rays/{self.entry.full_name}"
@@ -172,7 +178,7 @@ class FrameTasks:
             reads["positions"] = self._add_positions(name, folder, poses)
         square_px = self.entry.square_px
         parts = [
-            TruthTile(table=table, view=view, square_px=square_px, points=points)
+            Truth(table=table, view=view, square_px=square_px, points=points)
             for points in self._points
             if not self.entry.truth.searches  # a search in position images is a single task
         ]
@@ -193,17 +199,6 @@ class FrameTasks:
         positions = add(self.graph, f"positions/{name}", params, self._reads)
         self.files[f"{folder}/positions.exr"] = (positions, "positions.exr")
         return positions
-
-
-def _labels_of(entry: CameraEntry) -> TableLabels:
-    """Labels of all tables of a camera."""
-    return TableLabels(
-        light=light_of(entry),
-        index_source=entry.index_source,
-        seed=entry.sampling.seed,
-        samples=entry.sampling.samples if entry.truth.searches else None,
-        channel=channel_label(entry),
-    )
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:

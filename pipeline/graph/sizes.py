@@ -36,9 +36,7 @@ def size(_: str, params: Params) -> float:
 
 
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
-    """Cost of a task of which nothing is known but its rays. Passes after the first one, which may not be needed, count
-    nothing.
-    """
+    """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
     params, rays = graph[name].params, 0.0
     how = params.get("sampling") or params.get("exposure")
     if how and not params.get("tiles") and not params.get("number"):

@@ -9,9 +9,7 @@ _LEGEND = "  rows        mean px    rms px     max px     between the table and 
 
 
 def lines(cameras: dict[str, Json]) -> list[str]:
-    """A verdict per camera, and its differences: of all rows that were solved again, and of parts of them by method and
-    by distance from the cell's edge [px], where there are several.
-    """
+    """A verdict per camera, and its differences: of all rows solved again, and of parts by method and distance."""
     text = []
     for name, certificate in sorted(cameras.items()):
         claim = "no claim" if certificate["claim_px"] is None else f"claim {certificate['claim_px']:g} px"

@@ -101,7 +101,6 @@ def _photograph(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[
 
 
 def _curves(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
-    """Modulation transfer over the spatial frequency."""
     (left, top), (width, height), last = at, _PLOT_PX, float(image.per_mm[-1])
 
     def place(per_mm: float, value: float) -> svg_file.Point:

@@ -54,7 +54,6 @@ def _summary(
 
 
 def _blank(cameras: dict[str, Json], numbers: list[int]) -> list[str]:
-    """Frames in which a camera sees no point at all."""
     text = []
     for camera, points in sorted(cameras.items()):
         blank = [row["frame"] for row in points["frames"] if not row["rows"]]

@@ -72,7 +72,6 @@ def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
 
 
 def _channels(document: Json) -> Iterator[Figure]:
-    """The channels of the sensor, if any: where colour comes from."""
     for channel in document.get("channels", ()):
         low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
         light = f"{channel['mean_wavelength_nm']:.1f} nm"

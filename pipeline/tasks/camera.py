@@ -22,7 +22,6 @@ from pipeline.tasks.params.cameras import (
     CONVENTIONS,
     AskedCamera,
     CameraLabels,
-    CameraReport,
     InChannel,
     Nothing,
     Planes,
@@ -112,7 +111,7 @@ def _projection(projection: Projection, pitch_mm: float) -> Json:
     }
 
 
-def first_order(params: CameraReport, inputs: Inputs, out: Path) -> None:
+def first_order(params: CameraLabels, inputs: Inputs, out: Path) -> None:
     """The first-order report of a camera and its equivalent pinhole: camera.json."""
     camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
-    write_json(out / "camera.json", document(params.labels, camera, pinhole_of(inputs)))
+    write_json(out / "camera.json", document(params, camera, pinhole_of(inputs)))

@@ -14,8 +14,7 @@ from pipeline.files.tables import Table, read_table
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
-from pipeline.tasks.params.placed import PlacedTarget
-from pipeline.tasks.params.truth import Certificate
+from pipeline.tasks.params.frames import Certificate, PlacedTarget
 from pipeline.truth.judging.certificate import certify
 from pipeline.truth.judging.judges import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes
@@ -38,9 +37,7 @@ def run(params: Certificate, inputs: Inputs, out: Path) -> None:
 
 
 def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> Json:
-    """Points of each target, and per frame the numbers of points with a row and of rows, as plain data for the
-    manifest.
-    """
+    """Points of each target, and per frame the numbers of points with a row and of rows, for the manifest."""
     of = {
         entry.name: len(target_from_plain(entry.target).points().kinds)
         for targets, _ in tables[:1]

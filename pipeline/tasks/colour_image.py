@@ -12,7 +12,7 @@ from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.images import SPECTRAL, ColourImage
+from pipeline.tasks.params.outputs import SPECTRAL, ColourImage
 
 _LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
 """Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""

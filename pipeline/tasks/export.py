@@ -17,7 +17,7 @@ from pipeline.results.output import output_of
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import surroundings_of
-from pipeline.tasks.params.exports import Export
+from pipeline.tasks.params.outputs import Export
 
 
 def run(params: Export, inputs: Inputs, out: Path) -> None:
@@ -50,11 +50,7 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BuiltParts(BuiltFolder):
-    """Some files of a build, wherever they are.
-
-    `places`: path in the output folder -> the file.
-    `records`: path in the output folder -> content of a JSON file.
-    """
+    """Some files of a build, wherever they are, and the content of JSON files, by path in the output folder."""
 
     places: Mapping[str, Path]
     records: Mapping[str, Any]

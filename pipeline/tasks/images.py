@@ -6,12 +6,14 @@ have in common are the same tasks, so that a finer request goes on from the samp
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import read_json, write_json
@@ -21,51 +23,121 @@ from pipeline.jit.work import work
 from pipeline.render import in_lights
 from pipeline.render.glow.light import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.passes import Batch
+from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts import passes
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
-from pipeline.tasks.params.cameras import Nothing
-from pipeline.tasks.params.images import (
-    BEFORE,
-    STRIP,
-    Exposure,
-    Image,
-    ImagePass,
-    ImageTile,
-    NoiseCheck,
-    White,
-    WhitePass,
-    WhiteTile,
-)
-from pipeline.tasks.params.placed import PICTURE, PaintedView
+from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
+from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
 
-WHITE, FOREIGN = "white.npy", "foreign.npy"
+WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
+MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
+LEVEL, VERDICT = "level.json", "verdict.json"
+_PREVIEW_ROWS = 512
+"""Rows of a preview that are converted at once: the formula takes some hundred bytes per pixel."""
 
 
-def white_tile(params: WhiteTile, inputs: Inputs, out: Path) -> None:
+class SoFar(NamedTuple):
+    """Some rows after a pass: passes that took samples, the root mean square of the standard errors of the pixels that
+    have any and the sum of all pixels, both as relative irradiance, and the number of pixels.
+    """
+
+    passes: int
+    noise: float
+    light: float
+    pixels: int
+
+
+def facts_of(inputs: Inputs, role: str) -> SoFar:
+    """Facts that a pass left about its rows."""
+    return SoFar(**read_json(inputs[role][FACTS]))
+
+
+def is_handed_on(number: int, inputs: Inputs, out: Path) -> bool:
+    """Whether the passes before have as little noise as asked for; then what the pass before left is left again."""
+    if number == 0 or read_json(inputs[CHECK][VERDICT])["goes_on"]:
+        return False
+    for name in (MEANS, FACTS):
+        shutil.copyfile(inputs[BEFORE][name], out / name)
+    return True
+
+
+def means_of(number: int, samples: int, inputs: Inputs, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
+    """Means over all samples so far of each replica, (replicas, ...), after a pass of batches.
+
+    The first pass takes `samples` rays in all replicas together.
+    """
+    first = max(1, samples // REPLICAS)
+    now = np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
+    return joined(read_npy(inputs[BEFORE][MEANS]) if number else None, now)
+
+
+def write_pass(out: Path, means: np.ndarray, seen: np.ndarray, passes: int, light: float) -> None:
+    """Write the means of replicas, and facts about the images (replicas, h, w) in which noise is judged."""
+    write_npy(out / MEANS, means)
+    facts = SoFar(passes, noise_of(standard_error(seen)), light, int(seen[0].size))
+    write_json(out / FACTS, facts._asdict())
+
+
+class Rendered(NamedTuple):
+    """An image, (h, w) float64 relative irradiance, with further parts of its file and attributes of the first part."""
+
+    pixels: np.ndarray
+    parts: tuple[BandedPart, ...] = ()
+    labels: Mapping[str, str | float | int] | None = None
+
+
+def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
+    """An image whose strips are after their last pass, the roles `tile0`, `tile1`, …; the mean over its replicas.
+
+    `asked` is the noise relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
+    """
+    strips = range(sum(role.startswith(STRIP) for role in inputs))
+    images = (replicas(strip) for strip in strips)
+    pixels, errors = zip(*((image.mean(axis=0), standard_error(image)) for image in images), strict=True)
+    facts, level = [facts_of(inputs, f"{STRIP}{strip}") for strip in strips], read_json(inputs["level"][LEVEL])["mean"]
+    labels = {
+        "noise_asked": asked,
+        "noise": max(strip_facts.noise for strip_facts in facts) / level if level > 0 else 0.0,
+        "passes_least": min(strip_facts.passes for strip_facts in facts),
+        "passes_most": max(strip_facts.passes for strip_facts in facts),
+    }
+    if labels["noise"] > asked:
+        work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {asked:g}"
+    content = f"standard error of each pixel of the image, from {REPLICAS} independent replicas"
+    error = part_of("standard_error", np.concatenate(errors), {"content": content})
+    return Rendered(np.concatenate(pixels), (error,), labels)
+
+
+def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
+    """A part of a file with one channel, (h, w)."""
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        return {"Y": pixels[first:end]}
+
+    height, width = pixels.shape
+    return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
+
+
+def white_tile(params: White, inputs: Inputs, out: Path) -> None:
     """Some rows of the image of a white scene, which `white` joins and images read: two arrays."""
-    white_rows(params, inputs, out, params.rows)
+    white_rows(params, inputs, out)
 
 
-def white_rows(
-    params: White | WhiteTile, inputs: Inputs, out: Path, rows: tuple[int, int] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows from the first to an end, by default all, (h, w, wavelengths) float64 each, written for images: the white
-    image, and its part through other microlenses than that of the pixel's cell."""
+def white_rows(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the white image, (h, w, wavelengths) float64, and of its part through other microlenses than that of the
+    pixel's cell; written for images."""
     rig = imaged_rig(inputs, params.exposure)
-    known = in_lights.known_white_parts(rig, rows) if params.is_smooth else None
-    white, foreign = in_lights.white_parts(rig, params.exposure.samples, rows) if known is None else known
+    known = in_lights.known_white_parts(rig, params.rows) if params.is_smooth else None
+    white, foreign = in_lights.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))
     return white, foreign
 
 
-def white_pass(params: WhitePass, inputs: Inputs, out: Path) -> None:
+def white_pass(params: White, inputs: Inputs, out: Path) -> None:
     """Write the white images of all replicas, (replicas, 2, h, w, wavelengths) as of `white_parts`, and facts."""
-    if passes.is_over(params.number, inputs):
-        passes.hand_on(inputs, out)
+    if is_handed_on(params.number, inputs, out):
         return
     rig = imaged_rig(inputs, params.exposure)
     known = in_lights.known_white_parts(rig, params.rows) if params.is_smooth else None
@@ -73,64 +145,58 @@ def white_pass(params: WhitePass, inputs: Inputs, out: Path) -> None:
     def parts(batch: Batch) -> np.ndarray:
         return in_lights.white_parts(rig, batch, params.rows) if known is None else known
 
-    means = passes.means_of(params.number, params.exposure.samples, inputs, parts)
+    means = means_of(params.number, params.exposure.samples, inputs, parts)
     seen = in_lights.in_all(rig.tracer, means[:, 0])
-    passes.write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))
+    write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))
 
 
 def white(params: White, inputs: Inputs, out: Path) -> None:
     """The image of a white scene, i.e. vignetting and, behind microlenses, micro-images: white.exr and white.png."""
-    tracer, parts, labels = tracer_alone(inputs, params.exposure.seed), [], {}
+    tracer, whole = tracer_alone(inputs, params.exposure.seed), None
     if params.noise is not None:
-        means = [read_npy(inputs[f"{STRIP}{strip}"][passes.MEANS]) for strip in range(params.tiles)]
-        whole = passes.ended(inputs, params.noise, lambda strip: in_lights.in_all(tracer, means[strip][:, 0]))
-        parts, labels = [whole.part], whole.labels
+        means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
+        whole = ended(inputs, params.noise, lambda strip: in_lights.in_all(tracer, means[strip][:, 0]))
         white, foreign = np.concatenate(means, axis=2).mean(axis=0)
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
         white, foreign = white_rows(params, inputs, out)
     white, foreign = in_lights.in_all(tracer, white), in_lights.in_all(tracer, foreign)
-    if tracer.camera.microlenses is not None:
-        parts = [_crosstalk(white, foreign), *parts]
-    write_image(out, "white", Rendered(white, tuple(parts), labels), params.exposure, tracer)
+    parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
+    if whole is not None:
+        parts += whole.parts
+    write_image(out, "white", Rendered(white, parts, whole and whole.labels), params.exposure, tracer)
 
 
 def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
-    """The share of foreign light in each pixel."""
     total = float(foreign.sum() / white.sum()) if white.any() else math.nan
     share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
     content = "share of the light that came through another microlens than that of the pixel's cell"
-    return passes.part_of("crosstalk", share, {"content": content, "of_all_light": total})
+    return part_of("crosstalk", share, {"content": content, "of_all_light": total})
 
 
-PIXELS = "pixels.npy"
-
-
-def image_tile(params: ImageTile, inputs: Inputs, out: Path) -> None:
+def image_tile(params: Image, inputs: Inputs, out: Path) -> None:
     """Some rows of an image, for the task `image`: pixels.npy."""
     image_tile_together([params], inputs, [out])
 
 
-def image_tile_together(params: Sequence[ImageTile], inputs: Inputs, outs: Sequence[Path]) -> None:
+def image_tile_together(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share their rays."""
-    views = [tile.view for tile in params]
-    for pixels, out in zip(image_rows(params[0].exposure, views, inputs, params[0].rows), outs, strict=True):
+    for pixels, out in zip(image_rows(params, inputs), outs, strict=True):
         write_npy(out / PIXELS, pixels)
 
 
-def image_rows(
-    exposure: Exposure, views: Sequence[PaintedView], inputs: Inputs, rows: tuple[int, int] | None = None
-) -> np.ndarray:
-    """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
-    rig = imaged_rig(inputs, exposure)
+def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
+    """The same rows of several frames, (frames, h, w) float64."""
+    exposure, rows = images[0].exposure, images[0].rows
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
-    scenes = [scene_of(view, inputs) for view in views]
-    return in_lights.pictures_in_lights(rig, exposure.samples, scenes, white, rows)
+    scenes = [scene_of(image.view, inputs) for image in images]
+    return in_lights.pictures_in_lights(imaged_rig(inputs, exposure), exposure.samples, scenes, white, rows)
 
 
-def scene_of(view: PaintedView, inputs: Inputs) -> TargetLight | GlowingView | LitView:
+def scene_of(view: PaintedView | None, inputs: Inputs) -> TargetLight | GlowingView | LitView:
     """The view as the rooms of light take it."""
+    assert view is not None  # tiles, passes and images without them have one
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
     if view.lighting is None:
         if not any(view.colours):
@@ -140,39 +206,26 @@ def scene_of(view: PaintedView, inputs: Inputs) -> TargetLight | GlowingView | L
     return LitView(targets, occluders, view.lighting, pictures, view.background, view.lights, view.colours)
 
 
-def image_pass(params: ImagePass, inputs: Inputs, out: Path) -> None:
-    """Write what is sampled of the image in all replicas, (replicas, h, w), and facts; the first pass writes the
-    colours of the rest, (2, h, w, wavelengths) as of `colours_in_lights`.
+def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
+    """Write what is sampled of all replicas, (replicas, h, w), and facts; first the colours of the rest, too, (2, h, w,
+    wavelengths) as of `colours_in_lights`.
     """
-    if passes.is_over(params.number, inputs):
-        passes.hand_on(inputs, out)
+    if is_handed_on(params.number, inputs, out):
         return
     exposure, rows, first = params.exposure, params.rows, params.number == 0
     rig, scene = imaged_rig(inputs, exposure), scene_of(params.view, inputs)
-    white = read_npy(inputs["white"][passes.MEANS]).mean(axis=0)
-    colour = in_lights.colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][passes.COLOURS])
-    means = passes.means_of(
+    white = read_npy(inputs["white"][MEANS]).mean(axis=0)
+    colour = in_lights.colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][COLOURS])
+    means = means_of(
         params.number,
         exposure.samples,
         inputs,
         lambda batch: in_lights.sampled_in_lights(rig, batch, scene, white, colour, rows),
     )
     if first:
-        write_npy(out / passes.COLOURS, colour)
+        write_npy(out / COLOURS, colour)
     known = in_lights.known_in_lights(rig.tracer, white, colour)
-    passes.write_pass(out, means, means, params.number + 1, float(np.sum(means.mean(axis=0) + known)))
-
-
-_PREVIEW_ROWS = 512
-"""Rows of a preview that are converted at once: the formula takes some hundred bytes per pixel."""
-
-
-class Rendered(NamedTuple):
-    """An image, (h, w) float64 relative irradiance, with further parts of its file and attributes of the first part."""
-
-    pixels: np.ndarray
-    parts: tuple[BandedPart, ...] = ()
-    labels: Mapping[str, str | float | int] | None = None
+    write_pass(out, means, means, params.number + 1, float(np.sum(means.mean(axis=0) + known)))
 
 
 def image(params: Image, inputs: Inputs, out: Path) -> None:
@@ -187,8 +240,7 @@ def image(params: Image, inputs: Inputs, out: Path) -> None:
 
 def image_together(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
     """Images without tiles of several frames, which share their rays."""
-    views = [image.view for image in params if image.view]
-    for pixels, image, out in zip(image_rows(params[0].exposure, views, inputs), params, outs, strict=True):
+    for pixels, image, out in zip(image_rows(params, inputs), params, outs, strict=True):
         _write(out, Rendered(pixels), image, inputs)
 
 
@@ -201,15 +253,11 @@ def _from_passes(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
     tracer = tracer_alone(inputs, exposure.seed)
 
     def replicas(strip: int) -> np.ndarray:
-        colour = read_npy(inputs[f"first{strip}"][passes.COLOURS])
-        known = [
-            in_lights.known_in_lights(tracer, white, colour)
-            for white in read_npy(inputs[f"white{strip}"][passes.MEANS])
-        ]
-        return read_npy(inputs[f"{STRIP}{strip}"][passes.MEANS]) + np.array(known)  # type: ignore[no-any-return]
+        colour = read_npy(inputs[f"first{strip}"][COLOURS])
+        known = [in_lights.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
+        return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(known)  # type: ignore[no-any-return]
 
-    image = passes.ended(inputs, noise, replicas)
-    return Rendered(image.pixels, (image.part,), image.labels)
+    return ended(inputs, noise, replicas)
 
 
 def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
@@ -222,7 +270,7 @@ def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, trace
         **labels_of(exposure),
         **(image.labels or {}),
     }
-    write_bands(out / f"{name}.exr", [passes.part_of(name, pixels, attributes), *image.parts])
+    write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *image.parts])
     bands = range(0, len(pixels), _PREVIEW_ROWS)
     preview = [srgb_preview(pixels[first : first + _PREVIEW_ROWS], 1.0) for first in bands]
     write_png(out / f"{name}.png", np.concatenate(preview))
@@ -241,15 +289,15 @@ def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
 
 def noise_level(params: Nothing, inputs: Inputs, out: Path) -> None:
     """The mean of an image after the first pass, to which its noise is relative: level.json."""
-    parts = [passes.facts_of(inputs, role) for role in sorted(inputs)]
+    parts = [facts_of(inputs, role) for role in sorted(inputs)]
     level = math.fsum(part.light for part in parts) / sum(part.pixels for part in parts)
-    write_json(out / passes.LEVEL, {"mean": level})
+    write_json(out / LEVEL, {"mean": level})
 
 
 def noise_check(params: NoiseCheck, inputs: Inputs, out: Path) -> None:
     """Whether some rows of an image need another pass: verdict.json; tells the noise to whoever watches the build."""
-    facts, level = passes.facts_of(inputs, BEFORE), read_json(inputs["level"][passes.LEVEL])["mean"]
+    facts, level = facts_of(inputs, BEFORE), read_json(inputs["level"][LEVEL])["mean"]
     goes_on = facts.noise > params.noise * level
-    write_json(out / passes.VERDICT, {"goes_on": goes_on})
+    write_json(out / VERDICT, {"goes_on": goes_on})
     if level > 0:
         work().news = f"noise {facts.noise / level:.2g}, asked {params.noise:g}"

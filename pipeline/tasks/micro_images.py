@@ -78,7 +78,6 @@ def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
 
 
 def _joined(inputs: Inputs, tiles: int) -> MicroLight:
-    """The light of the microlenses of all tiles."""
     return MicroLight(*(stacked(inputs, tiles, f"{field.name}.npy") for field in dataclasses.fields(MicroLight)))
 
 

@@ -11,7 +11,7 @@ from pipeline.files.png import write_png
 from pipeline.targets.preview import preview_picture
 from pipeline.targets.target import Target, target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.placed import PICTURE, SHEET, PictureFile, Sheet, source_name
+from pipeline.tasks.params.frames import PICTURE, SHEET, PictureFile, Sheet, source_name
 
 
 def picture(params: PictureFile, inputs: Inputs, out: Path) -> None:

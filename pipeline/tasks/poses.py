@@ -10,7 +10,7 @@ from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.tables import write_table
 from pipeline.frames import inverse, rigid, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
-from pipeline.tasks.params.truth import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
+from pipeline.tasks.params.frames import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 
 CONVENTIONS = {
     "transforms": "a_from_b acts on column vectors, mm",

@@ -15,7 +15,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stretches
-from pipeline.tasks.params.truth import Positions
+from pipeline.tasks.params.frames import Positions
 from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.grid.ray_grid import fine_from_image
 
@@ -50,7 +50,6 @@ def _rows(
     first: int,
     end: int,
 ) -> dict[str, np.ndarray]:
-    """Rows of the part of a plane."""
     pixels = position_image(rig, vision_from_target, sampling, wanted, (first, end))
     return {"X": pixels[..., 0], "Y": pixels[..., 1]}
 

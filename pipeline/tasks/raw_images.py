@@ -21,7 +21,7 @@ from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import letter_of
-from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
+from pipeline.tasks.params.outputs import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
@@ -106,7 +106,6 @@ def _with_margin(
 
 
 def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
-    """Meaning of the digital numbers: the description of the files."""
     response, first = params.response, next(iter(photons_at_one.values()))
     return {
         "content": "raw digital numbers: black level + gain x electrons, rounded",

@@ -60,6 +60,8 @@ def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float)
 
 Attributes = dict[str, str | float | int]
 """What the header of a part says."""
+Pixels = Callable[[int, int], np.ndarray]
+"""Function of the first and the end row that returns rows of a part, (rows, w, channels)."""
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
@@ -68,9 +70,13 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 
 def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     """All bundles of a camera, joined from tiles: rays.exr."""
-    tracer = tracer_alone(inputs, params.sampling.seed)
-    camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
-    assert camera.near_mm is not None and camera.far_mm is not None
+    tracer, k = tracer_alone(inputs, params.sampling.seed), params.sampling.supersampling
+    near_mm, far_mm = tracer.camera.near_mm, tracer.camera.far_mm
+    assert near_mm is not None and far_mm is not None
+    bundles, cells, covariance = (
+        StackedRows([inputs[f"tile{number}"][f"{name}.npy"] for number in range(params.tiles)])
+        for name in ("bundles", "cells", "covariance")
+    )
     head: Attributes = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
@@ -78,62 +84,36 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
         **dataclasses.asdict(params.light),
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
+
+    def error(first: int, end: int) -> np.ndarray:
+        low, high = max(first - 1, 0), min(end + 1, bundles.shape[0])  # differences reach one row beyond a band
+        return error_of(bundles.rows(low, high), cells.rows(low, high), k)[first - low : end - low]
+
+    def columns(some: slice) -> Pixels:
+        return lambda first, end: bundles.rows(first, end)[..., some]
+
+    fine, whole = bundles.shape[:2], covariance.shape[:2]
+    light = slice(HIT_FRACTION, HIT_FRACTION + 1)
     parts = [
-        tiles.part("near", ("X", "Y"), tiles.near, head | {"plane_z_mm": camera.near_mm}),
-        tiles.part("far", ("X", "Y"), tiles.far, head | {"plane_z_mm": camera.far_mm}),
-        tiles.part("moments", MOMENTS, tiles.covariance.rows, {**head, "kept": kept}),
-        tiles.part("hit_fraction", ("Y",), tiles.hit_fraction, head),
-        tiles.part("error", ("X", "Y"), tiles.error, {**head, "unit": "px", "plane": "the worse of near and far"}),
+        _part("near", ("X", "Y"), fine, columns(NEAR), {**head, "plane_z_mm": near_mm}),
+        _part("far", ("X", "Y"), fine, columns(FAR), {**head, "plane_z_mm": far_mm}),
+        _part("moments", MOMENTS, whole, covariance.rows, {**head, "kept": kept}),
+        _part("hit_fraction", ("Y",), fine, columns(light), head),
+        _part("error", ("X", "Y"), fine, error, {**head, "unit": "px", "plane": "the worse of near and far"}),
     ]
-    lattice = tracer.lattice
-    if lattice is not None:
+    if (lattice := tracer.lattice) is not None:
         axial = np.stack([lattice.k, lattice.l], axis=-1)
-        parts.append(tiles.part("microlens", ("k", "l"), lambda first, end: axial[tiles.cells.rows(first, end)], head))
+        parts.append(_part("microlens", ("k", "l"), fine, lambda first, end: axial[cells.rows(first, end)], head))
     write_bands(out / "rays.exr", parts)
 
 
-class _Tiles:
-    """The outputs of all tiles, one below the other; their rows become pixels of parts, (rows, w, channels)."""
+def _part(
+    name: str, channels: tuple[str, ...], shape: tuple[int, ...], pixels: Pixels, attributes: Attributes
+) -> BandedPart:
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        return dict(zip(channels, np.moveaxis(pixels(first, end), -1, 0), strict=True))
 
-    def __init__(self, inputs: Inputs, tiles: int, supersampling: int) -> None:
-        self.bundles, self.cells, self.covariance = (
-            StackedRows([inputs[f"tile{number}"][f"{name}.npy"] for number in range(tiles)])
-            for name in ("bundles", "cells", "covariance")
-        )
-        self._supersampling = supersampling
-
-    def near(self, first: int, end: int) -> np.ndarray:
-        """J_near."""
-        return self.bundles.rows(first, end)[..., NEAR]
-
-    def far(self, first: int, end: int) -> np.ndarray:
-        """J_far."""
-        return self.bundles.rows(first, end)[..., FAR]
-
-    def hit_fraction(self, first: int, end: int) -> np.ndarray:
-        """Hit fraction."""
-        return self.bundles.rows(first, end)[..., HIT_FRACTION, None]
-
-    def error(self, first: int, end: int) -> np.ndarray:
-        """Errors of J; differences reach one row beyond a band."""
-        low, high = max(first - 1, 0), min(end + 1, self.bundles.shape[0])
-        errors = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
-        return errors[first - low : end - low]
-
-    def part(
-        self,
-        name: str,
-        channels: tuple[str, ...],
-        pixels: Callable[[int, int], np.ndarray],
-        head: Attributes,
-    ) -> BandedPart:
-        """A part of the file; `pixels` gives rows of it."""
-
-        def rows(first: int, end: int) -> dict[str, np.ndarray]:
-            return dict(zip(channels, np.moveaxis(pixels(first, end), -1, 0), strict=True))
-
-        height, width = (self.covariance if name == "moments" else self.bundles).shape[:2]
-        return BandedPart(name=name, shape=(height, width), channels=channels, rows=rows, attributes=head)
+    return BandedPart(name=name, shape=(shape[0], shape[1]), channels=channels, rows=rows, attributes=attributes)
 
 
 def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.ndarray:

@@ -5,7 +5,6 @@ A tile holds the rows of some points, by method `direct`, which solves each row 
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,10 @@ from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
-from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
-from pipeline.tasks.params.placed import PlacedView
-from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
+from pipeline.tasks.params.frames import Truth
+from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import corrected, on_target
@@ -34,33 +32,86 @@ from pipeline.truth.visibility import seen
 
 ROWS, NOTES = "rows.csv", "notes.json"
 """Files that tiles write."""
-Traced = Callable[[int, slice, slice], np.ndarray]
-"""Function of the index of a tangent plane and of rows and columns of the fine grid that returns the traced position
-image there.
-"""
+
+
+class RayFile(AnyRayGrid):
+    """The rays of a camera in rays.exr and, of a plenoptic one, micro_images.csv; read window by window."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self._file = ExrWindows(inputs["rays"]["rays.exr"])
+        near, far = (self._file.headers[name].texts for name in ("near", "far"))
+        self.supersampling = int(near["supersampling"])
+        self._planes_mm = float(near["plane_z_mm"]), float(far["plane_z_mm"])
+        self._square_steps = 1.0 if near["footprint"] == "pixel" else 0.0
+        self.microlenses: np.ndarray = np.zeros((1, 3), np.int64)
+        self.centres_px: np.ndarray | None = None
+        if "micro_images" in inputs:
+            table = read_table(inputs["micro_images"]["micro_images.csv"])
+            names = ("microlens_k", "microlens_l", "microlens_type")
+            self.microlenses = np.stack([table.numbers(name) for name in names], axis=1).astype(np.int64)
+            self.centres_px = np.stack([table.numbers("centre_x_px"), table.numbers("centre_y_px")], axis=1)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        height, width = self._file.headers["moments"].shape
+        return width, height
+
+    def window(self, rows: slice, columns: slice) -> RayGrid:
+        k = self.supersampling
+        fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
+        near, far, error = (window_of(self._file, name, *fine, "X", "Y") for name in ("near", "far", "error"))
+        cell = np.zeros(near.shape[:2], np.int64)
+        if self.centres_px is not None:
+            cell = _rows_of(window_of(self._file, "microlens", *fine, "k", "l").astype(np.int64), self.microlenses)
+        return RayGrid(
+            supersampling=k,
+            near_mm=self._planes_mm[0],
+            far_mm=self._planes_mm[1],
+            near=near,
+            far=far,
+            covariance=window_of(self._file, "moments", rows, columns, *MOMENTS),
+            hit_fraction=window_of(self._file, "hit_fraction", *fine, "Y")[..., 0],
+            error_px=error,
+            cell=cell,
+            microlenses=self.microlenses,
+            centres_px=self.centres_px,
+            square_steps=self._square_steps,
+            first_px=(columns.start, rows.start),
+        )
+
+
+def window_of(file: ExrWindows, part: str, rows: slice, columns: slice, *channels: str) -> np.ndarray:
+    """Channels of a window of a part side by side, (h, w, n) float64."""
+    pixels = file.rows(part, rows.start, rows.stop)
+    return np.stack([pixels[name][:, columns] for name in channels], axis=-1).astype(np.float64)
+
+
+def _rows_of(axial: np.ndarray, microlenses: np.ndarray) -> np.ndarray:
+    """Index in the table of microlenses for every (k, l) of an image, (h, w)."""
+    low = microlenses[:, :2].min(axis=0)
+    size = microlenses[:, :2].max(axis=0) - low + 1
+    rows = np.full(size, -1)
+    rows[tuple((microlenses[:, :2] - low).T)] = np.arange(len(microlenses))
+    return rows[tuple(np.moveaxis(axial - low, -1, 0))]
 
 
 def truth(params: Truth, inputs: Inputs, out: Path) -> None:
     """All rows of a camera in a frame: correspondences.csv."""
     table = params.table
-    if params.view is None:
+    if params.tiles:
         notes, columns = joined(inputs, params.tiles)
     else:
-        rig = rig_of(inputs, table.labels.seed, params.square_px)
-        notes, columns = target_rows(table, params.view, rig, inputs)
+        notes, columns = target_rows(params, inputs)
     k = RayFile(inputs).supersampling if table.settings.searches else None
     head = header_of(table, k, focused_camera(inputs))
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
 
 
-def target_rows(
-    table: TruthTable, view: PlacedView, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
-) -> tuple[list[TargetNote], dict[str, list[Any]]]:
-    """Notes about the targets, and the columns of the rows of all of them.
-
-    `some_points` has the first and end index of the points of each target, by name; by default all.
-    """
-    settings = table.settings
+def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[str, list[Any]]]:
+    """Notes about the targets, and the columns of the rows of all of them, or of the points of a tile."""
+    table, view, settings = params.table, params.view, params.table.settings
+    assert view is not None
+    rig = rig_of(inputs, table.seed, params.square_px)
     rays = RayFile(inputs) if settings.searches else None
     positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
@@ -69,14 +120,16 @@ def target_rows(
     surroundings = surroundings_of(entries, view.occluders)
     for number, entry in enumerate(entries):
         name = entry.name
-        if some_points is not None and name not in some_points:
+        if params.points is not None and name not in params.points:
             continue
         target, pose = placed_target(entry)
         posed = PosedPoints(name, target.points(), pose)
         points = posed.points
-        some = slice(*some_points[name]) if some_points is not None else slice(0, len(points.kinds))
-        traced = functools.partial(_traced, positions, name, len(points.frames)) if positions else None
-        truth = correspondences(rig, rays, settings, posed, traced, some)
+        some = slice(0, len(points.kinds)) if params.points is None else slice(*params.points[name])
+        image_of = by_two_planes(settings.method)
+        if positions is not None:
+            image_of = functools.partial(_traced, positions, name, len(points.frames))
+        truth = correspondences(rig, rays, settings, posed, image_of, some)
         if truth is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
@@ -112,7 +165,7 @@ def correspondences(
     rays: AnyRayGrid | None,
     settings: TruthSettings,
     posed: PosedPoints,
-    traced: Traced | None,
+    image_of: ImageOf,
     some: slice = slice(None),
 ) -> Correspondences | None:
     """All rows of one target, None if all of its points face away; `rays` is None for method `direct`.
@@ -127,8 +180,7 @@ def correspondences(
         # The others face neither to the camera nor away: they get no rows
         asked[:, 0], asked[some] = planes[:, 0], planes[some]
         return solved(rig, settings, asked)
-    images = _position_images(settings.method, traced)
-    rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), images)
+    rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), image_of)
     return None if rows is None else finished(rig, rows, planes, settings)
 
 
@@ -141,42 +193,36 @@ def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Corresponde
 
 
 def unfiltered(settings: TruthSettings) -> TruthSettings:
-    """Settings without a least hit fraction: a row's own bundle decides whether it has enough light, not its
-    neighbour.
-    """
+    """Settings without a least hit fraction: a row's own bundle decides about its light, not its neighbour."""
     return dataclasses.replace(settings, min_hit_fraction=0.0)
 
 
 def finished(rig: Rig, rows: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
-    """Rows of a search in position images, solved directly if the method requires it, with light and blur of their
-    own bundles.
-    """
+    """Rows of a search in position images, with light and blur of their own bundles, polished if the method asks so."""
     if settings.method == "moments" and settings.search == "quad":
         rows = polished(rig, rows, planes, settings)
     return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
 
 
-def _traced(positions: ExrWindows, target: str, planes: int, number: int, rows: slice, columns: slice) -> np.ndarray:
-    """Rows and columns of the fine grid from the position image that task `positions` traced for a tangent plane."""
-    return rows_of(positions, plane_name(target, number, planes), rows, columns, "X", "Y")
+def _traced(
+    positions: ExrWindows, target: str, planes: int, number: int, pose: np.ndarray, rays: RayGrid
+) -> np.ndarray:
+    """J on a tangent plane as task `positions` traced it."""
+    return window_of(positions, plane_name(target, number, planes), *rays.fine, "X", "Y")
 
 
-def _position_images(method: str, traced: Traced | None) -> ImageOf:
-    """J on the planes of a target, each in its own frame, by the method of the stage."""
+def by_two_planes(method: str) -> ImageOf:
+    """J from the rays of two planes, with the correction of method `moments`."""
 
     def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
-        if traced is not None:
-            k, (width, height), (left, above) = rays.supersampling, rays.size_px, rays.first_px
-            return traced(number, slice(above * k, (above + height) * k), slice(left * k, (left + width) * k))
         image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
         return corrected(image, rays, pose) if method == "moments" else image
 
     return image_of
 
 
-def truth_tile(params: TruthTile, inputs: Inputs, out: Path) -> None:
+def truth_tile(params: Truth, inputs: Inputs, out: Path) -> None:
     """The rows of some points, and the notes about their targets."""
-    rig = rig_of(inputs, params.table.labels.seed, params.square_px)
-    notes, columns = target_rows(params.table, params.view, rig, inputs, params.points)
+    notes, columns = target_rows(params, inputs)
     write_table(out / ROWS, [], columns)
     write_json(out / NOTES, {"targets": to_plain(notes)})

@@ -27,6 +27,11 @@ class Solutions:
     noise_gain: Float64[np.ndarray, "n"]
     error_px: Float64[np.ndarray, "n"]
 
+    @property
+    def xy_px(self) -> np.ndarray:
+        """Positions, (n, 2)."""
+        return np.stack([self.x_px, self.y_px], axis=1)
+
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Solutions":
         """The rows selected by a mask or by indices."""
         return Solutions(*(getattr(self, name)[kept] for name in self.__slots__))
@@ -114,9 +119,8 @@ def which_exist(
 
 def existing(rows: Correspondences, image: Whereabouts, min_hit_fraction: float) -> Correspondences:
     """The rows that exist, sorted by point, l, k; the others are counted by reason."""
-    x_px = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
-    kept, dropped = which_exist(
-        image, x_px, rows.solutions.cell, lambda some: rows.hit_fraction[some] >= min_hit_fraction
-    )
+    solutions = rows.solutions
+    is_lit = rows.hit_fraction >= min_hit_fraction
+    kept, dropped = which_exist(image, solutions.xy_px, solutions.cell, lambda some: is_lit[some])
     counts = {**rows.counts, **dropped, "rows": len(kept)}
     return dataclasses.replace(rows.only(kept), counts=counts).sorted_by(image.axial)

@@ -54,8 +54,9 @@ def seen(
     `target` is the index of the target in the surroundings; `planes` are the tangent planes at its points.
     """
     solutions = rows.solutions
-    x_px = np.stack([solutions.x_px, solutions.y_px], axis=1)
-    share, _ = visibility(rig, surroundings, target, rig.microlens(solutions.cell), x_px, planes[solutions.point])
+    share, _ = visibility(
+        rig, surroundings, target, rig.microlens(solutions.cell), solutions.xy_px, planes[solutions.point]
+    )
     kept = share != 0  # NaN (unknown) does not mean hidden
     counts = {name: count for name, count in rows.counts.items() if name != "rows"}
     counts |= {

@@ -6,7 +6,7 @@ from tolerances import HONEST, ROUNDING_MM, SIGMAS
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.camera.tracing.sampling_bounds import bound, new_region
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, bound, new_region
 from pipeline.optics.kernels import trace_rays
 
 
@@ -63,3 +63,34 @@ def passing(tracer: Tracer, start_z: float, points: np.ndarray, direction: np.nd
     start = np.column_stack([points, np.full(len(points), start_z)])
     trace_rays(tracer.table, start, direction / np.linalg.norm(direction, axis=1, keepdims=True), alive)
     return alive > 0
+
+
+def assert_bounds_hold(
+    tracer: Tracer, positions: np.ndarray, rng: np.random.Generator, half_mm: float, rays: int
+) -> np.ndarray:
+    """No trial ray all over a square of the rear surface passes outside of the bounds; numbers of those that pass."""
+    seen = []
+    for position in positions:
+        points = rng.uniform(-half_mm, half_mm, (rays, 2))
+        way = np.column_stack([points - position, np.full(rays, tracer.table[0, 0] - tracer.sensor_z_mm)])
+        passes = passing(tracer, tracer.table[0, 0], points, way)
+        seen.append(passes.sum())
+        assert not np.any(passes & outside(sampling_region(tracer, position, NO_MICROLENS), points))
+    return np.array(seen)
+
+
+def assert_bounds_hold_behind_microlenses(tracer: Tracer) -> None:
+    """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
+    rng, seen, cut = np.random.default_rng(7), 0, 0
+    angles = np.pi * np.arange(6) / 3
+    for position, row in zip(*plenoptic_positions(tracer, 300), strict=True):
+        vertex, focal = tracer.arrays.microlenses[row, :2], tracer.arrays.microlenses[row, 2]
+        offsets = rng.uniform(-0.13, 0.13, (4000, 2))
+        offsets = offsets[(offsets @ np.stack([np.cos(angles), np.sin(angles)]) < 0.2173 / 2).all(axis=1)]
+        points = vertex + offsets
+        slopes = (points - position) / 1.7 - offsets / focal
+        passes = passing(tracer, tracer.film_z_mm, points, np.column_stack([slopes, np.ones(len(points))]))
+        seen, cut = seen + passes.sum(), cut + int(0 < passes.sum() < len(passes))
+        assert not np.any(passes & outside(sampling_region(tracer, position, row), points))
+    assert seen > 100_000
+    assert cut > 100

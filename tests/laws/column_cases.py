@@ -28,7 +28,7 @@ class Case:
 
     @property
     def j_px(self) -> np.ndarray:
-        return np.stack([self.solutions.x_px, self.solutions.y_px], axis=1)
+        return self.solutions.xy_px
 
 
 def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:

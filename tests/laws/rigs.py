@@ -17,10 +17,10 @@ from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED
-from pipeline.tasks.artefacts.ray_grid import RayFile
 from pipeline.tasks.micro_images import micro_images
 from pipeline.tasks.params.cameras import BundleLight, JoinedRays, MicroImageTables, RaysTile
 from pipeline.tasks.rays import rays, rays_tile
+from pipeline.tasks.truth import RayFile
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
@@ -115,6 +115,27 @@ def facing(distance_mm: float, tilt_deg: float = 0.0, x_mm: float = 0.0, y_mm: f
     pose[:3, :3] = turn @ np.diag([1.0, -1.0, -1.0])
     pose[:3, 3] = x_mm, y_mm, distance_mm
     return pose
+
+
+def sharp_grid(
+    near: np.ndarray, far: np.ndarray, supersampling: int, planes_mm: tuple[float, float], square_steps: float = 0.0
+) -> RayGrid:
+    """Position images of one lit cell without blur, from J_near and J_far (K h, K w, 2)."""
+    height, width = near.shape[:2]
+    return RayGrid(
+        supersampling=supersampling,
+        near_mm=planes_mm[0],
+        far_mm=planes_mm[1],
+        near=near,
+        far=far,
+        covariance=np.zeros((height // supersampling, width // supersampling, 10)),
+        hit_fraction=np.ones((height, width)),
+        error_px=np.zeros((height, width, 2)),
+        cell=np.zeros((height, width), np.int64),
+        microlenses=np.zeros((1, 3), np.int64),
+        centres_px=None,
+        square_steps=square_steps,
+    )
 
 
 def ray_grid(

@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.table import towards_scene, towards_sensor
 
 BENT = Prescription(
     surfaces=(
@@ -43,3 +46,20 @@ def oblique(count: int, half_mm: float, slope: float, z_mm: float) -> tuple[np.n
     position = np.column_stack([rng.uniform(-half_mm, half_mm, (count, 2)), np.full(count, z_mm)])
     way = np.column_stack([rng.uniform(-slope, slope, (count, 2)), np.ones(count)])
     return position, way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+def assert_returned(lens: Prescription, start: np.ndarray, way: np.ndarray, atol: float) -> int:
+    """Rays towards the scene, turned round and sent back by the other table, end where they began; how many passed."""
+    position, direction, alive = start.copy(), way.copy(), np.ones(len(start))
+    trace_rays(towards_scene(lens), position, direction, alive)
+    kept, turn = alive > 0, VISION_FROM_CAMERA[:3, :3]
+    # Some millimetres further on, so that the first surface is met anew, wherever it is tilted to.
+    back, homeward = (position + 3 * direction)[kept] @ turn.T, -direction[kept] @ turn.T
+    alive = np.ones(len(back))
+    trace_rays(towards_sensor(lens), back, homeward, alive)
+    assert alive.all()
+    back, homeward = back @ turn.T, homeward @ turn.T
+    np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=atol)
+    arrival = back + ((start[kept, 2] - back[:, 2]) / homeward[:, 2])[:, None] * homeward
+    np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=atol)
+    return int(kept.sum())

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from laws import rigs
-from laws.solving import rig_of, solved
+from laws.solving import judged_rows, rig_of, solved
 
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.judging import judges
@@ -18,50 +19,50 @@ from pipeline.truth.planes import tangent_planes
 CLAIM_PX = 1e-4
 
 
-def by_direct(pitch_mm: float) -> tuple:
+def by_direct() -> tuple[Rig, Rows]:
     """A camera at f/2 before a board out of focus, and its rows."""
     rig, board, pose = (
-        rig_of(rigs.conventional(17.1, pitch_mm=pitch_mm)),
+        rig_of(rigs.conventional(17.1)),
         Checkerboard(columns=2, rows=1, square_mm=1.4),
         rigs.facing(450.0, 20.0),
     )
-    planes = tangent_planes(pose, board.points_mm())
-    rows = solved(rig, board, pose, CLAIM_PX).solutions
-    x = np.stack([rows.x_px, rows.y_px], axis=1)
-    return rig, planes[rows.point], rows.cell, x, np.ones(len(x), bool)
+    return rig, judged_rows(solved(rig, board, pose, CLAIM_PX).solutions, tangent_planes(pose, board.points_mm()), True)
+
+
+def moved(rows: Rows, x_px: float, y_px: float) -> Rows:
+    return replace(rows, x_px=rows.x_px + np.array([x_px, y_px]))
 
 
 def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few random rays cannot tell 1e-4 px; they can tell a tenth of a pixel."""
     monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 12,))
-    rig, planes, cell, x, is_direct = by_direct(0.05)
-    open_ = certify(rig, Rows(planes, cell, x, is_direct), len(x), CLAIM_PX)
+    rig, rows = by_direct()
+    open_ = certify(rig, rows, 2, CLAIM_PX)
     assert open_["own_sigma_px"] > CLAIM_PX / 3
     assert open_["passed"] is None and "undecided: its own standard error" in open_["reason"]
-    moved = certify(rig, Rows(planes, cell, x + np.array([0.1, 0.0]), is_direct), len(x), CLAIM_PX)
-    assert moved["passed"] is False and "within the claim" in moved["reason"]
+    far = certify(rig, moved(rows, 0.1, 0.0), 2, CLAIM_PX)
+    assert far["passed"] is False and "within the claim" in far["reason"]
 
 
 def test_more_batches_of_rays_sharpen_a_judge_until_it_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that one batch is a little too blunt for: five more halve its error, and the mean stays as true."""
-    rig, *columns = by_direct(0.05)
+    rig, rows = by_direct()
     monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 14,))
     monkeypatch.setattr(judges, "_BATCHES", 1)
-    blunt = certify(rig, Rows(*columns), 2, 1e-9)["own_sigma_px"]
+    blunt = certify(rig, rows, 2, 1e-9)["own_sigma_px"]
     claim = 3 * blunt / 1.3
-    assert certify(rig, Rows(*columns), 2, claim)["passed"] is None
+    assert certify(rig, rows, 2, claim)["passed"] is None
     monkeypatch.setattr(judges, "_BATCHES", 6)
-    sharp = certify(rig, Rows(*columns), 2, claim)
+    sharp = certify(rig, rows, 2, claim)
     assert sharp["passed"] is True and sharp["own_sigma_px"] < claim / 3
 
 
 def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over forty seeds, of rows at the border of two pixels, where other random numbers begin."""
-    rig, planes, cell, x, is_direct = by_direct(0.05)
-    assert np.allclose(x[:, 1] % 1.0, 0.5, atol=1e-6)
+    rig, rows = by_direct()
+    assert np.allclose(rows.x_px[:, 1] % 1.0, 0.5, atol=1e-6)
     monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 10, 1 << 12))
     monkeypatch.setattr(judges, "_BATCHES", 1)
-    rows = Rows(planes, cell, x, is_direct)
     rigs_of_seeds = [replace(rig, tracer=Tracer(rig.tracer.camera, seed)) for seed in range(40)]
     apart, sigma = map(np.array, zip(*(judges.differences(one, rows, 1e-9) for one in rigs_of_seeds), strict=True))
     assert 0.7 < np.sqrt(np.mean((apart / sigma) ** 2)) < 1.3
@@ -79,15 +80,14 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
 def test_an_error_of_more_than_the_claim_is_seen_although_rows_begin_with_few_rays(
     moved_px: float, passed: bool
 ) -> None:
-    rig, planes, cell, x, is_direct = by_direct(0.05)
-    moved = x + moved_px * np.array([0.6, -0.8])
-    found = certify(rig, Rows(planes, cell, moved, is_direct), len(x), 1e-3)
+    rig, rows = by_direct()
+    found = certify(rig, moved(rows, 0.6 * moved_px, -0.8 * moved_px), 2, 1e-3)
     assert found["passed"] is passed
     assert abs(found["mean_px"] - moved_px) < 3e-4 + found["own_sigma_px"]
 
 
 def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
-    rig, *columns = by_direct(0.05)
+    rig, rows = by_direct()
     traced, trace = [], judges.random_integrals
 
     def counted(*arguments: Any, **others: Any) -> Any:
@@ -95,10 +95,10 @@ def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.Mo
         return trace(*arguments, **others)
 
     monkeypatch.setattr(judges, "random_integrals", counted)
-    certify(rig, Rows(*columns), 2, 1.0)
+    certify(rig, rows, 2, 1.0)
     assert traced == [1 << 14]
     for claim_px in (3e-4, 1e-3, 3e-3):
-        apart, sigma = judges.differences(rig, Rows(*columns), claim_px)
+        apart, sigma = judges.differences(rig, rows, claim_px)
         length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
         assert ((length + judges.SHARPER * own <= claim_px) | (own <= claim_px / judges.SHARPER / 2)).all()
     assert max(traced) > 1 << 14

@@ -47,7 +47,7 @@ def test_red_and_blue_differ_as_textbook_rays_of_all_wavelengths_say() -> None:
         camera = in_light(lens(), light)
         rig = rig_of(camera)
         found = solved(rig, pattern, pose).solutions
-        x = np.array([found.x_px[0], found.y_px[0]])
+        x = found.xy_px[0]
         places.append(x)
         start = rig.tracer.positions_mm(*x[:, None])[0]
         parts = [polar.mean_hit(at(lens(), nm), start, pose, directions=2048) for nm in light]

@@ -223,7 +223,7 @@ def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: boo
     board, pose = Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0)
     planes = tangent_planes(pose, board.points_mm())
     rows = solved(small, board, pose).solutions
-    x = np.stack([rows.x_px, rows.y_px], axis=1)
+    x = rows.xy_px
 
     def verdict(bias_px: float) -> dict:
         kind = np.full(len(x), is_direct)

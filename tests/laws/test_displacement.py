@@ -12,8 +12,14 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.apertures import HEXAGON, inside
-from laws.bounds import assert_independent_of_bounds, outside, passing, plenoptic_positions, sampling_region
-from laws.surfaces import BENT, beam, oblique
+from laws.bounds import (
+    assert_bounds_hold,
+    assert_bounds_hold_behind_microlenses,
+    assert_independent_of_bounds,
+    plenoptic_positions,
+)
+from laws.solving import truth_of
+from laws.surfaces import BENT, assert_returned, beam, oblique
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -35,10 +41,8 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.settings import TruthSettings
 
 TURN = VISION_FROM_CAMERA[:3, :3]
 OFF = rigs.displaced(rigs.conventional(17.1)).prescription
@@ -160,18 +164,7 @@ def test_a_wedge_deviates_by_the_closed_form_of_least_deviation() -> None:
 @pytest.mark.parametrize("lens", [OFF, whole(BENT, tilt_deg=(3.0, 2.0), decentre_mm=(0.2, 0.4))], ids=["Gauss", "bent"])
 def test_a_ray_sent_back_through_a_displaced_lens_returns_to_its_start(lens: Prescription) -> None:
     """By the other table, to 1e-12 mm and a little more for the turns."""
-    start, way = oblique(4000, 9.0, 0.3, -45.0)
-    position, direction, alive = traced(towards_scene(lens), start, way)
-    kept = alive > 0
-    assert kept.sum() > 300
-    back, homeward, alive = traced(
-        towards_sensor(lens), (position + 3 * direction)[kept] @ TURN.T, -direction[kept] @ TURN.T
-    )
-    assert alive.all()
-    back, homeward = back @ TURN.T, homeward @ TURN.T
-    np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=MOVED_MM)
-    arrival = back + ((-45.0 - back[:, 2]) / homeward[:, 2])[:, None] * homeward
-    np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=MOVED_MM)
+    assert assert_returned(lens, *oblique(4000, 9.0, 0.3, -45.0), MOVED_MM) > 300
 
 
 @pytest.mark.parametrize("radius_mm", [math.inf, 60.0])
@@ -273,34 +266,13 @@ def test_a_point_without_a_chief_ray_is_an_error_with_its_place() -> None:
 @pytest.mark.parametrize("stop_semi_mm", [8.0, *(pytest.param(semi, marks=pytest.mark.heavy) for semi in (2.0, 17.1))])
 def test_no_ray_outside_the_bounds_passes_a_displaced_conventional_camera(stop_semi_mm: float) -> None:
     """Trial rays all over the rear surface, from points all over the sensor; bounds without their usual margin."""
-    camera = rigs.displaced(rigs.conventional(stop_semi_mm, 1200, 900))
-    tracer, rng, seen = Tracer(camera, margin=0.0), np.random.default_rng(6), 0
-    for position in rng.uniform([-30, -22.5], [30, 22.5], (60, 2)):
-        points = rng.uniform(-21, 21, (40_000, 2))
-        way = np.column_stack([points - position, np.full(len(points), tracer.table[0, 0] - tracer.sensor_z_mm)])
-        passes = passing(tracer, tracer.table[0, 0], points, way)
-        seen += passes.sum()
-        assert not np.any(passes & outside(sampling_region(tracer, position, NO_MICROLENS), points))
-    assert seen > 1000
+    camera, rng = rigs.displaced(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
+    positions = rng.uniform([-30, -22.5], [30, 22.5], (60, 2))
+    assert assert_bounds_hold(Tracer(camera, margin=0.0), positions, rng, 21.0, 40_000).sum() > 1000
 
 
 def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None:
-    """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
-    tracer, rng = Tracer(rigs.displaced(rigs.plenoptic()), margin=0.0), np.random.default_rng(7)
-    positions, lens = plenoptic_positions(tracer, 300)
-    microlenses, seen, cut = tracer.arrays.microlenses, 0, 0
-    angles = np.pi * np.arange(6) / 3
-    for position, row in zip(positions, lens, strict=True):
-        vertex, focal = microlenses[row, :2], microlenses[row, 2]
-        offsets = rng.uniform(-0.13, 0.13, (4000, 2))
-        offsets = offsets[(offsets @ np.stack([np.cos(angles), np.sin(angles)]) < 0.2173 / 2).all(axis=1)]
-        points = vertex + offsets
-        slopes = (points - position) / 1.7 - offsets / focal
-        passes = passing(tracer, tracer.film_z_mm, points, np.column_stack([slopes, np.ones(len(points))]))
-        seen, cut = seen + passes.sum(), cut + int(0 < passes.sum() < len(passes))
-        assert not np.any(passes & outside(sampling_region(tracer, position, row), points))
-    assert seen > 100_000
-    assert cut > 100
+    assert_bounds_hold_behind_microlenses(Tracer(rigs.displaced(rigs.plenoptic()), margin=0.0))
 
 
 @pytest.mark.heavy
@@ -325,14 +297,9 @@ def test_a_narrow_beam_of_light_beyond_which_all_is_dark_is_bounded_up_to_its_en
     stop = Surface(semi_diameter_mm=1.0, is_stop=True, thickness_mm=5.0)
     lens = Prescription(surfaces=(tube, stop, Surface(semi_diameter_mm=6.0)))
     camera = rigs.bare(lens, Sensor(width_px=200, height_px=150, pitch_mm=0.1), 50.0, (100.0, 200.0))
-    tracer, rng, lit = Tracer(camera), np.random.default_rng(3), 0
-    for position in rng.uniform([-4, -3], [4, 3], (150, 2)):
-        points = rng.uniform(-3, 3, (20_000, 2))
-        way = np.column_stack([points - position, np.full(len(points), tracer.table[0, 0] - tracer.sensor_z_mm)])
-        passes = passing(tracer, tracer.table[0, 0], points, way)
-        lit += passes.any()
-        assert not np.any(passes & outside(sampling_region(tracer, position, NO_MICROLENS), points))
-    assert 10 < lit < 140
+    rng = np.random.default_rng(3)
+    passed = assert_bounds_hold(Tracer(camera), rng.uniform([-4, -3], [4, 3], (150, 2)), rng, 3.0, 20_000)
+    assert 10 < np.count_nonzero(passed) < 140
 
 
 @pytest.mark.parametrize("kind", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
@@ -512,8 +479,7 @@ def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.n
     """Deviations of brute-force J at about so many found positions from the points, over its standard error and sigma,
     (n, 2).
     """
-    image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    truth = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments", filter="none"))
+    truth = truth_of(grid, board.points_mm(), pose)
     rows, found = truth.solutions, []
     positions = Tracer(camera).positions_mm(rows.x_px, rows.y_px)
     bright = np.flatnonzero(truth.hit_fraction > 0.9)

@@ -80,7 +80,7 @@ def test_rows_at_the_edge_of_the_light_keep_claim_and_sigma(name: str, count: in
     rows = solve(rig, guess, planes, CLAIM_PX, 0.0)
     assert rows.counts["inaccurate"] == 0 and len(rows.solutions.point) + rows.counts["dropped_outside_image"] == count
     assert len(rows.solutions.point) > count / 2
-    solved = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
+    solved = rows.solutions.xy_px
     apart = np.hypot(*(solved - x_px[rows.solutions.point]).T)
     assert apart.max() < CLAIM_PX
     doubt = np.hypot(*np.linalg.solve(rows.solutions.jacobian, doubt_mm[rows.solutions.point, :, None])[..., 0].T)

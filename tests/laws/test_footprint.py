@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
-from laws.solving import rig_of, solved
+from laws.solving import judged_rows, rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
 from pipeline.camera.integrals import Bundles, integrals, square_nodes
@@ -20,7 +20,7 @@ from pipeline.tasks.positions import position_image
 from pipeline.truth.direct.direct_rows import polished
 from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import corrected, on_target
-from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.judging.certificate import certify
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -100,9 +100,8 @@ def test_a_judge_with_the_other_footprint_objects(
     point: Rig, pixel: Rig, direct: Correspondences, is_direct: bool
 ) -> None:
     """Rows of pixels pass before a judge who means pixels; before one who means points they fail, by five claims."""
-    x = np.stack([direct.solutions.x_px, direct.solutions.y_px], axis=1)
-    rows = Rows(PLANES[direct.solutions.point], direct.solutions.cell, x, np.full(len(x), is_direct))
-    own, other = (certify(rig, rows, len(x), 1e-3) for rig in (pixel, point))
+    rows = judged_rows(direct.solutions, PLANES, is_direct)
+    own, other = (certify(rig, rows, len(rows.cell), 1e-3) for rig in (pixel, point))
     assert own["passed"] is True
     assert other["passed"] is False and other["max_px"] > 5e-3
 

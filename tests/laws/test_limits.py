@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.convergence import orders
+from laws.solving import truth_of
 from tolerances import ORDER, STORED_PX
 
 from pipeline.camera.parts.camera import Sensor
@@ -20,8 +21,6 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_scene
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.grid.correspond import correspond
-from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.settings import TruthSettings
 
 PINHOLE_MM = 1e-6
@@ -51,8 +50,7 @@ def test_a_pinhole_camera_sees_points_where_central_projection_puts_them(tmp_pat
     board, pose = Checkerboard(columns=4, rows=3, square_mm=20.0), rigs.facing(400.0, 0.0, 5.0, -3.0)
     for k in (1, 2, 3):
         grid = rigs.ray_grid(tmp_path / str(k), camera, k, 64)
-        image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-        found = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments")).solutions
+        found = truth_of(grid, board.points_mm(), pose, TruthSettings(method="moments")).solutions
         assert list(found.point) == list(range(12))
         column, row = np.arange(12) % 4, np.arange(12) // 4
         x_mm, y_mm = 5.0 + 20.0 * (column - 1.5), -3.0 + 20.0 * (row - 1)

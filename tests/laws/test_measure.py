@@ -12,7 +12,7 @@ import pytest
 from laws import rigs
 from laws.fast_lens import PIXEL_MM, POINT_MM, fast
 from laws.holes import acceptance_of, behind_a_hole
-from laws.solving import STEPS, by_quadrature, rig_of, solved
+from laws.solving import STEPS, by_quadrature, judged_rows, rig_of, solved
 from naive import polar
 from shorter import one_in
 from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
@@ -28,7 +28,7 @@ from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.records import Acceptance
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.judging.certificate import certify
 from pipeline.truth.planes import tangent_planes
 
 ODD = {"irradiance": "area", "area": "irradiance"}
@@ -160,7 +160,7 @@ def test_an_image_and_a_truth_of_different_weights_are_caught(weight: str, tilte
     rig = rig_of(weighed(fast(17.1), weight))
     rows, planes = solved(rig, board, pose).solutions, tangent_planes(pose, board.points_mm())
     assert len(rows.point) == 2
-    x = np.array([rows.x_px[0], rows.y_px[0]])
+    x = rows.xy_px[0]
     off = {
         other: np.linalg.norm(
             np.linalg.inv(rows.jacobian[0]) @ seen_mm(pixel_at(weighed(fast(17.1), other), x), planes[0])
@@ -177,17 +177,15 @@ def test_a_certificate_judges_by_the_weight_of_the_camera(weight: str, tilted) -
     board, pose = tilted
     camera, planes = weighed(fast(17.1), weight), tangent_planes(pose, board.points_mm())
     rows = solved(rig_of(camera), board, pose).solutions
-    x = np.stack([rows.x_px, rows.y_px], axis=1)
-    judged = Rows(planes[rows.point], rows.cell, x, np.zeros(len(x), bool))
-    own, other = (certify(rig_of(weighed(camera, by)), judged, len(x), 1e-3) for by in (weight, ODD[weight]))
+    judged = judged_rows(rows, planes, False)
+    own, other = (certify(rig_of(weighed(camera, by)), judged, 2, 1e-3) for by in (weight, ODD[weight]))
     assert own["passed"] is True
     assert other["passed"] is False and other["max_px"] > 0.8
     small = weighed(rigs.plenoptic(1.0, 48, 40), weight)
     rig, pose = rig_of(small, 3), rigs.facing(420.0, 20.0)
     rows, planes = solved(rig, board, pose).solutions, tangent_planes(pose, board.points_mm())
-    x = np.stack([rows.x_px, rows.y_px], axis=1)
-    verdict = certify(rig, Rows(planes[rows.point], rows.cell, x, np.ones(len(x), bool)), len(x), 1e-3)
-    assert len(x) > 3 and verdict["passed"] is True
+    verdict = certify(rig, judged_rows(rows, planes, True), len(rows.point), 1e-3)
+    assert len(rows.point) > 3 and verdict["passed"] is True
 
 
 def test_an_unknown_weight_is_refused() -> None:

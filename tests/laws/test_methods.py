@@ -22,10 +22,10 @@ from pipeline.targets.surfaces import Warped
 from pipeline.targets.target import Target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.positions import position_image
-from pipeline.tasks.truth import correspondences
+from pipeline.tasks.truth import by_two_planes, correspondences
 from pipeline.truth.grid import per_plane
 from pipeline.truth.grid.per_plane import correspond_points
-from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
+from pipeline.truth.grid.position_image import correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging.certificate import WITHIN, WORST, Rows, certify
 from pipeline.truth.planes import tangent_planes
@@ -56,25 +56,21 @@ class Scene:
     def rows(self, settings: TruthSettings) -> Correspondences:
         """Rows by any method; NaN everywhere in J of planes that face away."""
         grid = None if settings.method == "direct" else self.grid
-        traced = None
+        image_of = by_two_planes(settings.method)
         if settings.method == "image":
             images = [self._traced(frame) for frame in self.points.frames]
 
-            def traced(number: int, rows: slice, columns: slice) -> np.ndarray:
-                return images[number][rows, columns]
+            def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+                return images[number][rays.fine]
 
-        found = correspondences(self.rig, grid, settings, PosedPoints("Board", self.points, self.pose), traced)
+        found = correspondences(self.rig, grid, settings, PosedPoints("Board", self.points, self.pose), image_of)
         assert found is not None
         return found
 
     def second_order(self) -> Correspondences:
         """Rows of `moments` as the search leaves them, before `direct` mends the doubtful ones."""
-
-        def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
-            return corrected(on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose), rays, pose)
-
         settings = TruthSettings(method="moments")
-        found = correspond_points(self.points, self.grid, self.pose, settings, image_of)
+        found = correspond_points(self.points, self.grid, self.pose, settings, by_two_planes("moments"))
         assert found is not None
         return found
 
@@ -90,7 +86,7 @@ class Scene:
         order = np.argsort(there)
         place = order[np.minimum(np.searchsorted(there[order], here), len(there) - 1)]
         known = there[place] == here
-        x, exact = (np.stack([r.solutions.x_px, r.solutions.y_px], axis=1) for r in (rows, self.direct))
+        x, exact = (r.solutions.xy_px for r in (rows, self.direct))
         return x[known] - exact[place[known]], known
 
 
@@ -113,7 +109,7 @@ def most_by_chance(rows: int) -> float:
 
 def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
     """What two planes leave out, to second order, from moments by quadrature at each row, (n, 2) [px]."""
-    x = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
+    x = rows.solutions.xy_px
     near_far = scene.grid.near_mm, scene.grid.far_mm
     planes = np.repeat(parallel_planes(*near_far)[None], len(x), axis=0)
     flat = integrals(scene.rig.tracer, Bundles(x, scene.rig.microlens(rows.solutions.cell), planes), 2).moments

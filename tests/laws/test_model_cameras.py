@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.solving import rig_of, solved
+from laws.surfaces import assert_returned
 from shorter import few
 from tolerances import REVERSED_MM, ROUNDING_MM
 
@@ -23,9 +24,7 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
-from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.targets.patterns.checkerboard import Checkerboard
 
 BROWN = (-8.0, 100.0, 0.01, -0.02, 300.0)
@@ -73,7 +72,7 @@ def test_the_truth_of_a_pinhole_is_what_opencv_projects(distortion: tuple[float,
         rows = solved(rig_of(camera), BOARD, pose).solutions
         assert len(rows.point) >= 6
         expected = by_opencv(found, BOARD.points_mm()[rows.point], pose)
-        np.testing.assert_allclose(np.stack([rows.x_px, rows.y_px], axis=1), expected, rtol=0, atol=EXACT_PX)
+        np.testing.assert_allclose(rows.xy_px, expected, rtol=0, atol=EXACT_PX)
 
 
 @pytest.mark.parametrize("distortion", [(0.0,) * 5, BROWN])
@@ -144,14 +143,7 @@ def test_a_ray_through_a_distorting_lens_comes_back() -> None:
     start = np.column_stack([rng.uniform(-2.4, 2.4, (200, 2)), np.full(200, -distance_mm)])
     direction = np.column_stack([rng.uniform(-8, 8, (200, 2)), np.zeros(200)]) - start
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    position, heading, alive = start.copy(), direction.copy(), np.ones(200)
-    trace_rays(towards_scene(camera.prescription), position, heading, alive)
-    assert alive.all()
-    turn = np.array([1.0, -1.0, -1.0])  # vision frame to lens frame
-    back, homeward = (position + 50 * heading) * turn, -heading * turn
-    trace_rays(towards_sensor(camera.prescription), back, homeward, alive)
-    arrived = (back + homeward * ((distance_mm - back[:, 2]) / homeward[:, 2])[:, None]) * turn
-    np.testing.assert_allclose(arrived, start, rtol=0, atol=100 * REVERSED_MM)
+    assert assert_returned(camera.prescription, start, direction, 100 * REVERSED_MM) == 200
 
 
 def test_a_thin_lens_before_pinholes_is_the_camera_of_libpleno() -> None:
@@ -175,7 +167,7 @@ def test_a_thin_lens_before_pinholes_is_the_camera_of_libpleno() -> None:
     share = (film_mm / behind_mm)[:, None]
     on_lens = (aims - image * share) / (1 - share)
     expected = rig.tracer.pixels_at(vertex + (vertex - on_lens) / film_mm * array.distance_mm)
-    np.testing.assert_allclose(np.stack([rows.x_px, rows.y_px], axis=1), expected, rtol=0, atol=MICRO_PX)
+    np.testing.assert_allclose(rows.xy_px, expected, rtol=0, atol=MICRO_PX)
 
 
 def test_the_prescription_stays_as_it_is() -> None:

@@ -12,7 +12,7 @@ from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
-from pipeline.tasks.truth import correspondences
+from pipeline.tasks.truth import by_two_planes, correspondences
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.settings import TruthSettings
 
@@ -28,12 +28,12 @@ def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(met
     rig, grid = rig_of(camera), rigs.ray_grid(tmp_path, camera, 1, 256)
     settings = TruthSettings(method=method, filter="none", accuracy_px=0.2 if method == "moments" else None)
     points = Target(board).points()
-    rows = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), None)
+    rows = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), by_two_planes(method))
     assert rows is not None
     traced = rows.only(rows.method != "direct")
     found = traced.solutions
     assert len(found.point) > 20 and traced.hit_fraction.min() < 0.6
-    x, planes = np.stack([found.x_px, found.y_px], axis=1), tangent_planes(pose, points.position_mm)[found.point]
+    x, planes = found.xy_px, tangent_planes(pose, points.position_mm)[found.point]
     both, lens = np.stack([planes, planes], axis=1), rig.microlens(found.cell)
     moments = rig.tracer.moments(rig.tracer.positions_mm(*x.T), lens, both, RAYS, np.rint(x).astype(np.int64))
     assert np.abs(traced.hit_fraction - rig.hit_fraction(moments)).max() < SHARE

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
+from laws.solving import truth_of
 from tolerances import HALF_PIXEL_PX
 
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.grid import quad_search, quadratic
 from pipeline.truth.grid.correspond import _pooled_error, correspond, find
-from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image
 from pipeline.truth.settings import TruthSettings
 
@@ -21,21 +21,9 @@ SHIFT_MM = np.array([-3.0, 4.2])
 
 
 def grid_of(supersampling: int, width: int = 24, height: int = 20) -> RayGrid:
-    """One lit cell without blur: what the search reads besides the position image."""
-    fine = (height * supersampling, width * supersampling)
-    return RayGrid(
-        supersampling=supersampling,
-        near_mm=1.0,
-        far_mm=2.0,
-        near=np.zeros((*fine, 2)),
-        far=np.zeros((*fine, 2)),
-        covariance=np.zeros((height, width, 10)),
-        hit_fraction=np.ones(fine),
-        error_px=np.zeros((*fine, 2)),
-        cell=np.zeros(fine, np.int64),
-        microlenses=np.zeros((1, 3), np.int64),
-        centres_px=None,
-    )
+    """What the search reads besides the position image."""
+    nowhere = np.zeros((height * supersampling, width * supersampling, 2))
+    return rigs.sharp_grid(nowhere, nowhere.copy(), supersampling, (1.0, 2.0))
 
 
 def centres_px(supersampling: int, width: int = 24, height: int = 20) -> np.ndarray:
@@ -57,7 +45,7 @@ def test_positions_come_back_from_a_k_times_finer_image(k: int) -> None:
     image = centres_px(k) @ AFFINE.T + SHIFT_MM
     found, counts = find(image, points_at(positions), grid_of(k), TruthSettings(method="moments"))
     np.testing.assert_array_equal(found.point, np.arange(30))
-    np.testing.assert_allclose(np.stack([found.x_px, found.y_px], axis=1), positions, rtol=0, atol=HALF_PIXEL_PX)
+    np.testing.assert_allclose(found.xy_px, positions, rtol=0, atol=HALF_PIXEL_PX)
     np.testing.assert_allclose(found.jacobian, np.broadcast_to(AFFINE, (30, 2, 2)), rtol=0, atol=HALF_PIXEL_PX)
     assert counts["quads"] == 30
 
@@ -88,7 +76,7 @@ def test_on_a_projective_image_the_error_falls_with_a_power_of_the_step(method: 
     points = np.column_stack([seen(positions), np.zeros(400)])
     for k in (1, 2, 4, 8):
         found, _ = find(seen(centres_px(k)), points, grid_of(k), TruthSettings(method=method))
-        errors.append(np.sqrt(np.mean((np.stack([found.x_px, found.y_px], axis=1) - positions[found.point]) ** 2)))
+        errors.append(np.sqrt(np.mean((found.xy_px - positions[found.point]) ** 2)))
     assert errors[0] < 0.02
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - order) < 0.2)
 
@@ -167,7 +155,7 @@ def test_the_nearest_search_returns_the_nearest_centre_within_its_threshold() ->
     assert 5 < len(near) < 45
     np.testing.assert_array_equal(found.point, near)
     expected = centres_px(2).reshape(-1, 2)[distance.argmin(axis=0)[near]]
-    np.testing.assert_allclose(np.stack([found.x_px, found.y_px], axis=1), expected, rtol=0, atol=HALF_PIXEL_PX)
+    np.testing.assert_allclose(found.xy_px, expected, rtol=0, atol=HALF_PIXEL_PX)
 
 
 def test_fine_and_whole_pixels_share_their_edges() -> None:
@@ -180,9 +168,8 @@ def test_fine_and_whole_pixels_share_their_edges() -> None:
 def test_every_quad_that_held_a_point_is_a_row_or_is_counted(plenoptic_grid: RayGrid, filter_name: str) -> None:
     """Quads = rejections + ambiguous + drops + rows, with every kind of drop provoked."""
     board, pose = Checkerboard(columns=4, rows=3, square_mm=0.7), rigs.facing(440.0, 15.0)
-    image = on_target(plenoptic_grid.near, plenoptic_grid.far, plenoptic_grid.near_mm, plenoptic_grid.far_mm, pose)
     settings = TruthSettings(method="moments", filter=filter_name, lambda_d=0.1, min_hit_fraction=0.6)
-    counts = correspond(image, board.points_mm(), plenoptic_grid, pose, settings).counts
+    counts = truth_of(plenoptic_grid, board.points_mm(), pose, settings).counts
     parts = [count for name, count in counts.items() if name.startswith(("rejected", "dropped"))]
     assert counts["quads"] == sum(parts) + counts["ambiguous"] + counts["rows"]
     assert counts["rows"] > 50

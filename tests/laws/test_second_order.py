@@ -11,7 +11,6 @@ from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
-from pipeline.truth.grid.ray_grid import RayGrid
 
 STEP_MM = 0.05
 
@@ -88,20 +87,7 @@ def test_rays_that_start_on_squares_add_the_covariance_of_the_square(supersampli
     for scale in (1.0, 0.5):
         near, far = scale * np.array([[0.9, 0.2], [-0.1, 0.7]]), scale * np.array([[-0.8, 0.3], [0.4, -1.1]])
         middle = np.stack([column, row], axis=-1)
-        grid = RayGrid(
-            supersampling=k,
-            near_mm=NEAR_MM,
-            far_mm=FAR_MM,
-            near=middle @ near.T,
-            far=middle @ far.T,
-            covariance=np.zeros((6, 6, 10)),
-            hit_fraction=np.ones((6 * k, 6 * k)),
-            error_px=np.zeros((6 * k, 6 * k, 2)),
-            cell=np.zeros((6 * k, 6 * k), np.int64),
-            microlenses=np.zeros((1, 3), np.int64),
-            centres_px=None,
-            square_steps=1.0,
-        )
+        grid = rigs.sharp_grid(middle @ near.T, middle @ far.T, k, (NEAR_MM, FAR_MM), square_steps=1.0)
         flat = on_target(grid.near, grid.far, NEAR_MM, FAR_MM, pose)
         points = middle[2, 3] + offset
         whole = share @ on_target(points @ near.T, points @ far.T, NEAR_MM, FAR_MM, pose)

@@ -5,7 +5,14 @@ and the bounds within which it happens to sample.
 import numpy as np
 import pytest
 from laws import rigs
-from laws.bounds import assert_independent_of_bounds, moments, outside, passing, plenoptic_positions, sampling_region
+from laws.bounds import (
+    assert_bounds_hold,
+    assert_bounds_hold_behind_microlenses,
+    assert_independent_of_bounds,
+    moments,
+    plenoptic_positions,
+)
+from laws.surfaces import assert_returned
 from scipy.spatial.transform import Rotation
 from shorter import few
 from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
@@ -14,10 +21,10 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.frames import VISION_FROM_CAMERA, apply, inverse, rigid
+from pipeline.frames import apply, inverse, rigid
 from pipeline.graph.poses import vision_from_target
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import towards_scene, towards_sensor
+from pipeline.optics.table import towards_scene
 from pipeline.render.imaging import irradiance
 from pipeline.scene.dataset import Frame
 from pipeline.truth.grid.position_image import on_target
@@ -34,22 +41,7 @@ def random_rays(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_ray_sent_back_returns_to_its_start() -> None:
     """Towards the scene, then turned round and towards the sensor by the other table: 1e-12 mm."""
-    lens = rigs.tronnier()
-    start, way = random_rays(2000)
-    position, direction, alive = start.copy(), way.copy(), np.ones(len(start))
-    trace_rays(towards_scene(lens), position, direction, alive)
-    kept = alive > 0
-    assert kept.sum() > 500
-    turn = VISION_FROM_CAMERA[:3, :3]
-    # One millimetre further on, so that the first surface is met anew.
-    back, homeward = (position + direction)[kept] @ turn.T, -direction[kept] @ turn.T
-    alive = np.ones(len(back))
-    trace_rays(towards_sensor(lens), back, homeward, alive)
-    assert alive.all()
-    back, homeward = back @ turn.T, homeward @ turn.T
-    np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=REVERSED_MM)
-    arrival = back + ((-131.81 - back[:, 2]) / homeward[:, 2])[:, None] * homeward
-    np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=REVERSED_MM)
+    assert assert_returned(rigs.tronnier(), *random_rays(2000), REVERSED_MM) > 500
 
 
 @pytest.mark.parametrize("mirror", [(-1, 1, 1), (1, -1, 1), (-1, -1, 1)])
@@ -132,36 +124,14 @@ def test_results_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
 def test_no_ray_outside_the_bounds_passes_a_conventional_camera(stop_semi_mm: float) -> None:
     """Trial rays all over the rear surface, from the axis to the corner, where the pupil is a pointed sliver."""
     tracer, rng = Tracer(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
-    seen = 0
-    for height in (0.0, 0.317, 4.0, 9.5, 15.3, 20.0, 22.7, 24.2, 26.9, 28.4, 31.4, 34.5, 36.5, 37.4):
-        azimuth = rng.uniform(0, 2 * np.pi)
-        position = height * np.array([np.cos(azimuth), np.sin(azimuth)])
-        points = rng.uniform(-20, 20, (100_000, 2))
-        way = np.column_stack([points - position, np.full(len(points), tracer.table[0, 0] - tracer.sensor_z_mm)])
-        passes = passing(tracer, tracer.table[0, 0], points, way)
-        seen += passes.sum()
-        assert not np.any(passes & outside(sampling_region(tracer, position, NO_MICROLENS), points))
-    assert seen > 1000
+    heights = np.array([0.0, 0.317, 4.0, 9.5, 15.3, 20.0, 22.7, 24.2, 26.9, 28.4, 31.4, 34.5, 36.5, 37.4])
+    azimuth = rng.uniform(0, 2 * np.pi, len(heights))
+    positions = heights[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    assert assert_bounds_hold(tracer, positions, rng, 20.0, 100_000).sum() > 1000
 
 
 def test_no_ray_outside_the_bounds_passes_a_plenoptic_camera() -> None:
-    """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
-    tracer, rng = Tracer(rigs.plenoptic()), np.random.default_rng(7)
-    positions, lens = plenoptic_positions(tracer, 300)
-    microlenses, seen, cut = tracer.arrays.microlenses, 0, 0
-    for position, row in zip(positions, lens, strict=True):
-        vertex, focal = microlenses[row, :2], microlenses[row, 2]
-        offsets = rng.uniform(-0.13, 0.13, (4000, 2))
-        angles = np.pi * np.arange(6) / 3
-        normals = np.stack([np.cos(angles), np.sin(angles)])
-        offsets = offsets[(offsets @ normals < 0.2173 / 2).all(axis=1)]
-        points = vertex + offsets
-        slopes = (points - position) / 1.7 - offsets / focal
-        passes = passing(tracer, tracer.film_z_mm, points, np.column_stack([slopes, np.ones(len(points))]))
-        seen, cut = seen + passes.sum(), cut + int(0 < passes.sum() < len(passes))
-        assert not np.any(passes & outside(sampling_region(tracer, position, row), points))
-    assert seen > 100_000
-    assert cut > 100
+    assert_bounds_hold_behind_microlenses(Tracer(rigs.plenoptic()))
 
 
 def test_apply_and_inverse_agree_with_the_textbook() -> None:

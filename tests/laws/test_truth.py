@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.fast_lens import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
+from laws.solving import truth_of
 from naive import brute, textbook
 from tolerances import FIRST_ORDER_BLUR, HONEST, ROUNDING_MM, RULE_OF_BIAS
 
@@ -21,11 +22,9 @@ from pipeline.camera.tracing.moments import MEAN, VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.rows import Correspondences
-from pipeline.truth.settings import TruthSettings
 
 
 def both_methods(tracer: Tracer, positions: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,12 +68,6 @@ def test_on_tilted_planes_two_planes_are_biased_by_the_known_amount(
     assert np.linalg.norm(np.mean(found, axis=0)) == pytest.approx(bias_px, rel=RULE_OF_BIAS)
 
 
-def truth_of(grid: RayGrid, board: Checkerboard, pose: np.ndarray) -> Correspondences:
-    """By two planes and the quad search without its noise filter."""
-    image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    return correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments", filter="none"))
-
-
 def hits_of(camera: Camera, start: np.ndarray, pose: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Hits on a target of random rays all over the rear surface, and their weights; always the same rays."""
     position, direction, weight = brute.rays_through(camera, start, None, None, count, np.random.default_rng(14))
@@ -87,7 +80,8 @@ def test_blur_columns_are_the_covariance_of_a_brute_force_bundle(tmp_path: Path,
     """Defocused untilted board: hits of random rays all over the rear surface, mapped to the image to first order."""
     camera, board = rigs.conventional(4.5, 24, 18), Checkerboard(columns=2, rows=1, square_mm=1.5)
     pose = rigs.facing(distance_mm)
-    found, tracer = truth_of(rigs.ray_grid(tmp_path / "many rays", camera, 1, 16_384), board, pose), Tracer(camera)
+    grid, tracer = rigs.ray_grid(tmp_path / "many rays", camera, 1, 16_384), Tracer(camera)
+    found = truth_of(grid, board.points_mm(), pose)
     assert len(found.solutions.point) == 2
     for x, y, blur in zip(found.solutions.x_px, found.solutions.y_px, found.blur_px2, strict=True):
         (wide, weight), *steps = (
@@ -110,7 +104,7 @@ def test_rho_is_the_blur_radius_positive_beyond_focus(conventional: Camera, conv
     focus, pupil = lens.object_mm(-conventional.sensor_distance_mm), lens.entrance_pupil
     board, rhos = Checkerboard(columns=2, rows=1, square_mm=2.0), {}
     for distance in (395.0, 415.0, 455.0, 475.0):
-        found = truth_of(conventional_grid, board, rigs.facing(distance))
+        found = truth_of(conventional_grid, board.points_mm(), rigs.facing(distance))
         mm_per_px = np.sqrt(np.abs(np.linalg.det(found.solutions.jacobian)))
         paraxial = pupil.diameter_mm / 2 * (distance - focus) / (focus - pupil.z_mm) / mm_per_px
         np.testing.assert_allclose(found.rho_px, paraxial, rtol=0, atol=0.12)
@@ -120,7 +114,7 @@ def test_rho_is_the_blur_radius_positive_beyond_focus(conventional: Camera, conv
 
 def test_rho_tells_the_types_of_microlenses_apart(plenoptic_grid: RayGrid) -> None:
     """440 mm lies beyond the focus of f = 1.9 mm (363), near that of 2.1 mm (430), before that of 2.3 mm (460)."""
-    found = truth_of(plenoptic_grid, Checkerboard(columns=2, rows=1, square_mm=2.0), rigs.facing(440.0))
+    found = truth_of(plenoptic_grid, Checkerboard(columns=2, rows=1, square_mm=2.0).points_mm(), rigs.facing(440.0))
     types = plenoptic_grid.microlenses[found.solutions.cell, 2]
     lit = found.hit_fraction > 0.5
     assert set(types[lit]) == {0, 1, 2}
@@ -150,7 +144,7 @@ def test_sigma_of_conventional_rows_is_their_actual_error(
     ratios = []
     for distance in (405.0, 434.0, 465.0):
         board, pose = Checkerboard(columns=10, rows=7, square_mm=0.9), rigs.facing(distance, tilt_deg)
-        found = truth_of(conventional_grid, board, pose)
+        found = truth_of(conventional_grid, board.points_mm(), pose)
         assert len(found.solutions.point) == 70
         ratios.append(actual_error_px(Tracer(conventional), conventional_grid, found, board, pose) / found.sigma_px)
     assert HONEST[0] < np.sqrt(np.mean(np.square(ratios))) < HONEST[1]
@@ -167,7 +161,7 @@ def test_sigma_of_plenoptic_rows_is_their_actual_error(plenoptic: Camera, tmp_pa
     board = Checkerboard(columns=5, rows=4, square_mm=0.6)
     for distance in (400.0, 430.0, 460.0):
         pose = rigs.facing(distance, 10.0)
-        found = truth_of(grid, board, pose)
+        found = truth_of(grid, board.points_mm(), pose)
         error = actual_error_px(Tracer(plenoptic), grid, found, board, pose)
         for kind in range(3):
             rows = (found.hit_fraction > 0.98) & (grid.microlenses[found.solutions.cell, 2] == kind)
@@ -189,13 +183,13 @@ def test_sigma_of_rows_in_the_penumbra_is_their_spread_over_seeds(
     camera, board = rigs.plenoptic(2.0, width_px, height_px), Checkerboard(columns=5, rows=4, square_mm=0.6)
     grids = [rigs.ray_grid(tmp_path / f"{seed}", camera, 2, 64, seed) for seed in range(seeds)]
     for distance in (400.0, 430.0, 460.0):
-        tables = [truth_of(grid, board, rigs.facing(distance, 10.0)) for grid in grids]
+        tables = [truth_of(grid, board.points_mm(), rigs.facing(distance, 10.0)) for grid in grids]
         pairs = [list(zip(found.solutions.point, found.solutions.cell, strict=True)) for found in tables]
         common = sorted(set.intersection(*map(set, pairs)))
         order = [[rows.index(pair) for pair in common] for rows in pairs]
         same = [found.only(np.array(rows)) for found, rows in zip(tables, order, strict=True)]
         light = np.mean([found.hit_fraction for found in same], axis=0)
-        x = np.array([np.stack([found.solutions.x_px, found.solutions.y_px], axis=1) for found in same])
+        x = np.array([found.solutions.xy_px for found in same])
         sigma = np.array([found.sigma_px for found in same])
         rows = (light > 0.2) & (light < 0.9)
         # Every row counts the same: one at the very edge may have half of all variance.

@@ -373,7 +373,7 @@ def test_behind_microlenses_the_share_is_that_of_textbook_rays() -> None:
     rig, target = rig_of(camera), Target(Checkerboard(columns=2, rows=1, square_mm=1.5, white=1.0))
     rows, planes = solved_rows(rig, target, pose)
     walls = [(half_plane(*wall), HERE) for wall in WALLS]
-    x_px = np.stack([rows.solutions.x_px, rows.solutions.y_px], axis=1)
+    x_px = rows.solutions.xy_px
     around = Surroundings([(target, pose)], walls)
     share, sigma = visibility(rig, around, 0, rig.microlens(rows.solutions.cell), x_px, planes[rows.solutions.point])
     partly = np.flatnonzero((share > 0.02) & (share < 0.98))

@@ -6,7 +6,7 @@ import pytest
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.tasks import colour_image
 from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.images import ColourImage
+from pipeline.tasks.params.outputs import ColourImage
 
 RAYS = "float32, cuda sm_90, numba-cuda 0.30.4"
 

@@ -18,8 +18,7 @@ from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load
 from pipeline.tasks import colour_image
-from pipeline.tasks.params.exposing import Expose
-from pipeline.tasks.params.images import ColourImage
+from pipeline.tasks.params.outputs import ColourImage, Expose
 from pipeline.tasks.raw_images import expose
 
 STAGE = Path(__file__).parents[2] / "examples" / "04_stereo_colour" / "dataset.usda"

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.app.build import project
-from pipeline.report.graph import svg
-from pipeline.report.layers import HEIGHT, WIDTH
+from pipeline.report.graph import HEIGHT, WIDTH, svg
 
 TINY = Path(__file__).resolve().parents[1] / "data/tiny_plenoptic/dataset.usda"
 SIZE = np.array([WIDTH, HEIGHT])

@@ -24,7 +24,7 @@ from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.scene.load import load
-from pipeline.tasks.params.exposing import Expose
+from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"

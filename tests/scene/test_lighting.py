@@ -13,8 +13,7 @@ from stage_text import head
 import pipeline
 from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
-from pipeline.graph.frame_contents import Things
-from pipeline.graph.poses import target_poses
+from pipeline.graph.poses import Things, target_poses
 from pipeline.records.plain import from_plain
 from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Lamp

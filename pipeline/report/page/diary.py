@@ -23,7 +23,6 @@ class Diary:
         return any(run.start_s is not None for run in self.runs.values())
 
     def __call__(self, event: Event) -> None:
-        """Note an event."""
         if self._begun is None:
             self._begun = event.time
         self.seconds = event.time - self._begun

@@ -56,7 +56,6 @@ def _with_infinities(value: Any) -> Any:
 
 
 def _types(record: Json) -> Iterable[Figures]:
-    """The types of microlenses, where there are some."""
     rows = []
     for number, kind in enumerate(record.get("mla", {}).get("types", ())):
         near, far = kind["depth_of_field_mm"]

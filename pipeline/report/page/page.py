@@ -17,9 +17,8 @@ from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.records.plain import to_plain
 from pipeline.report.page.optics import optics
-from pipeline.report.page.parts import ReportedBuild, camera_part, target_part
+from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, replace, target_part
 from pipeline.report.page.records import CameraPart, History, Page
-from pipeline.report.page.scripts import Scripts, replace
 from pipeline.results.folder import finished_folder
 from pipeline.results.output import open_output
 from pipeline.scene.dataset import CameraEntry
@@ -97,7 +96,6 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
-    """Remove images of earlier builds."""
     shown = [picture for camera in cameras for picture in camera.pictures]
     shown += [picture for camera in cameras for view in camera.views for picture in view.pictures]
     used = {Path(picture.path).name for picture in shown}
@@ -122,7 +120,6 @@ def _page(source: ReportedBuild, manifest: Json, cameras: list[CameraPart], targ
 
 
 def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
-    """Cameras of the stage, each channel by itself."""
     if loaded is None or loaded.dataset is None:
         return {}
     return {seen.full_name: seen for entry in loaded.dataset.cameras for seen in entry.in_channels}

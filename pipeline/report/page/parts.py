@@ -1,6 +1,12 @@
-"""Cameras, views, tables and targets of a build as parts of the page; tables have the very numbers of the files."""
+"""Cameras, views, tables and targets of a build as parts of the page; tables have the very numbers of the files.
+
+Data are scripts: a page from disk may load scripts, and nothing else. Images are copies of small PNGs, tiles of large
+ones, under names made of their digests: what a report already holds is not made again.
+"""
 
 import dataclasses
+import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,21 +15,81 @@ from typing import Any
 import numpy as np
 
 from pipeline.channel_names import body_and_channel, folder_of
-from pipeline.report.page.images import picture_of
-from pipeline.report.page.records import CameraPart, MicroImageData, Picture, TableData, TargetPart, View
-from pipeline.report.page.residuals import residuals
-from pipeline.report.page.scripts import Scripts
+from pipeline.files.png import png_size, read_png, write_png
+from pipeline.frames import apply
+from pipeline.records.plain import to_plain
+from pipeline.report.page.records import (
+    CameraPart,
+    Histogram,
+    MicroImageData,
+    Picture,
+    Residuals,
+    TableData,
+    TargetPart,
+    View,
+)
 from pipeline.report.page.shapes import matrix
 from pipeline.report.text import Figure
 from pipeline.results.folder import BuiltFolder
 from pipeline.results.output import Output
-from pipeline.results.records import BuiltCamera, BuiltView
+from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
 _MOST_FACES = 20_000
 """Faces of a target in the 3-D view; one with more is left out there."""
+_FUNCTION = "plenopticReport"
+"""Name of the function that a script calls with its name and its data."""
+_WHOLE_PX = 2048
+"""Longest edge of an image that is one file: browsers decode it in a few hundredths of a second."""
+_TILE_PX = 512
+"""Edge of a tile: a screen shows a dozen, and an image of 12 megapixels has about sixty on all levels."""
+_NAME = 16
+"""Digits of a digest in a name: 64 bits, among thousands of images never the same by chance."""
+_BINS = 40
+"""Bins of a histogram."""
+_POINTS = 4000
+"""Most points of a map: more are a blot, and bytes."""
+
+
+class Scripts:
+    """The scripts of one report, below `data/`."""
+
+    def __init__(self, report: Path) -> None:
+        self.report = report
+        self.written: set[str] = set()
+
+    def write(self, name: str, record: Any) -> str:
+        """Write a record; returns the path of its script below the report."""
+        place = f"data/{name}.js"
+        text = json.dumps(to_plain(record), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        replace(self.report / place, f"{_FUNCTION}({json.dumps(name)},{text});\n".encode())
+        self.written.add(place)
+        return place
+
+    def keep(self, name: str) -> str | None:
+        """Path of a script of an earlier report that is still true; None if there is none."""
+        place = f"data/{name}.js"
+        if not (self.report / place).is_file():
+            return None
+        self.written.add(place)
+        return place
+
+    def remove_others(self) -> None:
+        """Remove scripts that this report does not have."""
+        for path in (self.report / "data").glob("*.js"):
+            if f"data/{path.name}" not in self.written:
+                path.unlink()
+
+
+def replace(path: Path, content: bytes) -> None:
+    """Write a file aside and put it into place, unless it is there already."""
+    if path.is_file() and path.read_bytes() == content:
+        return
+    aside = path.with_name(f"{path.name}.new")
+    aside.write_bytes(content)
+    aside.replace(path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,5 +226,131 @@ def _keys(rows: np.recarray) -> list[tuple[int, int]]:
 
 
 def _plain(column: np.ndarray) -> tuple[Any, ...]:
-    """Cells of a column; None where one is empty."""
     return tuple(None if cell != cell else cell for cell in column.tolist())
+
+
+def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
+    """Put an image of the build into the folder of the report, unless it is there; returns where it is.
+
+    Raises UsageError if the image is gone, and DamagedFile.
+    """
+    source, name = folder.present(file), f"images/{folder.digests[file][:_NAME]}"
+    width, height = png_size(source)
+    shown = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)
+    if max(width, height) <= _WHOLE_PX:
+        if not (report / shown.path).is_file():
+            shutil.copyfile(source, report / shown.path)
+        return shown
+    levels = levels_of(width, height)
+    if not (report / name / "0").is_dir():  # the smallest level is written last
+        _write_tiles(report / name, read_png(source), levels)
+    return dataclasses.replace(shown, path=name, tile_px=_TILE_PX, levels=levels)
+
+
+def levels_of(width_px: int, height_px: int) -> int:
+    """Number of levels, each half of the next one; level 0 fits into one tile."""
+    levels, longest = 1, max(width_px, height_px)
+    while longest > _TILE_PX:
+        levels, longest = levels + 1, (longest + 1) // 2
+    return levels
+
+
+def _write_tiles(place: Path, pixels: np.ndarray, levels: int) -> None:
+    """Write all levels, the finest with the very pixels of the image."""
+    if pixels.ndim == 3 and (pixels == pixels[..., :1]).all():
+        pixels = pixels[..., 0]  # a third of the bytes
+    for level in reversed(range(levels)):
+        aside = place / f"{level}.new"
+        aside.mkdir(parents=True, exist_ok=True)
+        height, width = pixels.shape[:2]
+        for y in range(0, height, _TILE_PX):
+            for x in range(0, width, _TILE_PX):
+                tile = pixels[y : y + _TILE_PX, x : x + _TILE_PX]
+                write_png(aside / f"{x // _TILE_PX}_{y // _TILE_PX}.png", tile)
+        aside.replace(place / str(level))
+        pixels = _halved(pixels)
+
+
+def _halved(pixels: np.ndarray) -> np.ndarray:
+    """Means of 2 x 2 pixels, the last row and column doubled where they are odd; dtype as before."""
+    odd = [(0, size % 2) for size in pixels.shape[:2]] + [(0, 0)] * (pixels.ndim - 2)
+    even = np.pad(pixels, odd, mode="edge").astype(np.uint32)
+    total = even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+    return ((total + 2) // 4).astype(pixels.dtype)
+
+
+def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Residuals:
+    """Statistics over all frames; maps show evenly taken rows. The certificate is that of the manifest, if any."""
+    claim_px = certificate["claim_px"] if certificate else None
+    apart = np.array(certificate["differences_px"] if certificate else (), float)
+    rows = camera.correspondences
+    empty = np.zeros(0)
+    if len(rows) == 0:
+        return Residuals(histograms=(), **dict.fromkeys(("x_px", "y_px", "rho_px", "dx_px", "dy_px"), ()))
+    off = _off_pinhole(camera)
+    sigma = np.hypot(rows.sigma_x_px, rows.sigma_y_px)
+    title = f"Differences that the certificate found, {len(apart)} of {len(rows):,} rows"
+    histograms = [
+        _histogram(title, apart, is_logarithmic=True, mark=claim_px),
+        _histogram("Stated standard error of a row", sigma, is_logarithmic=True, mark=claim_px),
+        _histogram("Signed blur radius", rows.rho_px),
+        _histogram("Hit fraction", rows.hit_fraction, ""),
+    ]
+    if off is not None and camera.pinhole_with_distortion is not None:
+        title, rms = "Left by the pinhole with distortion", camera.pinhole_with_distortion.rms_px
+        lengths = np.hypot(*off.T)
+        histograms.append(_histogram(title, lengths, is_logarithmic=True, mark=rms, mark_name="its rms"))
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(_POINTS, len(rows))).astype(int))
+    dx, dy = (empty, empty) if off is None else off[chosen].T
+    return Residuals(
+        histograms=tuple(histogram for histogram in histograms if histogram is not None),
+        x_px=drawn(rows.x_px[chosen]),
+        y_px=drawn(rows.y_px[chosen]),
+        rho_px=drawn(rows.rho_px[chosen]),
+        dx_px=tuple(dx.tolist()),
+        dy_px=tuple(dy.tolist()),
+    )
+
+
+def _off_pinhole(camera: BuiltCamera) -> np.ndarray | None:
+    """Positions minus those of the equivalent pinhole with distortion, (n, 2) [px]; None of plenoptic cameras."""
+    pinhole = camera.pinhole_with_distortion
+    if pinhole is None or camera.is_plenoptic:
+        return None
+    parts = [_off_in_view(view, pinhole) for view in camera.views]
+    return np.concatenate([part for part in parts if part is not None]) if parts else None
+
+
+def _off_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
+    rows, off = view.correspondences, np.full((len(view.correspondences), 2), np.nan)
+    for name, pose in view.poses.pinhole_from_target.items():
+        on_target = rows.target == name
+        points = np.column_stack([rows[f"target_{axis}_mm"][on_target] for axis in "xyz"])
+        seen_px = np.column_stack([rows.x_px[on_target], rows.y_px[on_target]])
+        off[on_target] = seen_px - pinhole.projected(apply(pose, points))
+    return off
+
+
+def _histogram(
+    title: str,
+    values: np.ndarray,
+    unit: str = "px",
+    *,
+    is_logarithmic: bool = False,
+    mark: float | None = None,
+    mark_name: str = "the claim",
+) -> Histogram | None:
+    """A histogram of finite values, or over decades of those above 0; None if there are none."""
+    values = values[np.isfinite(values) & ((values > 0) | (not is_logarithmic))]
+    if not values.size:
+        return None
+    counts, edges = np.histogram(np.log10(values) if is_logarithmic else values, _BINS)
+    return Histogram(
+        title=title,
+        unit=unit,
+        is_logarithmic=is_logarithmic,
+        edges=tuple((10.0**edges if is_logarithmic else edges).tolist()),
+        counts=tuple(counts.tolist()),
+        mark=mark,
+        mark_name=mark_name,
+    )

@@ -17,7 +17,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.files.npy import StackedRows
 from pipeline.records.plain import from_plain, to_plain
-from pipeline.tasks.params.images import Exposure
+from pipeline.tasks.params.cameras import Exposure
 from pipeline.truth.grid.ray_grid import image_from_fine
 
 Inputs = dict[str, dict[str, Path]]
@@ -31,9 +31,7 @@ _KEPT = 4
 
 
 def focused_camera(inputs: Inputs, role: str = "camera") -> Camera:
-    """The camera written by the task `focus` or `channel`, with near and far planes if the task reads those of
-    `planes`.
-    """
+    """The camera of a task `focus` or `channel`, with near and far planes if the task reads those of `planes`."""
     camera = from_plain(Camera, read_json(inputs[role][FOCUSED]))
     return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
 
@@ -82,12 +80,8 @@ def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Some positions of the fine grid, row by row.
-
-    `index`, (n,) int64: indices of the positions, counted from the first position of the band.
-    `pixels`, (n, 2) int64: column and row in the whole grid.
-    `positions_mm`, (n, 2) float64: positions on the sensor, vision frame.
-    `microlens`, (n,) int64: index of the microlens in whose cell each position lies.
+    """Some positions of the fine grid, row by row: indices from the first of the band, columns and rows in all,
+    places on the sensor, vision frame, and the microlens in whose cell each lies.
     """
 
     index: np.ndarray

@@ -8,7 +8,7 @@ from pipeline.records.plain import from_plain
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget, target_from_plain
-from pipeline.tasks.params.placed import PlacedOccluder, PlacedTarget
+from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget
 
 
 def placed_target(entry: PlacedTarget) -> tuple[AnyTarget, np.ndarray]:

@@ -9,7 +9,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
-from pipeline.tasks.params.truth import TruthTable
+from pipeline.tasks.params.frames import TruthTable
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
 from pipeline.truth.rows import Correspondences
@@ -50,7 +50,7 @@ CHANNEL = "channel"
 def column_order(table: TruthTable) -> list[str]:
     """Names of all columns that the stage asks for, in order."""
     settings, after = table.settings, COLUMNS.index("camera") + 1
-    channel = [] if table.labels.channel is None else [CHANNEL]
+    channel = [] if table.channel is None else [CHANNEL]
     sets = (name for column_set in settings.column_sets for name in column_names(column_set))
     return [*COLUMNS[:after], *channel, *COLUMNS[after:], *sets]
 
@@ -100,7 +100,7 @@ def columns_of(
         truth.method.tolist(),
     )
     columns: dict[str, Any] = dict(zip(COLUMNS, values, strict=True))
-    channel = table.labels.channel
+    channel = table.channel
     return columns if channel is None else {**columns, CHANNEL: [channel.name] * rows}
 
 
@@ -145,11 +145,11 @@ class TargetNote:
 
 def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> list[str]:
     """Comment lines of a table, without those about its targets; no supersampling K without position images."""
-    settings, labels, light = table.settings, table.labels, table.labels.light
+    settings, light = table.settings, table.light
     empty = "" if camera.microlenses else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
-    channel = [] if labels.channel is None else [labels.channel.text]
-    mean = "" if labels.channel is None else ", their mean"
+    channel = [] if table.channel is None else [table.channel.text]
+    mean = "" if table.channel is None else ", their mean"
     return [
         f"exact image positions of target points: camera {table.camera}, frame {table.frame}",
         *channel,
@@ -158,9 +158,9 @@ def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> l
         " camera = vision frame x right, y down, z forward, origin at the aperture stop",
         f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
-        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm{mean}; indices: {labels.index_source};"
+        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm{mean}; indices: {table.index_source};"
         f" stop: {camera.prescription.stop.aperture}; footprint: {light.footprint}",
-        f"seed: {labels.seed}" + (f"; K: {supersampling}; samples: {labels.samples}" if supersampling else ""),
+        f"seed: {table.seed}" + (f"; K: {supersampling}; samples: {table.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),

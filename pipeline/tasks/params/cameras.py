@@ -1,4 +1,4 @@
-"""Parameters of the tasks that determine a camera, describe it, and trace its bundles and micro-images."""
+"""Parameters of the tasks of a camera whatever it sees: its focus, bundles, micro-images and white images."""
 
 from dataclasses import dataclass, replace
 
@@ -109,8 +109,9 @@ class FocusLabels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraLabels:
-    """Labels of a camera in camera.json, besides its figures."""
+    """Labels of a camera in camera.json, besides its figures, and what its depth of field is of."""
 
+    circle_of_confusion_px: float
     lens_name: str
     index_source: str
     light: BundleLight
@@ -119,18 +120,10 @@ class CameraLabels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraReport:
-    """Labels of camera.json besides its figures."""
-
-    labels: CameraLabels
-    circle_of_confusion_px: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RaysTile:
     """A band of rows of the image; `square_px` is the edge of the square on which the rays of J start.
 
-    `device` is where they are traced, see `graph.devices`; None: by the processor.
+    `device` is where they are traced, see `graph.variants`; None: by the processor.
     """
 
     first_row: int
@@ -173,3 +166,44 @@ class Parts:
 
     meters_per_unit: float
     up_axis: str
+
+
+BEFORE, CHECK, STRIP = "before", "check", "tile"
+"""Roles of the pass before, of the verdict about it, and, with a number, of a pass over some rows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exposure:
+    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength, or channel; whether they
+    are diffracted; the device that traces them, see `graph.variants`, or None for the processor."""
+
+    samples: int
+    seed: int
+    weight: str
+    wavelength_nm: float
+    channel: ChannelLabel | None = None
+    diffraction: bool = False
+    device: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class White:
+    """The image of a white scene: whole, from a number of tiles, or the first to an end row of it.
+
+    `is_smooth`: neither microlenses nor diffraction. Then it is by quadrature, wherever that knows the light.
+    `noise`: the standard error that was asked for, of the last passes over strips; passes are numbered from 0.
+    """
+
+    exposure: Exposure
+    is_smooth: bool
+    rows: tuple[int, int] | None = None
+    number: int = 0
+    tiles: int = 0
+    noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseCheck:
+    """Standard error that was asked for, relative to the mean of the image."""
+
+    noise: float

@@ -150,7 +150,7 @@ def with_own_bundles(
     """
     others = np.flatnonzero(rows.method != "direct")
     solutions = rows.solutions.only(others)
-    x_px, on = np.stack([solutions.x_px, solutions.y_px], axis=1), planes[solutions.point]
+    x_px, on = solutions.xy_px, planes[solutions.point]
     wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
     bundles = integrals(rig.tracer, wanted, _BLUR_LEVEL)
     blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, solutions.jacobian, bundles.moments)
@@ -172,7 +172,7 @@ def polished(
     rows = estimated.solutions
     trusted = _SIGMAS * rows.error_px <= settings.claim_px
     doubtful = rows.only(~trusted)
-    seeds = Guess(doubtful.point, doubtful.cell, np.stack([doubtful.x_px, doubtful.y_px], axis=1))
+    seeds = Guess(doubtful.point, doubtful.cell, doubtful.xy_px)
     limits = settings.claim_px / 4, settings.min_hit_fraction
     mended = solve(rig, seeds, planes, *limits, doubtful.jacobian)
     everywhere, rays = guesses(rig, planes)

@@ -234,7 +234,6 @@ class Search:
         self.residual[rows] = j
 
     def _j(self, rows: np.ndarray, x_px: np.ndarray, level: int = 0) -> np.ndarray:
-        """J relative to the target point, by default roughly, (n, 2) [mm]."""
         return self._integral(rows, x_px, level).moments[:, :2]
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:

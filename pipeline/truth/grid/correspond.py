@@ -177,7 +177,6 @@ def with_light(
 
 
 def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of the fine position nearest to each solution."""
     k, (height, width) = grid.supersampling, grid.cell.shape
     column, row = (
         np.rint(fine_from_image(np.nan_to_num(x), k)) - first * k

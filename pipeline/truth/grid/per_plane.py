@@ -107,7 +107,6 @@ class _Band:
 def _best(
     plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
 ) -> Correspondences:
-    """The rows of a plane that exist, from the results of all bands."""
     parts = [part for part, _ in seen]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     rows = functools.reduce(Correspondences.joined, parts)

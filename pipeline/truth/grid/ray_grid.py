@@ -89,6 +89,12 @@ class RayGrid(AnyRayGrid):
         )
 
     @property
+    def fine(self) -> tuple[slice, slice]:
+        """Rows and columns of the whole fine grid that these are."""
+        k, (width, height), (left, above) = self.supersampling, self.size_px, self.first_px
+        return slice(above * k, (above + height) * k), slice(left * k, (left + width) * k)
+
+    @property
     def size_px(self) -> tuple[int, int]:
         return self.covariance.shape[1], self.covariance.shape[0]
 

@@ -81,12 +81,12 @@ def column_set(
 
 
 def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    x = chief_points(rig.tracer, rig.microlens(rows.cell), _positions(rows), planes)
+    x = chief_points(rig.tracer, rig.microlens(rows.cell), rows.xy_px, planes)
     return _noted("chief", x, {"no such ray": np.isnan(x[:, 0])}, None)
 
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    around, microlens, start = corners_of(target), rig.microlens(rows.cell), _positions(rows)
+    around, microlens, start = corners_of(target), rig.microlens(rows.cell), rows.xy_px
     edges = around.edges[rows.point] @ pose[:3, :3].T
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
@@ -99,17 +99,13 @@ def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, 
 
 
 def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    radius, start = target.points().radius_mm[rows.point], _positions(rows)
+    radius, start = target.points().radius_mm[rows.point], rows.xy_px
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(~np.isnan(radius)):
         solution = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
         x[i], error[i] = solution.x_px, solution.error_px
     lost = ~np.isnan(radius) & np.isnan(x[:, 0])
     return _noted("centroid", x, {"not a disc": np.isnan(radius), "disc not whole in image or cell": lost}, error)
-
-
-def _positions(rows: Solutions) -> np.ndarray:
-    return np.stack([rows.x_px, rows.y_px], axis=1)
 
 
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:

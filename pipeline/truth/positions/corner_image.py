@@ -55,7 +55,6 @@ class CornerImage:
         return total
 
     def _extremes(self, x_px: np.ndarray) -> np.ndarray:
-        """Least and greatest value of both coordinates over the bundle, (4,)."""
         flat = self._at(x_px)[..., :2].reshape(-1, 2)
         return np.concatenate([flat.min(axis=0), flat.max(axis=0)])
 

@@ -1,0 +1,97 @@
+"""Variants of a build: previews, which are images only, a quarter of the size and with few samples; and tasks on a
+chosen device. Both have keys of their own, and a preview has an output folder of its own.
+"""
+
+import dataclasses
+import math
+from pathlib import Path
+
+from pipeline.camera.parts.camera import Sensor
+from pipeline.engine.options import BuildOptions
+from pipeline.engine.planning.graph import Task, TaskGraph
+from pipeline.engine.project import Project
+from pipeline.engine.records import Params
+from pipeline.errors import UsageError
+from pipeline.scene.dataset import CameraEntry, Dataset
+
+SHRINK = 4
+"""Pixels along each axis that become one in a preview: a sixteenth of the rays, and details remain recognisable."""
+SAMPLES = 16
+"""Most rays per pixel and microlens: noise of about one 8-bit step on a pixel that an edge crosses."""
+
+
+def preview_of(dataset: Dataset) -> Dataset:
+    """The dataset with few, large pixels on the same sensors, and few samples."""
+    return dataclasses.replace(dataset, cameras=tuple(map(_small, dataset.cameras)))
+
+
+def _small(entry: CameraEntry) -> CameraEntry:
+    asked = dataclasses.replace(entry.asked, sensor=_coarse(entry.asked.sensor))
+    return dataclasses.replace(
+        entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), image_noise=None, f_numbers=()
+    )
+
+
+def _coarse(sensor: Sensor) -> Sensor:
+    """The sensor with pixels four times as wide, about its centre; it may be up to three old pixels larger."""
+    return dataclasses.replace(
+        sensor,
+        width_px=math.ceil(sensor.width_px / SHRINK),
+        height_px=math.ceil(sensor.height_px / SHRINK),
+        pitch_mm=sensor.pitch_mm * SHRINK,
+    )
+
+
+def only_images(project: Project) -> Project:
+    """The part of a project that makes pictures to look at: `image.png` and `white.png`."""
+    files = {path: source for path, source in project.files.items() if path.endswith(("/image.png", "/white.png"))}
+    tasks = {source[0] for source in files.values() if not isinstance(source, bytes)}
+    return dataclasses.replace(
+        project,
+        graph=project.graph.up_to(tasks),
+        files=files,
+        findings={},
+        source=None,
+        stage_id=f"{project.stage_id} preview",
+    )
+
+
+def folder_of(out: Path) -> Path:
+    """Output folder of the preview beside that of the dataset: `build/02_plenoptic.preview`."""
+    return out.with_name(f"{out.name}.preview")
+
+
+DEVICES = ("cuda",)
+BUNDLES, IMAGES = ("rays_tile",), ("white", "white_tile", "white_pass", "image", "image_tile", "image_pass")
+"""Kinds of tasks whose rays a device can trace: bundles of position images in float64, those of images in float32."""
+
+
+def on_device(project: Project, options: BuildOptions) -> Project:
+    """The same project with the chosen device for tasks that can run there; its name is one of their params, so it
+    enters their keys.
+
+    Raises UsageError: no device has that name, or other options exclude a device.
+    Raises EnvironmentFault: the device cannot be used on this machine.
+    """
+    if options.device not in DEVICES:
+        raise UsageError(f'there is no device "{options.device}"', hint=f"--device takes {', '.join(DEVICES)}")
+    if options.engine:
+        raise UsageError("--device does not go with --engine", hint="leave one out")
+    from pipeline.jit.device import device_name
+
+    name, graph = device_name(), TaskGraph(project.graph.packages)
+    for task in (project.graph[task] for task in project.graph):
+        graph.add(task.name, task.kind, _on(name, task), task.reads, task.together)
+    return dataclasses.replace(project, graph=graph)
+
+
+def _on(device: str, task: Task) -> Params:
+    """Parameters of a task with the device, if it can use one.
+
+    White images that are smooth cannot: they are by quadrature.
+    """
+    if task.short_kind in BUNDLES:
+        return {**task.params, "device": device}
+    if task.short_kind in IMAGES and not task.params.get("is_smooth"):
+        return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
+    return task.params

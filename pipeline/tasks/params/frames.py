@@ -1,0 +1,200 @@
+"""Parameters of the tasks of frames: what cameras see in them, images, and truth."""
+
+from dataclasses import dataclass
+
+from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.parts.spectrum import Slices
+from pipeline.files.jsonfile import Json
+from pipeline.render.lighting.records import Lighting
+from pipeline.render.spectral.prints import Colours
+from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Exposure
+from pipeline.truth.settings import TruthSettings
+
+Matrix = list[list[float]]
+"""A transform a_from_b, row by row, (4, 4) [mm]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedTarget:
+    """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it."""
+
+    name: str
+    target: Json
+    vision_from_target: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedOccluder:
+    """An occluder in a frame; `occluder` is a plain `targets.occluder.Occluder`."""
+
+    occluder: Json
+    vision_from_occluder: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedView:
+    """Everything in a frame, in the vision frame of a camera."""
+
+    targets: tuple[PlacedTarget, ...]
+    occluders: tuple[PlacedOccluder, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaintedView(PlacedView):
+    """A view with the radiance of everything and of the background, or with the lamps that light it.
+
+    `colours` are those of each target, empty for a neutral one; `lights` is the light of each wavelength of the image
+    where lamps shine.
+    """
+
+    background: float
+    lighting: Lighting | None = None
+    colours: tuple[Colours, ...] = ()
+    lights: tuple[Slices, ...] = ()
+
+
+PICTURE = "picture.npy"
+
+
+def source_name(suffix: str) -> str:
+    """Name of the unchanged picture among the products of its task."""
+    return f"source{suffix}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureFile:
+    """A picture file: its kind by the end of its name, its bytes in base 64, and its colour space."""
+
+    suffix: str
+    encoded: str
+    space: str
+
+
+SHEET = "sheet.png"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """A target whose pattern viewers show."""
+
+    target: Json
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Image:
+    """An image from a number of tiles, or the task's own view; fields as of `White`."""
+
+    exposure: Exposure
+    view: PaintedView | None
+    rows: tuple[int, int] | None = None
+    number: int = 0
+    tiles: int = 0
+    noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaneAsked:
+    """A tangent plane of a target and the points on it (vision frame) [mm]."""
+
+    name: str
+    vision_from_target: Matrix
+    points_mm: list[list[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Positions:
+    """J on each plane, in the part of the image that `extent` names."""
+
+    planes: tuple[PlaneAsked, ...]
+    extent: str
+    sampling: Sampling
+    light: BundleLight
+    square_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruthTable:
+    """A table of correspondences: the method that finds its rows, and its labels; no samples without a search."""
+
+    frame: int
+    camera: str
+    settings: TruthSettings
+    light: BundleLight
+    index_source: str
+    seed: int
+    samples: int | None
+    channel: ChannelLabel | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """A table from a number of tiles, or of the task's own view.
+
+    `points`: of a tile, first and end index of the points of each target, by its name.
+    """
+
+    table: TruthTable
+    view: PlacedView | None
+    square_px: float
+    points: dict[str, tuple[int, int]] | None = None
+    tiles: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedFrame:
+    """Targets of a frame."""
+
+    number: int
+    targets: tuple[PlacedTarget, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate:
+    """The tables of all frames of a camera; no claim if the method promises none."""
+
+    frames: tuple[JudgedFrame, ...]
+    claim_px: float | None
+    square_px: float
+    seed: int
+
+
+BASELINES = "baselines.csv"
+"""Output of the task `baselines`."""
+
+
+def poses_file(number: int) -> str:
+    """Output of the task `frame_poses` that holds a frame."""
+    return f"{number:04d}.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosedFrame:
+    """Poses in a frame; camera_from_target by the name of the target."""
+
+    number: int
+    camera_from_world: Matrix
+    targets: dict[str, Matrix]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FramePoses:
+    """Poses of a camera, with its name, in all frames."""
+
+    camera: str
+    frames: tuple[PosedFrame, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFrame:
+    """camera_from_world of all cameras in a frame, in the order of their names."""
+
+    number: int
+    camera_from_world: tuple[Matrix, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baselines:
+    """All cameras of a dataset, by name."""
+
+    cameras: tuple[str, ...]
+    frames: tuple[RigFrame, ...]

@@ -1,0 +1,116 @@
+"""Parameters of the tasks that make files of results: images in colour, raw images, and exports."""
+
+from dataclasses import dataclass
+
+from pipeline.exports.noise import Noise
+from pipeline.files.jsonfile import Json
+from pipeline.optics.transmission import Losses
+from pipeline.render.sensor.colorimetry import Colorimetry
+from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.render.sensor.response import PatternSpread, SensorResponse
+from pipeline.tasks.params.cameras import ChannelLabel
+from pipeline.tasks.params.frames import PlacedView
+
+SPECTRAL = "spectral.exr"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColourImage:
+    """Channels of an image, `image` or `white`, in the order of the tasks that it reads."""
+
+    name: str
+    channels: tuple[ChannelLabel, ...]
+    colorimetry: Colorimetry | None = None
+
+    @property
+    def is_spectral(self) -> bool:
+        """Whether it is the image of a frame in which each channel is one wavelength, another one for each."""
+        lights = [channel.wavelengths_nm for channel in self.channels]
+        return self.name == "image" and len(set(lights)) == len(lights) and set(map(len, lights)) == {1}
+
+
+TIFF, DNG, PREVIEW = "raw.tiff", "raw.dng", "raw.png"
+MAPS = "fixed_pattern.exr"
+TRANSMISSION = "transmission.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expose:
+    """A frame of a camera, which is named: its noise is a function of the name, the frame and the seed."""
+
+    camera: str
+    frame: int
+    seed: int
+    response: SensorResponse
+    irradiation: Irradiation
+    colorimetry: tuple[Colorimetry, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatternMaps:
+    """The sensor of a camera, which is named: its pattern is a function of the name and the specimen."""
+
+    camera: str
+    shape: tuple[int, int]
+    spread: PatternSpread
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LossesOfLight:
+    """Losses of a lens at each wavelength of the light of a camera, or of one of its channels, which is named."""
+
+    channel: str | None
+    of_each: tuple[Losses | None, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transmission:
+    """Losses at the surfaces and in the glass of a lens, in each light that its sensor counts by itself."""
+
+    lights: tuple[LossesOfLight, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SightedCamera:
+    """A camera whose rays are asked for: roles of its tasks `focus` (or `channel`) and `planes`, and its accuracy."""
+
+    camera_role: str
+    planes_role: str
+    seed: int
+    square_px: float
+    min_hit_fraction: float
+    accuracy_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenFrame:
+    """Everything before a camera in a frame."""
+
+    camera: str
+    number: int
+    view: PlacedView
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Export:
+    """An export of one format.
+
+    `code`: digest of the code that writes the format, which no import of the task names.
+    `stage`: name of the dataset, which the files mention.
+    `files`: path in the output folder -> role and output of the task that makes the file.
+    `records`: path in the output folder -> content of a JSON file that is written from the stage itself.
+    `numbers`: the frames.
+    `sights`: name of each camera whose rays the format reads.
+    `views`: views for formats that read the scene.
+    """
+
+    format: str
+    code: str
+    position: str
+    noise: Noise
+    stage: str
+    files: dict[str, tuple[str, str]]
+    records: Json
+    numbers: tuple[int, ...]
+    sights: dict[str, SightedCamera]
+    views: tuple[SeenFrame, ...]
