@@ -20,48 +20,7 @@ from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
-from pipeline.tasks.params.cameras import (
-    PARTS,
-    AskedCamera,
-    CameraLabels,
-    FocusLabels,
-    InChannel,
-    JoinedRays,
-    MicroImagesTile,
-    MicroImageTables,
-    Nothing,
-    Parts,
-    Planes,
-    RaysTile,
-    Stop,
-    White,
-)
-from pipeline.tasks.params.frames import (
-    BASELINES,
-    SHEET,
-    Baselines,
-    FramePoses,
-    Matrix,
-    PictureFile,
-    PosedFrame,
-    RigFrame,
-    Sheet,
-    poses_file,
-    source_name,
-)
-from pipeline.tasks.params.outputs import (
-    DNG,
-    MAPS,
-    PREVIEW,
-    SPECTRAL,
-    TIFF,
-    TRANSMISSION,
-    ColourImage,
-    Expose,
-    LossesOfLight,
-    PatternMaps,
-    Transmission,
-)
+from pipeline.tasks.params import cameras, frames, outputs
 
 
 class DatasetGraph(NamedTuple):
@@ -79,17 +38,17 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
         if isinstance(entry.target, Target):
-            sheet = Sheet(target=plain_from_target(entry.target))
-            files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), SHEET)
+            sheet = frames.Sheet(target=plain_from_target(entry.target))
+            files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), frames.SHEET)
     for picture in dataset.pictures:
-        params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
-        files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
+        params = frames.PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+        files[picture.file] = (add(graph, f"picture/{picture.name}", params), frames.source_name(picture.suffix))
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
-            parts = Parts(meters_per_unit=dataset.meters_per_unit, up_axis=dataset.up_axis)
+            parts = cameras.Parts(meters_per_unit=dataset.meters_per_unit, up_axis=dataset.up_axis)
             task = add(graph, f"parts/{camera.name}", parts, {"camera": f"focus/{camera.name}"})
-            files[camera.parts_file] = (task, PARTS)
+            files[camera.parts_file] = (task, cameras.PARTS)
             _add_poses(graph, files, dataset, camera)
             for seen in camera.in_channels:
                 _add_light(graph, files, seen)
@@ -100,50 +59,52 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
             _add_colours(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
-        files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
+        files["baselines.csv"] = (_add_baselines(graph, dataset), frames.BASELINES)
     add_exports(graph, files, dataset, bare)
     return made
 
 
 def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
     names = [camera.name for camera in dataset.cameras]
-    frames = [
-        RigFrame(number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names))
+    in_frames = [
+        frames.RigFrame(
+            number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names)
+        )
         for frame in dataset.frames
     ]
     reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
-    return add(graph, "baselines", Baselines(cameras=tuple(names), frames=tuple(frames)), reads)
+    return add(graph, "baselines", frames.Baselines(cameras=tuple(names), frames=tuple(in_frames)), reads)
 
 
 def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry) -> None:
     posed = [
-        PosedFrame(
+        frames.PosedFrame(
             number=frame.number,
             camera_from_world=_matrix(frame.camera_from_world[entry.name]),
             targets={name: matrix(pose) for name, pose in target_poses(dataset, frame, entry.name).items()},
         )
         for frame in dataset.frames
     ]
-    params = FramePoses(camera=entry.name, frames=tuple(posed))
+    params = frames.FramePoses(camera=entry.name, frames=tuple(posed))
     task = add(graph, f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
     for frame in dataset.frames:
-        files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, poses_file(frame.number))
+        files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, frames.poses_file(frame.number))
 
 
-def _matrix(rows: tuple[tuple[float, ...], ...]) -> Matrix:
+def _matrix(rows: tuple[tuple[float, ...], ...]) -> frames.Matrix:
     return [list(row) for row in rows]
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    planes = Planes(
+    planes = cameras.Planes(
         near_mm=entry.asked.near_mm,
         far_mm=entry.asked.far_mm,
         circle_of_confusion_px=entry.asked.circle_of_confusion_px,
     )
-    reads = {"camera": add(graph, f"focus/{name}", AskedCamera.of(entry.asked))}
+    reads = {"camera": add(graph, f"focus/{name}", cameras.AskedCamera.of(entry.asked))}
     settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
-    pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
+    pinhole = add(graph, f"pinhole/{name}", cameras.Nothing(), settled)
     report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
 
@@ -153,14 +114,14 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
     name, folder, reads = entry.full_name, f"cameras/{entry.folder}", {"camera": f"focus/{entry.name}"}
     if entry.channel is not None:
         nameless = dataclasses.replace(entry.channel, name="")
-        reads = {"camera": add(graph, f"channel/{name}", InChannel(channel=nameless), reads)}
+        reads = {"camera": add(graph, f"channel/{name}", cameras.InChannel(channel=nameless), reads)}
     if entry.delivers_rays or entry.truth.searches:
         settled = {**reads, "planes": f"planes/{entry.name}"}
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
-        stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
+        stopped = add(graph, f"stop/{name}/{shown}", cameras.Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
         white = _add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}")
         files |= _white_files(white, at, f"{at}.")
@@ -175,11 +136,11 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
     for kind, frame, folder in images if seen else ():
         reads = {f"channel{i}": f"{kind}/{camera.full_name}{frame}" for i, camera in enumerate(seen)}
-        params = ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
+        params = outputs.ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
         joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
         if params.is_spectral:
-            files[f"{folder}/{SPECTRAL}"] = (joined, SPECTRAL)
+            files[f"{folder}/{outputs.SPECTRAL}"] = (joined, outputs.SPECTRAL)
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
@@ -188,13 +149,13 @@ def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name
     is_smooth = entry.asked.microlenses is None and not exposure.diffraction
     if noise is None:
         bands = image_bands(sensor, entry.image_samples)
-        parts = [White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
+        parts = [cameras.White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
         tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
-        params = White(exposure=exposure, tiles=len(tiles), is_smooth=is_smooth)
+        params = cameras.White(exposure=exposure, tiles=len(tiles), is_smooth=is_smooth)
     else:
-        first = [White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in strips(sensor)]
+        first = [cameras.White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in strips(sensor)]
         tiles = add_passes(graph, f"white_pass/{name}", first, reads, noise)
-        params = White(exposure=exposure, tiles=len(first), is_smooth=is_smooth, noise=noise)
+        params = cameras.White(exposure=exposure, tiles=len(first), is_smooth=is_smooth, noise=noise)
     white = add(graph, f"white/{name}", params, {**reads, **tiles})
     return white, _add_micro_images(graph, entry, reads, name) if entry.asked.microlenses else None
 
@@ -211,23 +172,23 @@ def _white_files(tasks: tuple[str, str | None], white_at: str, tables_at: str) -
 def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:
     assert entry.asked.microlenses is not None
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
-    parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
+    parts = [cameras.MicroImagesTile(tile=number, tiles=count) for number in range(count)]
     tiles = add_tiles(graph, f"micro_images_tile/{name}", parts, reads)
-    return add(graph, f"micro_images/{name}", MicroImageTables(tiles=len(tiles)), {**reads, **tiles})
+    return add(graph, f"micro_images/{name}", cameras.MicroImageTables(tiles=len(tiles)), {**reads, **tiles})
 
 
-def labels_of(entry: CameraEntry) -> CameraLabels:
+def labels_of(entry: CameraEntry) -> cameras.CameraLabels:
     """Labels of a camera in camera.json, besides its figures."""
     asked, focus = entry.asked, None
     if isinstance(asked, FocusRequest):
-        focus = FocusLabels(
+        focus = cameras.FocusLabels(
             focus_distance_mm=asked.focus_distance_mm,
             focus_type=None if asked.focus_distance_mm is None else asked.type,
             focus_groups=asked.focus_groups,
             group_shift_mm=entry.group_shift_mm,
             stop_match="microlenses" if asked.match_stop else "none",
         )
-    return CameraLabels(
+    return cameras.CameraLabels(
         circle_of_confusion_px=asked.circle_of_confusion_px,
         lens_name=entry.lens_name,
         index_source=entry.index_source,
@@ -243,12 +204,12 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
         f"tile{number}": add(
             graph,
             f"rays_tile/{entry.full_name}/{number:04d}",
-            RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
+            cameras.RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
             reads,
         )
         for number, (first, end) in enumerate(bands)
     }
-    params = JoinedRays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
+    params = cameras.JoinedRays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
     return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})
 
 
@@ -258,16 +219,16 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     if response is None or irradiation is None:
         return
     kind = "colour_image" if entry.channels else "image"
-    cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
+    of_cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
     channels = [radiance.channel for radiance in irradiation.channels]
-    cameras |= {f"camera_{channel}": f"channel/{name_with(name, channel)}" for channel in channels}
+    of_cameras |= {f"camera_{channel}": f"channel/{name_with(name, channel)}" for channel in channels}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:
-        transmission = add(graph, f"transmission/{name}", lossy, cameras)
-        files[f"cameras/{name}/{TRANSMISSION}"] = (transmission, TRANSMISSION)
+        transmission = add(graph, f"transmission/{name}", lossy, of_cameras)
+        files[f"cameras/{name}/{outputs.TRANSMISSION}"] = (transmission, outputs.TRANSMISSION)
     for frame in dataset.frames:
-        params = Expose(
+        params = outputs.Expose(
             camera=name,
             frame=frame.number,
             seed=entry.sampling.seed,
@@ -276,16 +237,19 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
             colorimetry=entry.colorimetry,
         )
         image = f"{kind}/{name}/{frame.number:04d}"
-        reads = {"image": image} | cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
+        reads = {"image": image} | of_cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
         raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
-        files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
-    pattern = PatternMaps(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
-    files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)
+        files |= {
+            f"frames/{frame.number:04d}/{name}/{file}": (raw, file)
+            for file in (outputs.TIFF, outputs.DNG, outputs.PREVIEW)
+        }
+    pattern = outputs.PatternMaps(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
+    files[f"cameras/{name}/{outputs.MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), outputs.MAPS)
 
 
-def _lossy(irradiation: Irradiation) -> Transmission | None:
+def _lossy(irradiation: Irradiation) -> outputs.Transmission | None:
     """Losses of an exposure by radiance in the lens; None: there are none."""
-    lights = [LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
+    lights = [outputs.LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
     if irradiation.radiance:
-        lights = [LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
-    return Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None
+        lights = [outputs.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
+    return outputs.Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None

@@ -13,24 +13,13 @@ from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_
 from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Exposure
-from pipeline.tasks.params.frames import (
-    Certificate,
-    Image,
-    JudgedFrame,
-    PaintedView,
-    PlacedView,
-    PlaneAsked,
-    Positions,
-    Truth,
-    TruthTable,
-)
+from pipeline.tasks.params import cameras, frames
 from pipeline.truth.planes import plane_name
 
 
-def exposure_of(entry: CameraEntry) -> Exposure:
+def exposure_of(entry: CameraEntry) -> cameras.Exposure:
     """The rays of every image of a camera."""
-    return Exposure(
+    return cameras.Exposure(
         samples=entry.image_samples,
         seed=entry.sampling.seed,
         weight=entry.weight,
@@ -40,21 +29,21 @@ def exposure_of(entry: CameraEntry) -> Exposure:
     )
 
 
-def channel_label(entry: CameraEntry) -> ChannelLabel | None:
+def channel_label(entry: CameraEntry) -> cameras.ChannelLabel | None:
     """The label of the channel of a camera, for images and tables."""
     if entry.channel is None:
         return None
     nodes = entry.channel.nodes
-    return ChannelLabel(
+    return cameras.ChannelLabel(
         name=entry.channel.name,
         wavelengths_nm=tuple(node.wavelength_nm for node in nodes),
         shares=tuple(node.weight for node in nodes),
     )
 
 
-def light_of(entry: CameraEntry) -> BundleLight:
+def light_of(entry: CameraEntry) -> cameras.BundleLight:
     """The light of a camera's bundles."""
-    return BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
+    return cameras.BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
 def frame_of(task: Task, field: str | None) -> int | None:
@@ -86,7 +75,7 @@ class FrameTasks:
     ) -> None:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
-        self._table = TruthTable(
+        self._table = frames.TruthTable(
             frame=0,
             camera=entry.name,
             settings=entry.truth.that_count,
@@ -103,7 +92,7 @@ class FrameTasks:
         self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
-        self._judged: list[JudgedFrame] = []
+        self._judged: list[frames.JudgedFrame] = []
 
     def add(self, frame: Frame) -> None:
         """Add the tasks of a frame."""
@@ -117,7 +106,7 @@ class FrameTasks:
 
     def add_certificate(self) -> str:
         """Add the task that judges all frames added so far; returns its name."""
-        params = Certificate(
+        params = frames.Certificate(
             frames=tuple(self._judged),
             claim_px=self.entry.truth.claim_px,
             square_px=self.entry.square_px,
@@ -128,31 +117,31 @@ class FrameTasks:
         }
         return add(self.graph, f"certificate/{self.entry.full_name}", params, {**self._reads, **truths})
 
-    def _add_image(self, name: str, view: PaintedView) -> str:
+    def _add_image(self, name: str, view: frames.PaintedView) -> str:
         if self.entry.image_noise is not None:
             return self._add_image_in_passes(name, view, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
-        parts = [Image(exposure=exposure, view=view, rows=rows) for rows in self._bands]
+        parts = [frames.Image(exposure=exposure, view=view, rows=rows) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
         tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
-        params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
+        params = frames.Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
         reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
-    def _add_image_in_passes(self, name: str, view: PaintedView, noise: float) -> str:
+    def _add_image_in_passes(self, name: str, view: frames.PaintedView, noise: float) -> str:
         exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
-        parts = [Image(exposure=exposure, view=view, rows=rows) for rows in strips(self.entry.asked.sensor)]
+        parts = [frames.Image(exposure=exposure, view=view, rows=rows) for rows in strips(self.entry.asked.sensor)]
         reads = {**self._reads, "white": f"{white}/", **self._pictures}
         passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
         last = passes_of(exposure.samples) - 1
         whites = {f"white{strip}": pass_name(white, strip, last) for strip in range(len(parts))}
-        params = Image(exposure=exposure, tiles=len(parts), view=None, noise=noise)
+        params = frames.Image(exposure=exposure, tiles=len(parts), view=None, noise=noise)
         return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **passes})
 
-    def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
+    def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> frames.PaintedView:
         lighting = self.painted.lighting(frame, self.entry.name, self.entry.bounces)
-        return PaintedView(
+        return frames.PaintedView(
             targets=self.painted.targets(poses, named=False),
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
@@ -163,11 +152,11 @@ class FrameTasks:
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
         targets = self.bare.targets(poses)
-        self._judged.append(JudgedFrame(number=frame.number, targets=targets))
+        self._judged.append(frames.JudgedFrame(number=frame.number, targets=targets))
         # Only the saddle of a blurred corner depends on colours.
         if "saddle" in self.entry.truth.column_sets:
             targets = self.painted.targets(poses)
-        view = PlacedView(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
+        view = frames.PlacedView(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
         table = replace(self._table, frame=frame.number)
         reads = dict(self._reads)
         if self.entry.truth.searches:
@@ -178,18 +167,18 @@ class FrameTasks:
             reads["positions"] = self._add_positions(name, folder, poses)
         square_px = self.entry.square_px
         parts = [
-            Truth(table=table, view=view, square_px=square_px, points=points)
+            frames.Truth(table=table, view=view, square_px=square_px, points=points)
             for points in self._points
             if not self.entry.truth.searches  # a search in position images is a single task
         ]
         tiles = add_tiles(self.graph, f"truth_tile/{name}", parts, reads)
-        params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
+        params = frames.Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
         return add(self.graph, f"truth/{name}", params, {**reads, **tiles})
 
     def _add_positions(self, name: str, folder: str, poses: dict[str, np.ndarray]) -> str:
         entry = self.entry
         planes = [plane for target in self.dataset.targets for plane in _tangent_planes(target, poses[target.name])]
-        params = Positions(
+        params = frames.Positions(
             planes=tuple(planes),
             extent=entry.extent,
             sampling=entry.sampling,
@@ -201,11 +190,11 @@ class FrameTasks:
         return positions
 
 
-def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:
+def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[frames.PlaneAsked]:
     """Every tangent plane of a target, including those that face away."""
     points = entry.target.points()
     return [
-        PlaneAsked(
+        frames.PlaneAsked(
             name=plane_name(entry.name, number, len(points.frames)),
             vision_from_target=matrix(vision_from_target @ plane.target_from_plane),
             points_mm=apply(vision_from_target, points.position_mm[plane.members]).tolist(),

@@ -15,9 +15,9 @@ def acceptance_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0
     return Acceptance(float(power), math.radians(half_deg), math.radians(roll_deg), False)
 
 
-def behind_a_hole(array: MicrolensArray, **pixels: object) -> Tracer:
+def behind_a_hole(array: MicrolensArray, size_px: int = 60, pitch_mm: float = 0.02, **pixels: object) -> Tracer:
     """Microlenses, and no main lens."""
-    sensor = Sensor(width_px=60, height_px=60, pitch_mm=0.02, **pixels)
+    sensor = Sensor(width_px=size_px, height_px=size_px, pitch_mm=pitch_mm, **pixels)
     return Tracer(
         Camera(
             prescription=rigs.hole(500.0),

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from laws.holes import behind_a_hole
 from scipy.stats import qmc
 from tolerances import ORDER, SIGMAS, STRATIFIED
 
-from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import projected_solid_angle, regular
 from pipeline.camera.rig import Rig
@@ -56,13 +57,7 @@ def test_the_weights_of_a_camera_that_blocks_nothing_add_up_to_its_free_weight()
     array = MicrolensArray(
         pitch_mm=2.0, focal_lengths_mm=(3.0,), width_mm=2.0, height_mm=2.0, distance_mm=1.5, rotation_deg=17.0
     )
-    camera = Camera(
-        prescription=rigs.hole(500.0),
-        sensor=Sensor(width_px=2, height_px=2, pitch_mm=1.0),
-        sensor_distance_mm=10.0,
-        microlenses=array,
-    )
-    tracer, positions = Tracer(camera), np.random.default_rng(1).uniform(-0.9, 0.9, (50, 2))
+    tracer, positions = behind_a_hole(array), np.random.default_rng(1).uniform(-0.9, 0.9, (50, 2))
     row = int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
     pixels = np.stack([np.arange(50), np.arange(50)], axis=1)
     found = tracer.moments(positions, np.full(50, row), parallel_planes(20.0, 30.0), 1 << 14, pixels)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from laws.holes import behind_a_hole
 from tolerances import ORDER, ROUNDING_MM
 
 from pipeline.camera.bundle import bundle
@@ -21,8 +22,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 """A stop alone has no focal length."""
 
 
-def behind_a_hole(focal_mm: float, rotation_deg: float = 0.0) -> Camera:
-    """Microlenses of one focal length 1.7 mm before the sensor, and no main lens."""
+def microlenses(focal_mm: float, rotation_deg: float = 0.0) -> Tracer:
+    """Of one focal length 1.7 mm before the sensor, and no main lens."""
     array = MicrolensArray(
         pitch_mm=0.5,
         focal_lengths_mm=(focal_mm,),
@@ -31,27 +32,19 @@ def behind_a_hole(focal_mm: float, rotation_deg: float = 0.0) -> Camera:
         distance_mm=1.7,
         rotation_deg=rotation_deg,
     )
-    return Camera(
-        prescription=rigs.hole(500.0),
-        sensor=Sensor(width_px=100, height_px=100, pitch_mm=0.03),
-        sensor_distance_mm=20.0,
-        microlenses=array,
-        near_mm=100.0,
-        far_mm=200.0,
-    )
+    return behind_a_hole(array, 100, 0.03)
 
 
 @pytest.mark.parametrize("focal_mm", [1.9, 1.2])
 @pytest.mark.parametrize("x_px", [49.5, 52.2, 71.0])
 def test_rays_from_a_sensor_point_meet_in_its_conjugate_point(focal_mm: float, x_px: float) -> None:
     """1/b = 1/f - 1/B: behind the array for f > B (a virtual object), before it for f < B; sharp without exception."""
-    camera = behind_a_hole(focal_mm)
+    tracer = microlenses(focal_mm)
     distance_mm = 1 / (1 / focal_mm - 1 / 1.7)
-    rays = bundle(camera, x_px, 40.0, samples=256)
+    rays = bundle(tracer.camera, x_px, 40.0, samples=256)
     points = rays.at_distance(-18.3 + distance_mm)
     assert np.ptp(rays.at_distance(-18.3), axis=0).min() > 0.3
     np.testing.assert_allclose(points, np.tile(points[0], (256, 1)), rtol=0, atol=ROUNDING_MM)
-    tracer = Tracer(camera)
     position = tracer.positions_mm(np.array([x_px]), np.array([40.0]))
     images = micro_images(tracer)
     vertex = -np.array([tracer.lattice.x_mm, tracer.lattice.y_mm]).T[images.owner(position)[0]]
@@ -62,10 +55,9 @@ def test_rays_from_a_sensor_point_meet_in_its_conjugate_point(focal_mm: float, x
 @pytest.mark.parametrize("rotation_deg", [0.0, 13.0])
 def test_a_microlens_aperture_is_its_hexagonal_cell(rotation_deg: float) -> None:
     """No point of a bundle in the array's plane is nearer to another vertex, and corners are filled."""
-    camera = behind_a_hole(1.9, rotation_deg)
-    tracer = Tracer(camera)
+    tracer = microlenses(1.9, rotation_deg)
     vertices = -np.stack([tracer.lattice.x_mm, tracer.lattice.y_mm], axis=1)
-    points = bundle(camera, 49.5, 49.5, samples=4096).at_distance(-18.3)
+    points = bundle(tracer.camera, 49.5, 49.5, samples=4096).at_distance(-18.3)
     distance = np.linalg.norm(points[:, None] - vertices, axis=2)
     assert np.all(distance.min(axis=1) >= np.linalg.norm(points, axis=1) - 1e-9)
     assert np.linalg.norm(points, axis=1).max() > 0.98 * 0.5 / math.sqrt(3)
