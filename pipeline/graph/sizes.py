@@ -58,7 +58,7 @@ def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[
         # All frames have tasks alike: a graph of two tells what each adds.
         graphs = [graph_of(replace(dataset, frames=dataset.frames[:count]))[0] for count in (1, 2)]
         costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
-        tasks, seconds = (one + (frames - 1) * (two - one) for one, two in zip(*costs, strict=True))
+        tasks, seconds = (first + (frames - 1) * (both - first) for first, both in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
         job = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
         return [f"{job}: about {duration(seconds)} of processor time{sooner}"]

@@ -66,7 +66,7 @@ def pages_of(target: Target, name: str) -> list[PrintPage]:
 def paper_of(pages: list[PrintPage]) -> str:
     """Number and size of the pages, and the smallest paper that holds the largest of them."""
     short, long = (max(side(page.width_mm, page.height_mm) for page in pages) for side in (min, max))
-    fits = (name for name, (one, other) in _PAPERS_MM.items() if short <= one and long <= other)
+    fits = (name for name, (width, height) in _PAPERS_MM.items() if short <= width and long <= height)
     paper = next(fits, None)
     on = f"fits {paper}" if paper else "is larger than A0: a print shop has rolls"
     return (

@@ -20,7 +20,7 @@ def lines(cameras: dict[str, Json]) -> list[str]:
         edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
         own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
         whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
-        text += [_LEGEND, *(_row(*one) for one in ((certificate, whole), *kinds, *(edges if len(edges) > 1 else ())))]
+        text += [_LEGEND, *(_row(*part) for part in ((certificate, whole), *kinds, *(edges if len(edges) > 1 else ())))]
     return text
 
 

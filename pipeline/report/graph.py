@@ -99,8 +99,8 @@ class _Place:
 
     column: int
     is_box: bool
-    left_ones: list["_Place"] = field(default_factory=list)
-    right_ones: list["_Place"] = field(default_factory=list)
+    left_neighbours: list["_Place"] = field(default_factory=list)
+    right_neighbours: list["_Place"] = field(default_factory=list)
     y: float = 0.0  # of its middle
 
     @property
@@ -147,9 +147,9 @@ class _Columns:
             if here.column == other.column:
                 continue
             left, right = (here, other) if step > 0 else (other, here)
-            if right not in left.right_ones:
-                left.right_ones.append(right)
-                right.left_ones.append(left)
+            if right not in left.right_neighbours:
+                left.right_neighbours.append(right)
+                right.left_neighbours.append(left)
 
     def _lane(self, source: str, step: int, column: int) -> _Place:
         key = source, step > 0, column
@@ -168,16 +168,16 @@ def layout(reads: Mapping[str, Sequence[str]]) -> Layout:
         _stack(column)
     for _ in range(_SWEEPS):
         for column in graph.columns[1:]:
-            _sort(column, "left_ones")
+            _sort(column, "left_neighbours")
         for column in graph.columns[-2::-1]:
-            _sort(column, "right_ones")
+            _sort(column, "right_neighbours")
     top = min((place.y - HEIGHT / 2 for column in graph.columns for place in column), default=0.0)
     for column in graph.columns:
         for place in column:
             place.y -= top
     places = [place for column in graph.columns for place in column]
     arrows = {_line(*pair) for pair in graph.arrows}
-    joined = {(one.right, other.left) for one in places for other in one.right_ones}
+    joined = {(place.right, other.left) for place in places for other in place.right_neighbours}
     return Layout(
         boxes={name: (place.left[0], place.y - HEIGHT / 2) for name, place in graph.boxes.items()},
         lanes=[(place.left, place.right) for place in places if not place.is_box],

@@ -75,8 +75,8 @@ def _channels(document: Json) -> Iterator[Figure]:
     for channel in document.get("channels", ()):
         low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
         light = f"{channel['mean_wavelength_nm']:.1f} nm"
-        what = f"mean of {low:.1f} to {high:.1f} nm; focal length {channel['focal_length_mm']:.4f} mm"
-        yield Figure(f"channel {channel['name']}", light, what)
+        remark = f"mean of {low:.1f} to {high:.1f} nm; focal length {channel['focal_length_mm']:.4f} mm"
+        yield Figure(f"channel {channel['name']}", light, remark)
 
 
 def _request(asked: Json) -> str:
@@ -86,10 +86,10 @@ def _request(asked: Json) -> str:
         distance = asked["focus_distance_mm"]
         place = "infinity" if math.isinf(distance) else f"{distance:g} mm"
         shift = asked["group_shift_mm"]
-        what = "sets the sensor distance"
+        effect = "sets the sensor distance"
         if shift is not None:
-            what = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
-        wishes.append(f"focus at {place}{kind} {what}")
+            effect = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
+        wishes.append(f"focus at {place}{kind} {effect}")
     if asked["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)

@@ -52,15 +52,15 @@ def camera_parts(camera: Camera) -> Iterator[Part]:
 
 def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> PartMesh:
     """A solid of glass: two poles on the axis, and rings from the one to the other over the rims."""
-    profiles = [np.column_stack([one.height_mm, one.z_mm]) for one in (front, behind)]
+    profiles = [np.column_stack([shape.height_mm, shape.z_mm]) for shape in (front, behind)]
     rings = np.concatenate([profiles[0][1:], profiles[1][:0:-1]])
     angle = np.linspace(0.0, 2 * math.pi, _AROUND, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     around = [np.column_stack([height * circle, np.full(_AROUND, z)]) for height, z in rings.tolist()]
-    poles = [np.array([[0.0, 0.0, one[0, 1]]]) for one in profiles]
+    poles = [np.array([[0.0, 0.0, profile[0, 1]]]) for profile in profiles]
     half = (len(profiles[0]) - 1) * _AROUND
     points = [*poles, *around]
-    moved = [np.array(one.moved) for one in (front, behind)]
+    moved = [np.array(shape.moved) for shape in (front, behind)]
     placed = np.concatenate(points)
     placed[0], placed[1] = apply(moved[0], placed[:1])[0], apply(moved[1], placed[1:2])[0]
     placed[2 : 2 + half] = apply(moved[0], placed[2 : 2 + half])

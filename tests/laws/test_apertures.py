@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.apertures import HEXAGON, inside
-from laws.bounds import assert_independent_of_bounds, plenoptic_positions
+from laws.bounds import assert_bounds_hold, assert_independent_of_bounds, plenoptic_positions
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer

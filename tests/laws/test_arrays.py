@@ -13,6 +13,7 @@ from laws.holes import acceptance_of, behind_a_hole
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
 from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.parts.camera import WEIGHTS
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -170,34 +171,42 @@ def test_a_cone_takes_what_lies_in_it(aside: float) -> None:
     [{}, {"acceptance": "cosine", "acceptance_power": 2.0}, {"acceptance": "cone", "acceptance_half_angle_deg": 40.0}],
 )
 @pytest.mark.parametrize("disc_mm", [None, 0.8])
+@pytest.mark.parametrize("weight", WEIGHTS)
 def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_weight(
-    disc_mm: float | None, pixels: dict[str, object]
+    weight: str, disc_mm: float | None, pixels: dict[str, object]
 ) -> None:
-    """Hit fraction 1 from anywhere in a square cell, of cells and discs, whatever the pixels take."""
+    """Hit fraction 1 from anywhere in a square cell, of cells and discs, whatever the pixels take; by area, without
+    acceptance, it is their area.
+    """
     aperture = {"aperture": "disc", "disc_diameter_mm": disc_mm} if disc_mm else {}
     array = MicrolensArray(
         layout="square", pitch_mm=1.0, focal_lengths_mm=(3.0,), columns=3, rows=3, distance_mm=1.5, **aperture
     )
-    tracer, positions = behind_a_hole(array, **pixels), np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
+    tracer = Tracer(dataclasses.replace(behind_a_hole(array, **pixels).camera, weight=weight))
+    positions = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
     row = int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
     index = np.stack([np.arange(20), np.arange(20)], axis=1)
     found = tracer.moments(positions, np.full(20, row), parallel_planes(20.0, 30.0), 1 << 16, index)
     # A disc and a cone cut through strata: a boundary of n^(1/2) of n strata, each off by a part of itself.
     cut = 5.0 if disc_mm or "acceptance_half_angle_deg" in pixels else 1.0
     np.testing.assert_allclose(found[:, WEIGHT] / found[:, FREE_WEIGHT], 1.0, rtol=0, atol=cut * STRATIFIED)
+    if weight == "area" and not pixels:
+        assert found[:, FREE_WEIGHT] == pytest.approx(math.pi * 0.16 if disc_mm else 1.0, rel=1e-12)
 
 
-def through(array: MicrolensArray, heights: np.ndarray, start: float = 0.0) -> np.ndarray:
-    """Slopes before the array of rays from a point of the sensor through heights of a microlens's aperture."""
-    tracer = behind_a_hole(array)
-    n = len(heights)
+def through(array: MicrolensArray, heights: np.ndarray) -> np.ndarray:
+    """Slopes before the array of rays from the sensor point on the axis through heights of a microlens's aperture."""
+    tracer, n = behind_a_hole(array), len(heights)
     row = np.full(n, int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0]))
-    starts = np.tile([start, 0.0], (n, 1))
+    is_curved = array.model == "refractive"
+    z_mm = array.faces[0].aperture_z_mm(heights) if is_curved else np.full(n, array.reach_mm - array.distance_mm)
+    points = np.column_stack([heights, np.zeros(n), z_mm])
     aims, position, direction, passes = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
-    points = np.column_stack([heights, np.zeros(n), np.full(n, array.reach_mm - array.distance_mm)])
-    aims_for(tracer.arrays, row, starts, points, aims)
-    rays_before(tracer.arrays, row, starts, aims, position, direction, passes)
+    aims_for(tracer.arrays, row, np.zeros((n, 2)), points, aims)
+    rays_before(tracer.arrays, row, np.zeros((n, 2)), aims, position, direction, passes)
     assert np.all(passes > 0)
+    if is_curved:  # whose points stand back by its sag
+        np.testing.assert_allclose(position[:, 0], heights, rtol=0, atol=1e-12)
     return direction[:, 0] / direction[:, 2]
 
 
@@ -240,21 +249,9 @@ def test_thin_plano_convex_microlenses_near_the_thin_model_as_they_grow_narrow()
         )
         height = np.array([0.2 * share])
         assert array.focal_lengths_mm[0] == pytest.approx(2.1, rel=1e-12)
-        slope = float(through_front(array, height)[0])
+        slope = float(through(array, height)[0])
         errors.append(slope / (height[0] / 1.7 - height[0] / 2.1) - 1)
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
-
-
-def through_front(array: MicrolensArray, heights: np.ndarray) -> np.ndarray:
-    """The same for a curved front face, whose points stand back by its sag."""
-    tracer = behind_a_hole(array)
-    n, row = len(heights), int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
-    points = np.column_stack([heights, np.zeros(n), array.faces[0].aperture_z_mm(heights)])
-    aims, position, direction, passes = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
-    aims_for(tracer.arrays, np.full(n, row), np.zeros((n, 2)), points, aims)
-    rays_before(tracer.arrays, np.full(n, row), np.zeros((n, 2)), aims, position, direction, passes)
-    np.testing.assert_allclose(position[:, 0], heights, rtol=0, atol=1e-12)
-    return direction[:, 0] / direction[:, 2]
 
 
 def test_a_thick_plano_convex_microlens_has_textbook_principal_planes() -> None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from laws.lit import RAYS, lamp, looked, matt, plate, scene, towards
+from laws.rigs import facing
 from tolerances import LIT_ERRORS
 
 from pipeline.render.lighting.records import Input, Material, Texture
@@ -47,9 +48,7 @@ def test_a_rect_lights_a_point_below_its_corner_by_lamberts_formula():
     quarter = 0.5 * (
         x / math.hypot(1, x) * math.atan(y / math.hypot(1, x)) + y / math.hypot(1, y) * math.atan(x / math.hypot(1, y))
     )
-    pose = np.eye(4)
-    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
-    pose[:3, 3] = SPOT[0], SPOT[1], SPOT[2] - d
+    pose = facing(SPOT[2] - d, 0.0, *SPOT[:2])
     agrees([lamp("rect", (a, b), pose)], 4 * quarter)
 
 
@@ -129,10 +128,7 @@ def test_the_edge_of_a_shadow_lies_where_geometry_says():
 
 def test_half_a_lamp_lights_half():
     """A wall that hides exactly half of a lamp from a point halves what arrives there."""
-    pose = np.eye(4)
-    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
-    pose[:3, 3] = SPOT[0], SPOT[1], 400.0
-    one = lamp("rect", (50.0, 50.0), pose)
+    one = lamp("rect", (50.0, 50.0), facing(400.0, 0.0, *SPOT[:2]))
     whole = irradiance([one])
     wall = plate(450.0, 50.0, x_mm=SPOT[0] + 50.0)
     found, error = looked(scene([(plate(500.0), matt(0.5)), (wall, matt(0.0))], [one]), SPOT, EYE)

@@ -11,20 +11,19 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.fast_lens import PIXEL_MM, POINT_MM, fast
-from laws.holes import acceptance_of, behind_a_hole
+from laws.holes import acceptance_of
 from laws.solving import STEPS, by_quadrature, judged_rows, rig_of, solved
 from naive import polar
 from shorter import one_in
-from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
+from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER
 
 from pipeline.camera.parts.camera import WEIGHTS, Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.acceptance import region_weight
-from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.records import Acceptance
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -88,23 +87,6 @@ def test_a_cone_takes_the_area_that_lies_in_it() -> None:
     share = (np.radians(30) - theta) / math.radians(10)
     beyond = math.radians(5) * weight @ (share * np.tan(theta) / np.cos(theta) ** 2) * 2 * math.pi * 4
     assert soft == pytest.approx(hard + beyond, rel=1e-12)
-
-
-@pytest.mark.parametrize("pixels", [{}, {"acceptance": "cone", "acceptance_half_angle_deg": 40.0}])
-@pytest.mark.parametrize("disc_mm", [None, 0.8])
-def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_area(disc_mm: float | None, pixels: dict) -> None:
-    """Hit fraction 1 by area, of cells and discs, whatever the pixels take; without acceptance it is their area."""
-    aperture = {"aperture": "disc", "disc_diameter_mm": disc_mm} if disc_mm else {}
-    array = MicrolensArray(
-        layout="square", pitch_mm=1.0, focal_lengths_mm=(3.0,), columns=3, rows=3, distance_mm=1.5, **aperture
-    )
-    tracer = Tracer(weighed(behind_a_hole(array, **pixels).camera, "area"))
-    row = int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
-    positions, index = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2)), np.tile(np.arange(20)[:, None], 2)
-    found = tracer.moments(positions, np.full(20, row), parallel_planes(20.0, 30.0), 1 << 14, index)
-    np.testing.assert_allclose(found[:, WEIGHT] / found[:, FREE_WEIGHT], 1.0, rtol=0, atol=15 * STRATIFIED)
-    if not pixels:
-        assert found[:, FREE_WEIGHT] == pytest.approx(math.pi * 0.16 if disc_mm else 1.0, rel=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 from colour import MSDS_CMFS, RGB_COLOURSPACES, SDS_ILLUMINANTS, SpectralShape
 from laws.lit import lamp, looked, matt, named, plate, scene, towards
 from laws.microfacet_walk import albedo
+from laws.rigs import facing
 from shorter import few
 from tolerances import ALL_REFLECTIONS, FURNACE, LIT_ERRORS, SAME_COLOUR
 
@@ -53,12 +54,12 @@ def test_a_metal_returns_what_walks_on_its_facets_return(roughness, cosine):
     """Below an even sky, seen at an angle: single reflections and all further ones, each of which absorbs."""
     eye = (500.0 * math.tan(math.acos(cosine)), 0.0, 0.0)
     walked = albedo(roughness, cosine, np.array(FACINGS), 300_000)
-    for facing, expected in zip(FACINGS, walked, strict=True):
+    for face_on, expected in zip(FACINGS, walked, strict=True):
         metal = Material(
-            diffuse_color=Input(value=(facing,) * 3), roughness=Input(value=(roughness,)), metallic=Input(value=(1.0,))
+            diffuse_color=Input(value=(face_on,) * 3), roughness=Input(value=(roughness,)), metallic=Input(value=(1.0,))
         )
         found, error = looked(scene([(plate(500.0), metal)], [lamp("dome")]), ALONE, eye, 1 << 15)
-        assert abs(found / expected - 1.0) <= ALL_REFLECTIONS, (facing, found, error, expected)
+        assert abs(found / expected - 1.0) <= ALL_REFLECTIONS, (face_on, found, error, expected)
 
 
 def spot(reflectance: float, beyond: Material, bounces: int) -> np.ndarray:
@@ -88,9 +89,7 @@ def test_noise_does_not_depend_on_how_dark_the_second_surface_is():
 
 def test_a_furnace_is_white_with_a_coated_target_too():
     board = Target(Checkerboard(columns=4, rows=3, square_mm=10.0, white=1.0, black=1.0))
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = 500.0
-    lit = scene([], [lamp("dome")], targets=[(board, pose, Coat(roughness=0.2))])
+    lit = scene([], [lamp("dome")], targets=[(board, facing(500.0), Coat(roughness=0.2))])
     found, error = looked(lit, (5.0, 5.0, 500.0), (100.0, 0.0, 0.0))
     assert abs(found - 1.0) <= LIT_ERRORS * error + FURNACE
 
@@ -163,9 +162,7 @@ def test_a_surface_has_the_colour_in_daylight_that_it_is_given():
 def test_a_smooth_coat_mirrors_a_lamp_with_the_share_of_fresnel():
     """Black ink below a coat shows a lamp at the mirrored place, 0.04 times as bright, and nothing beside it."""
     board = Target(Checkerboard(columns=4, rows=3, square_mm=40.0, white=0.0, black=0.0))
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = 500.0
     light = lamp("disk", (60.0, 0.0), towards((0.0, 0.0, -1.0), (40.0, 0.0, -10.0)))
-    lit = scene([], [light], targets=[(board, pose, Coat(roughness=0.03))])
+    lit = scene([], [light], targets=[(board, facing(500.0), Coat(roughness=0.03))])
     assert looked(lit, (20.0, 0.0, 500.0))[0] == pytest.approx(0.04, rel=0.02)
     assert looked(lit, (60.0, 0.0, 500.0))[0] < 1e-4

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from laws import rigs
 from naive import brute, textbook
-from naive.bundles import GROUPS, POSES, RAYS, deviations
+from naive.bundles import GROUPS, RAYS, brute_moments, deviations, packed_moments
 from shorter import few
 from tolerances import SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer, target_plane
-from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance
@@ -22,32 +21,11 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
 
-def brute_moments(camera: Camera, start: np.ndarray, vertex: np.ndarray | None, focal: float | None) -> np.ndarray:
-    """Mean (4), covariance (10) and weight of crossings with both poses' planes, one row per group of rays."""
-    rng, rows = np.random.default_rng(12), []
-    for _ in range(GROUPS):
-        position, direction, weight = brute.rays_through(camera, start, vertex, focal, RAYS, rng)
-        kept = weight > 0
-        hits = [textbook.at_plane(position[kept], direction[kept], pose) for pose in POSES]
-        crossing, share = np.concatenate(hits, axis=1), weight[kept] / weight.sum()
-        mean = share @ crossing
-        covariance = (crossing - mean).T @ ((crossing - mean) * share[:, None])
-        rows.append([*mean, *covariance[np.triu_indices(4)], weight.sum()])
-    return np.array(rows)
-
-
-def packed_moments(camera: Camera, start: np.ndarray, lens: int) -> np.ndarray:
-    """The same from the tracer, one row per seed."""
-    planes, pixel = np.stack([target_plane(pose) for pose in POSES]), np.zeros((1, 2))
-    rows = [Tracer(camera, n).moments(start[None], np.array([lens]), planes, 2048, pixel) for n in range(GROUPS)]
-    return np.concatenate(rows)[:, [*range(COVARIANCE + 10), WEIGHT]]
-
-
 @pytest.mark.parametrize("start_mm", few([(-14.0, 16.0)], (0.0, 0.0), (7.0, 4.0)))
 def test_conventional_bundles_are_those_of_rays_all_over_the_rear_surface(start_mm: tuple[float, float]) -> None:
     """At f/2, on the axis, off it and in the vignetted corner: J on two tilted planes, second moments, weight."""
     camera, start = rigs.conventional(17.1, 900, 900), np.array(start_mm)
-    found = deviations(packed_moments(camera, start, NO_MICROLENS), brute_moments(camera, start, None, None))
+    found = deviations(packed_moments(camera, start, NO_MICROLENS), brute_moments(camera, start))
     assert np.abs(found).max() < SIGMAS
 
 
@@ -58,7 +36,7 @@ def test_conventional_bundles_are_those_of_rays_all_over_the_rear_surface(start_
 def test_conventional_bundles_of_a_displaced_lens_are_those_of_brute_force(start_mm: tuple[float, float]) -> None:
     """At f/2: coma of decentred groups and one-sided vignetting; every moment on both tilted planes."""
     camera, start = rigs.displaced(rigs.conventional(17.1, 900, 900)), np.array(start_mm)
-    found = deviations(packed_moments(camera, start, NO_MICROLENS), brute_moments(camera, start, None, None))
+    found = deviations(packed_moments(camera, start, NO_MICROLENS), brute_moments(camera, start))
     assert np.abs(found).max() < SIGMAS
 
 

@@ -6,13 +6,11 @@ The twin sends textbook rays from random points of the square through random poi
 import numpy as np
 import pytest
 from laws import rigs
-from naive import brute, textbook
-from naive.bundles import GROUPS, POSES, deviations
+from naive.bundles import GROUPS, POSES, brute_moments, deviations, packed_moments
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.micro_images.centres import micro_images
-from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -20,37 +18,11 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 PIXEL_MM, FOCAL_MM, MANY_RAYS = 0.01, 1.9, 10_000
 
 
-def twin(
-    camera: Camera, start: np.ndarray, edge_mm: float, vertex: np.ndarray | None, focal: float | None, rays: int
-) -> np.ndarray:
-    """Mean (4), covariance (10) and weight of crossings with both poses' planes, one row per group of rays."""
-    rng, rows = np.random.default_rng(12), []
-    for _ in range(GROUPS):
-        starts = start + edge_mm * rng.uniform(-0.5, 0.5, (rays, 2))
-        position, direction, weight = brute.rays_through(camera, starts, vertex, focal, rays, rng)
-        kept = weight > 0
-        crossing = np.concatenate([textbook.at_plane(position[kept], direction[kept], pose) for pose in POSES], axis=1)
-        share = weight[kept] / weight.sum()
-        mean = share @ crossing
-        covariance = (crossing - mean).T @ ((crossing - mean) * share[:, None])
-        rows.append([*mean, *covariance[np.triu_indices(4)], weight.sum()])
-    return np.array(rows)
-
-
-def traced(camera: Camera, start: np.ndarray, edge_px: float, lens: int) -> np.ndarray:
-    """The same from the tracer, one row per seed."""
-    planes, pixel = np.stack([target_plane(pose) for pose in POSES]), np.zeros((1, 2))
-    one = start[None], np.array([lens]), planes, 2048, pixel, edge_px
-    return np.concatenate([Tracer(camera, n).moments(*one) for n in range(GROUPS)])[
-        :, [*range(COVARIANCE + 10), WEIGHT]
-    ]
-
-
 def test_conventional_bundles_of_squares_are_those_of_random_starts() -> None:
     """At f/2, squares of 3 mm: means on two tilted planes, second moments, weight."""
     camera, start = rigs.conventional(17.1, 900, 900), np.array([7.0, 4.0])
-    expected = twin(camera, start, 60 * 0.05, None, None, 2_000)
-    assert np.abs(deviations(traced(camera, start, 60.0, NO_MICROLENS), expected)).max() < SIGMAS
+    expected = brute_moments(camera, start, None, None, 60 * 0.05, 2_000)
+    assert np.abs(deviations(packed_moments(camera, start, NO_MICROLENS, 60.0), expected)).max() < SIGMAS
 
 
 @pytest.mark.parametrize(
@@ -70,9 +42,10 @@ def test_in_the_penumbra_the_pixel_pulls_j_to_the_brighter_side(off_mm: float, p
     tracer, images = Tracer(camera), micro_images(Tracer(camera))
     row = int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
     start = images.centre_mm[row] + off_mm * np.array([0.96, 0.28])
-    point, square = (twin(camera, start, e, tracer.vertices_mm[row], FOCAL_MM, MANY_RAYS) for e in (0.0, PIXEL_MM))
+    through = tracer.vertices_mm[row], FOCAL_MM
+    point, square = (brute_moments(camera, start, *through, edge_mm, MANY_RAYS) for edge_mm in (0.0, PIXEL_MM))
     steps = [
-        twin(camera, start + 0.001 * way, 0.0, tracer.vertices_mm[row], FOCAL_MM, 2_000)[:, :2].mean(axis=0)
+        brute_moments(camera, start + 0.001 * way, *through, 0.0, 2_000)[:, :2].mean(axis=0)
         for way in (*np.eye(2), *-np.eye(2))
     ]
     # Image positions and vision coordinates on the sensor run against each other.
@@ -81,7 +54,7 @@ def test_in_the_penumbra_the_pixel_pulls_j_to_the_brighter_side(off_mm: float, p
     bright = np.array([0.96, 0.28])
     assert np.hypot(*pull) == pytest.approx(pull_px, rel=0, abs=0.015)
     assert pull_px == 0 or pull @ bright > 0.9 * np.hypot(*pull)
-    assert np.abs(deviations(traced(camera, start, 1.0, row), square)).max() < SIGMAS
+    assert np.abs(deviations(packed_moments(camera, start, row, 1.0), square)).max() < SIGMAS
     x, planes = tracer.pixels_at(start[None]), np.stack([target_plane(pose) for pose in POSES])[None]
     found = integrals(tracer, Bundles(x, np.array([row]), planes, 1.0), 3)
     assert not found.is_random[0]

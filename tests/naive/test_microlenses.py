@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from laws import rigs
 from naive import slow_microlens, textbook
+from naive.bundles import POSES, moments_of
 from naive.kinds import KINDS, camera_with, vertex_of
 from tolerances import ROUNDING_MM, SIGMAS
 
@@ -24,7 +24,6 @@ from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.optics.prescription import Prescription
 from pipeline.render.imaging import irradiance
 
-POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 8_000, 16
 
 
@@ -36,12 +35,7 @@ def slow(tracer: Tracer, start: np.ndarray, row: int, seed: int) -> np.ndarray:
         found = slow_microlens.rays_before(camera, start, vertex, kind, RAYS, rng)
         position, direction, weight, entered = found
         position, direction, passes = textbook.trace(camera.prescription, position, direction)
-        kept = passes & (weight > 0)
-        hits = [textbook.at_plane(position[kept], direction[kept], pose) for pose in POSES]
-        crossing, share = np.concatenate(hits, axis=1), weight[kept] / weight[kept].sum()
-        mean = share @ crossing
-        covariance = (crossing - mean).T @ ((crossing - mean) * share[:, None])
-        rows.append([*mean, *covariance[np.triu_indices(4)], weight[kept].sum(), entered.sum()])
+        rows.append([*moments_of(position, direction, weight * passes), entered.sum()])
     return np.array(rows)
 
 

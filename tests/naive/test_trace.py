@@ -1,13 +1,18 @@
-"""Claim: the packet tracer and a textbook tracer agree on every ray, point, direction and clipping alike."""
+"""Claim: the packet tracer agrees on every ray with a textbook tracer, and with bisection where a strong asphere is
+met: point, direction and clipping alike.
+"""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from laws import rigs
+from laws.surfaces import BENT
 from naive import textbook
+from naive.aspheres import PHONE, bisecting_trace
 from naive.lenses import BALL, SINGLET, random_rays
-from tolerances import TEXTBOOK_MM
+from tolerances import BISECTED_MM, TEXTBOOK_MM
 
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
@@ -27,15 +32,26 @@ from pipeline.optics.table import towards_scene
     ids=["double Gauss", "stopped down", "displaced", "displaced, stopped down", "singlet", "ball"],
 )
 def test_packets_and_textbook_agree_on_every_ray(lens: Prescription, behind_mm: float, field_mm: float) -> None:
+    assert_agreed(lens, *random_rays(lens, behind_mm, field_mm, 20_000), textbook.trace, TEXTBOOK_MM)
+
+
+@pytest.mark.parametrize("lens", [BENT, PHONE], ids=["laws", "phone"])
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_packets_and_bisection_agree_on_every_ray_through_aspheres(lens: Prescription) -> None:
+    assert_agreed(lens, *random_rays(lens, 15.0, 8.0, 20_000), bisecting_trace, BISECTED_MM)
+
+
+def assert_agreed(
+    lens: Prescription, position: np.ndarray, direction: np.ndarray, trace: Callable, atol_mm: float
+) -> None:
     """Also on which rays are blocked; some pass and some do not."""
-    position, direction = random_rays(lens, behind_mm, field_mm, 20_000)
-    expected_position, expected_direction, passes = textbook.trace(lens, position, direction)
+    expected_position, expected_direction, passes = trace(lens, position, direction)
     alive = np.ones(len(position))
     trace_rays(towards_scene(lens), position, direction, alive)
     assert 0.02 < passes.mean() < 0.98
     np.testing.assert_array_equal(alive > 0, passes)
-    np.testing.assert_allclose(position[passes], expected_position[passes], rtol=0, atol=TEXTBOOK_MM)
-    np.testing.assert_allclose(direction[passes], expected_direction[passes], rtol=0, atol=TEXTBOOK_MM)
+    np.testing.assert_allclose(position[passes], expected_position[passes], rtol=0, atol=atol_mm)
+    np.testing.assert_allclose(direction[passes], expected_direction[passes], rtol=0, atol=atol_mm)
 
 
 def test_a_ray_beyond_the_critical_angle_is_blocked() -> None:
@@ -53,13 +69,16 @@ def test_a_ray_beyond_the_critical_angle_is_blocked() -> None:
         assert alive[0] == passes
 
 
-def test_rays_do_not_know_the_packet_they_travel_in() -> None:
+@pytest.mark.parametrize(
+    ("lens", "behind_mm", "field_mm"), [(rigs.tronnier(), 101.5, 20.0), (PHONE, 15.0, 8.0)], ids=["spheres", "aspheres"]
+)
+def test_rays_do_not_know_the_packet_they_travel_in(lens: Prescription, behind_mm: float, field_mm: float) -> None:
     """Any order and any number of companions: the same bits."""
-    position, direction = random_rays(rigs.tronnier(), 101.5, 20.0, 1000)
+    position, direction = random_rays(lens, behind_mm, field_mm, 1000)
     together, alone, shuffled = ([position.copy(), direction.copy(), np.ones(1000)] for _ in range(3))
     order = np.random.default_rng(1).permutation(1000)
     shuffled = [array[order] for array in shuffled]
-    table = towards_scene(rigs.tronnier())
+    table = towards_scene(lens)
     trace_rays(table, *together)
     trace_rays(table, *shuffled)
     for i in range(1000):

@@ -45,12 +45,12 @@ def sightings(
     points_mm: Float64[np.ndarray, "n 3"],
     grid: RayGrid,
     settings: TruthSettings,
-    own: slice,
+    searched: slice,
 ) -> RawSolutions:
-    """All solutions that begin in the rows `own` of a position image; the rows around them are only read."""
+    """All solutions that begin in the rows `searched` of a position image; the rows around them are only read."""
     image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
     search_for = _nearest if settings.search == "nearest" else _in_quads
-    return search_for(image, points, grid, settings, own)
+    return search_for(image, points, grid, settings, searched)
 
 
 def best_of(
@@ -66,12 +66,12 @@ def best_of(
 
 
 def _in_quads(
-    image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
+    image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
 ) -> RawSolutions:
     none = np.empty((0, 3), np.int64)
     quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
     quad_search.quads_that_hold(image, grid.cell, points, quads)
-    quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
+    quads = np.ascontiguousarray(quads[(quads[:, 2] >= searched.start) & (quads[:, 2] < searched.stop)])
     status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), quad_search.SOLUTION), np.nan)
     limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
     quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
@@ -114,13 +114,15 @@ def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) ->
     return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
 
 
-def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> RawSolutions:
+def _nearest(
+    image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
+) -> RawSolutions:
     shape = (len(points), len(grid.microlenses))
     best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
-    quad_search.nearest_positions(image[own], grid.cell[own], points, best, where)
+    quad_search.nearest_positions(image[searched], grid.cell[searched], points, best, where)
     point, cell = np.nonzero(where[..., 0] >= 0)
     column, row = where[point, cell].T
-    row = row + own.start
+    row = row + searched.start
     first = np.array(grid.first_px) * grid.supersampling
     solutions = Solutions(
         point,

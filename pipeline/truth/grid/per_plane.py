@@ -83,10 +83,10 @@ def _bands(rays: AnyRayGrid) -> Iterator[tuple[slice, slice]]:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """A band of whole rows; `own` holds the rows of the image to search."""
+    """A band of whole rows; `searched` holds the rows of the image to search."""
 
     rays: RayGrid
-    own: slice
+    searched: slice
     settings: TruthSettings
 
     def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
@@ -97,9 +97,9 @@ class _Band:
             rows, columns = _window(self.rays, apply(plane.pose, plane.plane.points_mm)[0])
         window = self.rays.window(rows, columns)
         image = image_of(plane.number, plane.pose, window)
-        low, high = ((row - window.first_px[1]) * k for row in (self.own.start, self.own.stop))
-        own = slice(max(low, 0), max(min(high, len(image)), 0))
-        seen = sightings(image, plane.plane.points_mm, window, self.settings, own)
+        low, high = ((row - window.first_px[1]) * k for row in (self.searched.start, self.searched.stop))
+        searched = slice(max(low, 0), max(min(high, len(image)), 0))
+        seen = sightings(image, plane.plane.points_mm, window, self.settings, searched)
         lit = with_light(seen.solutions, self.rays, plane.pose, self.settings)
         return replace(lit, counts=seen.counts), seen.nearest_mm
 

@@ -74,25 +74,25 @@ def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float
 
 
 def _verdict(
-    length: np.ndarray, own: np.ndarray, weights: np.ndarray, claim_px: float
+    length: np.ndarray, sigma: np.ndarray, weights: np.ndarray, claim_px: float
 ) -> tuple[bool | None, str | None]:
     """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided.
 
-    `own` are standard errors of the differences, `weights` the rows of the table that each stands for.
+    `sigma` are standard errors of the differences, `weights` the rows of the table that each stands for.
     """
     if not len(length):
         return None, NOTHING
     if not np.isfinite(length).all():
         return False, f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
-    blunt = own >= claim_px / SHARPER if rms(own) >= claim_px / SHARPER else np.zeros(len(own), bool)
-    slack = np.where(blunt, SHARPER * own, 0.0)
+    blunt = (sigma >= claim_px / SHARPER) & (rms(sigma) >= claim_px / SHARPER)
+    slack = np.where(blunt, SHARPER * sigma, 0.0)
     reason = _against(length - slack, weights, claim_px)
     if reason is not None:
         return False, f"{reason}, each granted {SHARPER:g} standard errors of its judge" if slack.any() else reason
     reason = _against(length + slack, weights, claim_px)
     if reason is None:
         return True, None
-    return None, f"undecided: its own standard error {rms(own):.1e} px is not under a third of the claim"
+    return None, f"undecided: its own standard error {rms(sigma):.1e} px is not under a third of the claim"
 
 
 def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | None:
