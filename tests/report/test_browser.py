@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.app.reporting import report
 from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
-from pipeline.report.page.images import picture_of
+from pipeline.report.page.parts import picture_of
 from pipeline.results.folder import BuiltFolder
 
 ROOT = Path(__file__).resolve().parents[2]
