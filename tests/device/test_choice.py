@@ -13,7 +13,7 @@ from pipeline.camera.tracing.records import Samples, no_diffraction
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.engine.options import BuildOptions
 from pipeline.errors import EnvironmentFault, UsageError
-from pipeline.graph import devices
+from pipeline.graph import variants
 from pipeline.jit import device
 
 SM_90 = "cuda sm_90, numba-cuda 0.30.4"
@@ -23,10 +23,10 @@ TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(device, "device_name", lambda: SM_90)
     plain = project(TINY, tmp_path)
-    chosen = devices.on_device(plain, BuildOptions(device="cuda"))
+    chosen = variants.on_device(plain, BuildOptions(device="cuda"))
     assert list(chosen.graph) == list(plain.graph)
     changed = {name for name in plain.graph if plain.graph[name].canonical != chosen.graph[name].canonical}
-    kinds = {*devices.BUNDLES, *devices.IMAGES} - {"white"}
+    kinds = {*variants.BUNDLES, *variants.IMAGES} - {"white"}
     traced = [name for name in plain.graph if plain.graph[name].short_kind in kinds]
     assert changed == set(traced)
     assert {plain.graph[name].short_kind for name in traced} == {"rays_tile", "image"}
@@ -44,7 +44,7 @@ def test_white_images_by_quadrature_stay_with_processors(tiny, white, tmp_path, 
     """A header that names a device would be untrue."""
     monkeypatch.setattr(device, "device_name", lambda: SM_90)
     plain = project(TINY.parents[1] / tiny / "dataset.usda", tmp_path)
-    chosen = devices.on_device(plain, BuildOptions(device="cuda")).graph
+    chosen = variants.on_device(plain, BuildOptions(device="cuda")).graph
     found = {
         chosen[name].short_kind: device_of(chosen[name].params) for name in chosen if "exposure" in chosen[name].params
     }
@@ -96,7 +96,7 @@ def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_ENABLE_CUDASIM", raising=False)
     monkeypatch.setattr(device._cuda_of_numba(), "is_available", lambda: False)
     with pytest.raises(EnvironmentFault, match="no CUDA device") as caught:
-        devices.on_device(project(TINY, tmp_path), BuildOptions(device="cuda"))
+        variants.on_device(project(TINY, tmp_path), BuildOptions(device="cuda"))
     assert "plenoptic-pipeline[cuda]" in str(caught.value)
     assert caught.value.exit_code == 5
 
@@ -110,4 +110,4 @@ def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):
 )
 def test_what_a_device_does_not_go_with_is_refused(arguments, told, tmp_path):
     with pytest.raises(UsageError, match=told):
-        devices.on_device(project(TINY, tmp_path), BuildOptions(**arguments))
+        variants.on_device(project(TINY, tmp_path), BuildOptions(**arguments))
