@@ -31,15 +31,9 @@ def key_of_bytes(domain: str, value: bytes) -> str:
 def canonical(value: Any) -> bytes:
     """Canonical bytes of a value: None, bool, int, float, str, list, dict or `Shared`.
 
-    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is not. Tuples are
-    refused: another process would receive them as lists.
-
-    Raises
-    ------
-    ValueError
-        For NaN.
-    TypeError
-        For any other type, NumPy scalars among them, and for dicts with keys that are not strings.
+    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is a ValueError. Any
+    other type is a TypeError: NumPy's numbers, dicts whose keys are not strings, and tuples, because another process
+    would receive them as lists.
     """
     return _BYTES[type(value)](value)
 

@@ -117,10 +117,7 @@ def fan_out(listeners: Sequence[Emit]) -> Emit:
 class EventFile:
     """A file with one event per line, each written at once. The first event creates the file.
 
-    Raises
-    ------
-    UsageError
-        The path holds some other file, which would be overwritten.
+    UsageError if the path holds some other file, which would be overwritten.
     """
 
     def __init__(self, path: Path) -> None:

@@ -34,8 +34,7 @@ class OurFiles:
     """Our files in one output folder: `path in ours`.
 
     `digests` are those of the bytes that we wrote, by path: one, or two (after and before) if a delivery was
-    interrupted. For a folder that was moved or copied they are taken from its old place. `stage_id` is the identity of
-    the stage that is built now, which the folder does not hold.
+    interrupted. For a folder that was moved or copied they are taken from its old place.
     """
 
     def __init__(self, out: Path, store: Store, stage_id: str = "") -> None:
@@ -78,9 +77,7 @@ class OurFiles:
         self._write(both)
 
     def keep(self, digests: Mapping[str, str], *, whole: bool = True) -> None:
-        """Note that the folder holds these bytes. After a partial delivery (not `whole`) our other files, except the
-        manifest, remain ours.
-        """
+        """Note that the folder holds these bytes; unless they are `whole`, our other files but the manifest, too."""
         others = {} if whole else {path: known for path, known in self.digests.items() if path != manifest.NAME}
         self._write({**others, **{path: [digest] for path, digest in digests.items()}})
 

@@ -1,11 +1,12 @@
 """Suggestions for a name that matches no task and no file."""
 
+import operator
 import re
 from collections.abc import Callable, Iterable
 
 from pipeline.spelling import nearest
 
-_TOLD = 6
+_MOST = 6
 """Number of names in one hint: they fit into one line of a terminal."""
 
 
@@ -23,13 +24,15 @@ def hint(target: str, tasks: Iterable[str], files: Iterable[str]) -> str:
     """
     parts, kinds = unpadded(target).split("/"), sorted({task.split("/")[0] for task in tasks})
     names = [(name.split("/"), unpadded(name).split("/")) for name in (*tasks, *files)]
-    if lacking := _beginnings(parts, names, lambda ours, theirs: ours == theirs):
+    if lacking := _beginnings(parts, names, operator.eq):
         return _there_are(lacking)
     words = {word for _, plain in names for word in plain if not word.isdecimal()}
     near = {part: nearest(part, words) for part in parts}
-    if misspelt := _beginnings(
-        parts, names, lambda ours, theirs: theirs in (ours, near[ours]) or theirs.endswith(f".{ours}")
-    ):
+
+    def is_alike(ours: str, theirs: str) -> bool:
+        return theirs in (ours, near[ours]) or theirs.endswith(f".{ours}")
+
+    if misspelt := _beginnings(parts, names, is_alike):
         return f"did you mean {misspelt[0]!r}?" if len(misspelt) == 1 else _there_are(misspelt)
     for depth in range(len(parts), 0, -1):
         if beside := sorted({"/".join(name[: depth + 1]) for name, plain in names if plain[:depth] == parts[:depth]}):
@@ -54,5 +57,5 @@ def _beginnings(
 
 
 def _there_are(names: list[str]) -> str:
-    listed = f"{', '.join(names[:_TOLD])}{' …' if len(names) > _TOLD else ''}"
+    listed = f"{', '.join(names[:_MOST])}{' …' if len(names) > _MOST else ''}"
     return f"there {'is' if len(names) == 1 else 'are'} {listed}"

@@ -39,8 +39,9 @@ _SETTINGS = {
 
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """The engine of `--engine dask:…`, which takes an address such as tcp://host:8786 or the file that a scheduler
-    wrote; UsageError if the text is neither, EnvironmentFault if the extra [cluster] is not installed.
+    """The engine of `--engine dask:WHERE`, an address or the file of a scheduler.
+
+    UsageError if the text is neither, EnvironmentFault if the extra [cluster] is not installed.
     """
     kind, _, where = text.partition(":")
     if kind != "dask" or not where:
@@ -194,12 +195,7 @@ class Dask:
         while self._client.status == "connecting" and time.monotonic() < give_up:
             time.sleep(0.1)
         if self._client.status != "running":
-            self._gone()
-
-    def _gone(self) -> None:
-        raise EnvironmentFault(
-            "the Dask scheduler is gone", hint="start it and build again: what was finished is in the store"
-        )
+            raise _gone()
 
     @contextlib.contextmanager
     def _reaching(self) -> Iterator[None]:
@@ -213,7 +209,7 @@ class Dask:
             if of_dask or isinstance(error, OSError) or self._client.status != "running":
                 with contextlib.suppress(Exception):
                     self._client.close(timeout=5)
-                self._gone()
+                raise _gone() from error
             raise
 
     def _require_same_store(self) -> None:
@@ -235,6 +231,11 @@ class Dask:
                 f"the worker {address} does not see the store {self._store.root} ({why})",
                 hint="set PIPELINE_CACHE to a folder that all machines reach, and install the same version everywhere",
             )
+
+
+def _gone() -> EnvironmentFault:
+    hint = "start it and build again: what was finished is in the store"
+    return EnvironmentFault("the Dask scheduler is gone", hint=hint)
 
 
 def _sees_note(root: str, note: str) -> bool:

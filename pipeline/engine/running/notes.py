@@ -108,28 +108,28 @@ class Endings:
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:
     """Facts about the last run of tasks that a target names."""
-    store = store or Store()
+    store, logs = store or Store(), []
     keys, ended = history_of(project, store).keys, _ended(project, store)
-    return [_log_of(ended.get(name), name, keys, store) for name in tasks_of(project, target)]
+    for name in tasks_of(project, target):
+        ending = ended.get(name)
+        key = ending.key if ending else keys.get(name)
+        record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
+        facts = TaskLog(
+            name=name,
+            key=key,
+            state=ending.state if ending else "built" if key else "never built",
+            log=str(log) if log and log.is_file() else None,
+            error=ending.error if ending else None,
+            spec=ending.spec if ending else None,
+            made_by=record.made_by if record else None,
+        )
+        logs.append(facts)
+    return logs
 
 
 def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
     """How the last runs of tasks ended, by name."""
     return store.read_record(dict[str, TaskResult], "events", _name(project)) or {}
-
-
-def _log_of(ending: TaskResult | None, name: str, keys: dict[str, str], store: Store) -> TaskLog:
-    key = ending.key if ending else keys.get(name)
-    record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
-    return TaskLog(
-        name=name,
-        key=key,
-        state=ending.state if ending else "built" if key else "never built",
-        log=str(log) if log and log.is_file() else None,
-        error=ending.error if ending else None,
-        spec=ending.spec if ending else None,
-        made_by=record.made_by if record else None,
-    )
 
 
 def _name(project: Project) -> str:

@@ -47,10 +47,7 @@ _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 class StoreFolder:
     """The folder of a store, its tables and its locks. What stood in the place of a folder or file is in `displaced`.
 
-    Raises
-    ------
-    EnvironmentFault
-        The folder cannot be created, or it is neither empty nor a store.
+    EnvironmentFault if the folder cannot be created, or if it is neither empty nor a store.
     """
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
