@@ -191,7 +191,7 @@ class Now(Program):
         "focused": "pipeline.camera.focusing.depth_of_field",
         "micro_images": "pipeline.camera.micro_images.centres",
         "target_poses": "pipeline.graph.poses",
-        "TargetLight": "pipeline.render.glow.light",
+        "TargetLight": "pipeline.render.glow",
     }
 
     def white(self, rows: tuple[int, int]) -> Any:
@@ -237,8 +237,8 @@ class Now(Program):
 
     def behind_card(self, scene: Any, corners: Any) -> Any:
         """The same scene with a triangle before it."""
-        from pipeline.render.glow.light import TargetLight
-        from pipeline.targets.occluder import Occluder
+        from pipeline.render.glow import TargetLight
+        from pipeline.targets.mesh import Occluder
 
         light = TargetLight(
             scene.targets, scene.background, [(Occluder(vertices_mm=corners, triangles=((0, 1, 2),)), np.eye(4))]

@@ -24,7 +24,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import target_poses
 from pipeline.jit.work import work
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.in_lights import colours_in_lights, known_in_lights, sampled_in_lights, white_parts
 from pipeline.render.passes import Batch

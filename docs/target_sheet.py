@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.files.png import write_png
 from pipeline.frames import apply
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.scene.load import load
 from pipeline.targets.target import AnyTarget
 

@@ -30,15 +30,14 @@ from pipeline.jit.files import opened
 from pipeline.machine.facts import command
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cylinder, Warped
 from pipeline.targets.target import AnyTarget, Target

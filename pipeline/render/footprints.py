@@ -3,8 +3,13 @@
 Beams, the rays of a few points of the sensor, show where the light of every pixel may come from; see
 `camera.tracing.beams`. The judgement is conservative: a pixel of one colour may be called undecided, and is then
 sampled. Light through the microlens of a pixel's cell and light through other microlenses are judged separately.
+
+A footprint is a box around the points where the beam of a pixel meets a plane, interpolated by cubics in x and y
+from the rays of its block. The box is enlarged by a seventh of its size, because of rays between the traced ones; by
+the extent of the pixel's square; and by the possible error of the cubics.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,9 +20,12 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
-from pipeline.render import footprint_kernels as kernels
+from pipeline.jit.decorators import inline, kernel
 from pipeline.render.band import Band, Rows
+from pipeline.targets.drawing_kernels import BESIDE, MIXED, colour_of_box
 from pipeline.targets.patches import Patch
+from pipeline.targets.surface_kernels import on_plane
+from pipeline.targets.vectors import row
 
 _TILE_PX = 32
 """Edge of a block of a sensor without microlenses [px]: a cubic fits its rays, and 16 nodes suffice for a thousand
@@ -27,6 +35,31 @@ _NODES_WITHIN = 0.75
 """Extent of the nodes behind a microlens over that of its light [1]: the corners of that square have no light."""
 TOUCHING_MM = 1e-2
 """Margin around a solid [mm]: its true surface may lie so far in front of its mesh."""
+BEHIND, FRONT, BACK, ODD = range(4)
+"""Relation of all rays of a beam to a plane: behind their start, i.e. not met; the front is met; the back is met;
+mixed.
+"""
+NOTHING, SHEET, UNDECIDED = range(3)
+"""Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several things."""
+_ROOM = 1.15
+"""Enlargement of a footprint over the box around its rays [1]."""
+_BEYOND = 1.5
+"""Enlargement of a block over the box around its nodes [1]: the lit area of a microlens ends two thirds of a step
+beyond them.
+"""
+_SQUARE = 0.6
+"""Part of a pixel's edge by which footprints grow [1]: half of it, and more because blocks are not quite linear."""
+_LAST_TERM = 0.25
+"""Part of the last term of a cubic that bounds the next one [1], also two thirds of a step beyond the nodes."""
+
+
+class Box(NamedTuple):
+    """A box across the axis or in a plane [mm]."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
 
 
 class Places(NamedTuple):
@@ -47,7 +80,7 @@ class Meeting(NamedTuple):
     """Points where beams meet a plane.
 
     `points`, (b, NODES^2, 2, RAYS) float64: x and y in the plane [mm].
-    `side`, (b,) int64: see `footprint_kernels`.
+    `side`, (b,) int64: relation of all rays of a beam to the plane.
     `more`, (b, 2) float64: margin of the footprints of pixels over the rays of their centres [mm].
     """
 
@@ -86,28 +119,28 @@ class Footprints:
             [mm].
         """
         shape = len(self._parts), len(self._parts[0].positions)
-        verdict, light = np.full(shape, kernels.NOTHING, np.int8), np.full(shape, background)
+        verdict, light = np.full(shape, NOTHING, np.int8), np.full(shape, background)
         for points in solids:
             low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
             (left, bottom, front), (right, top, back) = low.tolist(), high.tolist()
-            bounds = kernels.Box(left, right, bottom, top)
+            bounds = Box(left, right, bottom, top)
             near, far = (self._meeting(_across(z)) for z in (front, back))
             for part, judged in zip(self._parts, verdict, strict=True):
-                kernels.look_past_solid(bounds, part, near, far, judged)
+                look_past_solid(bounds, part, near, far, judged)
         for patch, pose in sheets:
             meeting, whole = self._meeting(pose), np.empty(len(self._blocks.step_mm))
-            kernels.whole_blocks(patch.drawing.arrays, meeting, whole)
+            whole_blocks(patch.drawing.arrays, meeting, whole)
             sheet = patch.drawing.arrays, np.array(patch.colours)
             for part, judged, seen in zip(self._parts, verdict, light, strict=True):
-                kernels.look_at_sheet(*sheet, part, meeting, whole, judged, seen)
-        light[verdict == kernels.UNDECIDED] = np.nan
+                look_at_sheet(*sheet, part, meeting, whole, judged, seen)
+        light[verdict == UNDECIDED] = np.nan
         return light
 
     def _meeting(self, vision_from_plane: np.ndarray) -> Meeting:
         count = len(self._blocks.step_mm)
         result = Meeting(np.empty((count, NODES * NODES, 2, RAYS)), np.empty(count, np.int64), np.empty((count, 2)))
         pose = np.ascontiguousarray(vision_from_plane)
-        kernels.meet_plane(self._beams, pose, self._edge_mm, self._blocks.step_mm, result)
+        meet_plane(self._beams, pose, self._edge_mm, self._blocks.step_mm, result)
         return result
 
 
@@ -139,3 +172,170 @@ def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, 
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
     blocks_of = place[np.where(strata == SKIP, -1, strata)]
     return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), blocks_of
+
+
+@kernel
+def meet_plane(beams, pose, edge_mm, step_mm, meeting):
+    """Find the points where the beams of blocks meet the plane z = 0 of a frame.
+
+    `beams`, camera.beams.Beams.
+    `pose`, (4, 4) float64: vision_from_frame.
+    `edge_mm`, float: edge of a pixel.
+    `step_mm`, (b,) float64: distance of the nodes of each block.
+    `meeting`, Meeting: written.
+    """
+    for b in range(step_mm.shape[0]):
+        front, back, behind = 0, 0, 0
+        for m in range(NODES * NODES):
+            for k in range(RAYS):
+                t, x, y, towards = on_plane(pose, row(beams.origin[b, m], k), row(beams.direction[b, m], k))
+                meeting.points[b, m, 0, k], meeting.points[b, m, 1, k] = x, y
+                front += t > 0.0 and towards < 0.0
+                back += t > 0.0 and towards > 0.0
+                behind += t < 0.0
+        meeting.side[b] = ODD
+        if beams.known[b]:
+            for side, count in ((FRONT, front), (BACK, back), (BEHIND, behind)):
+                if count == NODES * NODES * RAYS:
+                    meeting.side[b] = side
+        for axis in range(2):
+            meeting.more[b, axis] = _more(meeting.points[b], axis, edge_mm / step_mm[b])
+
+
+@inline
+def _more(points, axis, edge):
+    """Margin of a footprint beyond the box about the rays of a pixel's centre, on every side."""
+    slope, last = 0.0, 0.0
+    for along in range(2):
+        stride, other = (1, NODES) if along == 0 else (NODES, 1)
+        steepest, third = 0.0, 0.0
+        for line in range(NODES):
+            for k in range(RAYS):
+                first = line * other
+                a, b = points[first, axis, k], points[first + stride, axis, k]
+                c, d = points[first + 2 * stride, axis, k], points[first + 3 * stride, axis, k]
+                steepest = max(steepest, max(abs(b - a), max(abs(c - b), abs(d - c))))
+                third = max(third, abs(d - 3.0 * c + 3.0 * b - a))
+        slope += steepest
+        last += third
+    return _SQUARE * edge * slope + _LAST_TERM * last
+
+
+@kernel
+def whole_blocks(drawing, meeting, colour):
+    """Colour of everything that each block sees of a sheet, (b,), written: black 0, white 1, `BESIDE` or `MIXED`."""
+    for b in range(colour.shape[0]):
+        colour[b] = MIXED
+        if meeting.side[b] == BEHIND:
+            colour[b] = BESIDE
+        elif meeting.side[b] != ODD:
+            left, right, bottom, top = _whole(meeting, b)
+            colour[b] = colour_of_box(drawing, left, right, bottom, top)
+
+
+@inline
+def _whole(meeting, b):
+    """The box of a whole block."""
+    left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+    for m in range(NODES * NODES):
+        for k in range(RAYS):
+            left, right = min(left, meeting.points[b, m, 0, k]), max(right, meeting.points[b, m, 0, k])
+            bottom, top = min(bottom, meeting.points[b, m, 1, k]), max(top, meeting.points[b, m, 1, k])
+    return _wider(left, right, bottom, top, _BEYOND, meeting.more[b])
+
+
+@inline
+def _wider(left, right, bottom, top, factor, more):
+    x, y = 0.5 * (left + right), 0.5 * (bottom + top)
+    a, b = factor * (right - x) + more[0], factor * (top - y) + more[1]
+    return x - a, x + a, y - b, y + b
+
+
+@kernel
+def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
+    """Judge how pixels see one more sheet.
+
+    `drawing`, target.kernels.DrawingArrays.
+    `colours`, (2,) float64: radiance of black and of white.
+    `places`, Places.
+    `meeting`, Meeting.
+    `colour_of_block`, (b,) float64: colours from `whole_blocks`.
+    `verdict`, (n,) int8: read and written.
+    `light`, (n,) float64: written where a pixel sees the sheet alone, and one colour of it.
+    """
+    u, v = np.empty(RAYS), np.empty(RAYS)
+    for n in range(verdict.shape[0]):
+        known, faces = math.nan, ODD
+        for j in range(places.blocks.shape[1]):
+            b = places.blocks[n, j]
+            if b < 0 or verdict[n] == UNDECIDED:
+                continue
+            colour = colour_of_block[b]
+            if colour == MIXED and meeting.side[b] != ODD:
+                left, right, bottom, top = _footprint(meeting, b, places, n, u, v)
+                colour = colour_of_box(drawing, left, right, bottom, top)
+            side = BEHIND if colour == BESIDE else meeting.side[b]
+            if colour == MIXED or not (math.isnan(known) or (known == colour and faces == side)):
+                verdict[n] = UNDECIDED
+            known, faces = colour, side
+        if verdict[n] == UNDECIDED or math.isnan(known) or known == BESIDE:
+            continue
+        if verdict[n] == SHEET:  # another sheet is seen, too
+            verdict[n] = UNDECIDED
+            continue
+        verdict[n] = SHEET
+        light[n] = 0.0 if faces == BACK else colours[int(known)]
+
+
+@inline
+def _footprint(meeting, b, places, n, u, v):
+    """The box of a pixel's beam in a plane; `u` and `v` (RAYS,) are overwritten."""
+    per_step = 1.0 / places.step_mm[b]
+    x = (places.positions[n, 0] - places.centre_mm[b, 0]) * per_step + 0.5 * (NODES - 1)
+    y = (places.positions[n, 1] - places.centre_mm[b, 1]) * per_step + 0.5 * (NODES - 1)
+    wx, wy = _cubic(x), _cubic(y)
+    for k in range(RAYS):
+        u[k], v[k] = 0.0, 0.0
+    for j in range(NODES):
+        for i in range(NODES):
+            w, m = wx[i] * wy[j], j * NODES + i
+            for k in range(RAYS):
+                u[k] += w * meeting.points[b, m, 0, k]
+                v[k] += w * meeting.points[b, m, 1, k]
+    left, right, bottom, top = u[0], u[0], v[0], v[0]
+    for k in range(1, RAYS):
+        left, right, bottom, top = min(left, u[k]), max(right, u[k]), min(bottom, v[k]), max(top, v[k])
+    return _wider(left, right, bottom, top, _ROOM, meeting.more[b])
+
+
+@inline
+def _cubic(x):
+    """Weights of the nodes 0, 1, 2, 3 in the cubic through them."""
+    a, b, c, d = x, x - 1.0, x - 2.0, x - 3.0
+    return -b * c * d / 6.0, 0.5 * a * c * d, -0.5 * a * b * d, a * b * c / 6.0
+
+
+@kernel
+def look_past_solid(bounds, places, near, far, verdict):
+    """Mark pixels as undecided if they may see something within bounds besides the background or a sheet.
+
+    Between two planes a ray stays within the boxes that it meets on both.
+
+    `bounds`, Box: around the thing, vision frame.
+    `near`, `far`, Meeting: meetings with the planes across the axis where it begins and ends.
+    """
+    u, v = np.empty(RAYS), np.empty(RAYS)
+    for n in range(verdict.shape[0]):
+        for j in range(places.blocks.shape[1]):
+            b = places.blocks[n, j]
+            if b < 0 or verdict[n] == UNDECIDED or (near.side[b] == BEHIND and far.side[b] == BEHIND):
+                continue
+            if near.side[b] == ODD or near.side[b] != far.side[b]:
+                verdict[n] = UNDECIDED
+                continue
+            left, right, bottom, top = _footprint(near, b, places, n, u, v)
+            a, c, d, e = _footprint(far, b, places, n, u, v)
+            left, right, bottom, top = min(left, a), max(right, c), min(bottom, d), max(top, e)
+            # Written as "not beside", so that it also holds for a NaN bound.
+            if not (right < bounds.left or left > bounds.right or top < bounds.bottom or bottom > bounds.top):
+                verdict[n] = UNDECIDED

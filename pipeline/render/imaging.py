@@ -13,7 +13,7 @@ from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Footprints
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.passes import Batch, batch_of
 from pipeline.render.pixel_rays import rays_of

@@ -9,7 +9,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band
-from pipeline.render.glow.light import GlowingView, TargetLight
+from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.imaging import Rows, colours, irradiance_and_crosstalk, pictures, sampled
 from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView

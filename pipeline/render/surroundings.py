@@ -11,8 +11,7 @@ import numpy as np
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 from pipeline.render.embree import MeshScene
-from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patches import PLANE
 from pipeline.targets.target import AnyTarget
 

@@ -15,7 +15,7 @@ from pipeline.render.sensor.colorimetry import Colorimetry
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.prints import Print
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.settings import TruthSettings
 

@@ -21,7 +21,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.pattern import TargetError
 
 

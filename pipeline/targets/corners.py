@@ -18,32 +18,22 @@ from pipeline.targets.target import AnyTarget
 _CIRCLE_MM = 1e-3
 """Radius of the circle on which colours are compared [mm]: far below any feature, far above rounding."""
 _DIRECTIONS = 64
-"""Number of directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four
-changes.
-"""
+"""Directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four changes."""
 _BISECTIONS = 40
 """Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, below the rounding of points on the circle."""
 _FIRST = 0.4321
-"""First direction, as a part of the angle between two directions: no pattern has an edge there, which would be seen
-on one side only.
-"""
+"""First direction, as a part of the angle between two [1]: no pattern has an edge there, seen on one side only."""
 _STRAIGHT_RAD = 1e-6
-"""Angle by which an edge may bend at its corner [rad]: rounding of points a micrometre apart on sheets of metres is
-smaller.
-"""
+"""Angle by which an edge may bend at its corner [rad]: more than the rounding of such points on sheets of metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corners:
     """Surroundings of each point of a target, in the order of their ids.
 
-    Attributes
-    ----------
-    edges : (n, 2, 3) float64
-        Unit vectors along the surface of the two edges through an X-corner, target frame: white lies between the first
-        and the second, and opposite. NaN at all other points.
-    mean_over_contrast : (n,) float64
-        (white + black) / (white - black) of the pattern.
+    `edges`: unit vectors along the surface of the two edges through an X-corner, target frame: white lies between the
+        first and the second, and opposite. NaN at all other points.
+    `mean_over_contrast`: (white + black) / (white - black) of the pattern.
     """
 
     edges: Float64[np.ndarray, "n 2 3"]

@@ -1,5 +1,4 @@
-"""Drawings: the artwork of a target as shapes painted on a white sheet one after the other, exact and without a
-resolution.
+"""Drawings: artwork of a target as shapes painted on a white sheet one after the other, exact and without a resolution.
 
 A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and
 `report/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre of the sheet [mm].
@@ -13,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.records.shapes import Float64
-from pipeline.targets import kernels
+from pipeline.targets import drawing_kernels as kernels
 
 Points = tuple[tuple[float, float], ...]
 
@@ -83,14 +82,7 @@ def rectangle(left: float, bottom: float, right: float, top: float) -> Points:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A white sheet with shapes; a later shape covers earlier ones.
-
-    Attributes
-    ----------
-    half_x_mm, half_y_mm : float
-        Half the width and half the height of the sheet.
-    shapes : sequence of Shape
-    """
+    """A white sheet, by half its width and height, with shapes; a later shape covers earlier ones."""
 
     half_x_mm: float
     half_y_mm: float
@@ -110,24 +102,19 @@ class Drawing:
     def arrays(self) -> kernels.DrawingArrays:
         """The drawing for the kernels."""
         kinds = np.array([kernels.KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
-        numbers = np.zeros((len(self.shapes), kernels.NUMBERS))
-        corners: list[tuple[float, float]] = []
-        first = np.zeros(len(self.shapes) + 1, np.int64)
-        for i, shape in enumerate(self.shapes):
-            vertices = shape.corners if isinstance(shape, Polygon) else ()
-            corners += vertices
-            first[i + 1] = len(corners)
-            numbers[i] = _numbers(shape)
+        numbers = np.array([_numbers(shape) for shape in self.shapes], float).reshape(-1, kernels.NUMBERS)
+        outlines = [shape.corners if isinstance(shape, Polygon) else () for shape in self.shapes]
+        first = np.cumsum([0, *map(len, outlines)])
+        corners = np.array([corner for outline in outlines for corner in outline], float).reshape(-1, 2)
         sheet = float(self.half_x_mm), float(self.half_y_mm)
-        bins, starts, items = _bins(*sheet, [_bounds(shape) for shape in self.shapes])
-        placed = np.array(corners, float).reshape(-1, 2)
-        return kernels.DrawingArrays(*sheet, kinds, numbers, first, placed, bins, starts, items)
+        bins, starts, items = _bins(*sheet, self.shapes)
+        return kernels.DrawingArrays(*sheet, kinds, numbers, first, corners, bins, starts, items)
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:
     """Numbers of a shape, in the columns that `kernels` names."""
     if isinstance(shape, Polygon):
-        return (0.0 if shape.is_black else 1.0, *_bounds(shape), 0)
+        return (0.0 if shape.is_black else 1.0, *bounds(shape), 0)
     if isinstance(shape, Disc):
         return (0.0 if shape.is_black else 1.0, shape.x, shape.y, shape.radius, 0, 0)
     if isinstance(shape, Spokes):
@@ -135,7 +122,7 @@ def _numbers(shape: Shape) -> tuple[float, ...]:
     return (shape.columns, shape.rows, shape.square, 0, 0, 0)
 
 
-def _bounds(shape: Shape) -> tuple[float, float, float, float]:
+def bounds(shape: Shape) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a shape."""
     if isinstance(shape, Polygon):
         x, y = np.array(shape.corners).T
@@ -147,26 +134,20 @@ def _bounds(shape: Shape) -> tuple[float, float, float, float]:
     return shape.x - reach, shape.x + reach, shape.y - reach, shape.y + reach
 
 
-def _bins(
-    half_x: float, half_y: float, bounds: list[tuple[float, float, float, float]]
-) -> tuple[int, np.ndarray, np.ndarray]:
-    """Shapes that may be seen in each bin of a grid over the sheet: number of bins, start indices and items, last
-    shape first.
-    """
-    count = math.ceil(2 * math.sqrt(len(bounds))) if len(bounds) > 3 else 1
+def _bins(half_x: float, half_y: float, shapes: Sequence[Shape]) -> tuple[int, np.ndarray, np.ndarray]:
+    """Shapes that may be seen in each bin of a grid over the sheet: `bins`, `starts` and `items` of `DrawingArrays`."""
+    count = math.ceil(2 * math.sqrt(len(shapes))) if len(shapes) > 3 else 1
     lists: list[list[int]] = [[] for _ in range(count * count)]
-    for item in reversed(range(len(bounds))):
-        left, right, bottom, top = bounds[item]
+
+    def touched(low: float, high: float, half: float) -> range:
         # Slightly larger than the bounds, so that the rounding of a quotient does not matter.
-        (i0, i1), (j0, j1) = (
-            (
-                max(0, math.floor((low + half) / (2 * half) * count - 1e-6)),
-                min(count - 1, math.floor((high + half) / (2 * half) * count + 1e-6)),
-            )
-            for low, high, half in ((left, right, half_x), (bottom, top, half_y))
-        )
-        for j in range(j0, j1 + 1):
-            for i in range(i0, i1 + 1):
+        first = max(0, math.floor((low + half) / (2 * half) * count - 1e-6))
+        return range(first, min(count - 1, math.floor((high + half) / (2 * half) * count + 1e-6)) + 1)
+
+    for item in reversed(range(len(shapes))):
+        left, right, bottom, top = bounds(shapes[item])
+        for j in touched(bottom, top, half_y):
+            for i in touched(left, right, half_x):
                 lists[j * count + i].append(item)
     starts = np.concatenate([[0], np.cumsum([len(items) for items in lists])]).astype(np.int64)
     return count, starts, np.array([item for items in lists for item in items], np.int64)

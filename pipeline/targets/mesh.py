@@ -1,4 +1,4 @@
-"""Mesh targets: any mesh with marked points."""
+"""Meshes: targets of any known shape with marked points, and occluders that may be in front of a target."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,12 +14,7 @@ Triple = tuple[float, float, float]
 
 
 def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) -> None:
-    """Refuse a mesh without faces, or with a face that names a vertex which it does not have.
-
-    Raises
-    ------
-    TargetError
-    """
+    """Refuse, by a TargetError, a mesh without faces, or with a face that names a vertex which it does not have."""
     if not triangles:
         raise TargetError("the mesh has no faces", code="bad-mesh")
     if not 0 <= min(map(min, triangles)) <= max(map(max, triangles)) < vertices:
@@ -27,18 +22,32 @@ def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) ->
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Occluder:
+    """A mesh that blocks light, opaque from both sides, with one relative radiance on both; vertices in its own frame.
+
+    Raises TargetError: it has no faces, or a face refers to a vertex that does not exist.
+    """
+
+    vertices_mm: tuple[Triple, ...]
+    triangles: tuple[tuple[int, int, int], ...]
+    radiance: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_faces(self.triangles, len(self.vertices_mm))
+
+    def corners_mm(self) -> np.ndarray:
+        """Corners of the triangles, (m, 3, 3)."""
+        return np.array(self.vertices_mm, float)[np.array(self.triangles)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTarget:
     """Flat triangles with points on them, for anything of known shape. Everything is in the target frame.
 
-    Attributes
-    ----------
-    vertices_mm : tuple of triples
-    triangles : tuple of triples of int
-        Corners anticlockwise as seen from the front.
-    albedo : tuple of triples
-        Radiance at the corners of each triangle, relative; between them it is interpolated.
-    points_mm, normals : tuple of triples
-        The marked points in the order of their ids, and the normals of their tangent planes (any length).
+    `triangles`: corners anticlockwise as seen from the front.
+    `albedo`: radiance at the corners of each triangle, relative; between them it is interpolated.
+    `points_mm`, `normals`: the marked points in the order of their ids, and the normals of their tangent planes, of any
+        length.
     """
 
     KIND: ClassVar[str] = "mesh"

@@ -8,13 +8,11 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
-from pipeline.targets import kernels
 from pipeline.targets.drawing import Drawing
+from pipeline.targets.surface_kernels import heights_at_points
 
 SAG_MM = 1e-4
-"""Largest distance of a mesh from a curved surface [mm]. It matters only at silhouettes: hits are refined to the
-surface.
-"""
+"""Largest distance of a mesh from a curved surface [mm], only seen at silhouettes: hits are refined to the surface."""
 _MOST_CELLS = 600
 """Most cells of a mesh along an axis: a surface with more curvature gets a coarser mesh, which is reported."""
 
@@ -29,19 +27,11 @@ MESH: Kind = "mesh"
 class Patch:
     """A piece of a surface. Patch frame: chart x right and y up, z out of the front, origin at the middle of the chart.
 
-    Attributes
-    ----------
-    kind : str
-        `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`.
-    target_from_patch : (4, 4) float64
-    drawing : Drawing
-        Its sheet is the extent of the patch.
-    colours : (float, float)
-        Radiance of black and of white.
-    shape : (k,) float64
-        Numbers of a curved surface, see `surface_kernels`; for a cylinder the radius.
-    triangles, albedo : (m, 3, 3), (m, 3) float64
-        For a mesh: corners in the patch frame, and radiance at the corners.
+    `kind`: `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`.
+    `drawing`: its sheet is the extent of the patch.
+    `colours`: radiance of black and of white.
+    `shape`: numbers of a curved surface, see `surface_kernels`; for a cylinder the radius.
+    `triangles`, `albedo`: for a mesh: corners in the patch frame, and radiance at the corners.
     """
 
     kind: Kind
@@ -80,13 +70,9 @@ class Patch:
         # The sag of a chord of length s is curvature * s^2 / 8; the longest chord is the diagonal of a cell.
         step = math.sqrt(8 * SAG_MM / max(self._curvature(), 1e-12))
         if self.kind == CYLINDER:
-            return self._count(self.drawing.half_x_mm, step), 1
+            return _count(self.drawing.half_x_mm, step, 10 * _MOST_CELLS), 1
         step /= math.sqrt(2)
-        return self._count(self.drawing.half_x_mm, step), self._count(self.drawing.half_y_mm, step)
-
-    def _count(self, half_mm: float, step_mm: float) -> int:
-        limit = 10 * _MOST_CELLS if self.kind == CYLINDER else _MOST_CELLS
-        return max(1, min(limit, math.ceil(2 * half_mm / step_mm)))
+        return _count(self.drawing.half_x_mm, step, _MOST_CELLS), _count(self.drawing.half_y_mm, step, _MOST_CELLS)
 
     def _curvature(self) -> float:
         """Upper bound of the curvature over the patch, from samples [1/mm]."""
@@ -98,16 +84,8 @@ class Patch:
         return float(np.max(bent))
 
     def place(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of the chart, placed on the surface.
-
-        Returns
-        -------
-        points : (n, 3) float64
-            Patch frame [mm].
-        axes : (n, 3, 3) float64
-            Columns: the chart's x and y on the surface made orthonormal, and the normal.
-        curvature : (n,) float64
-            Largest curvature, without sign [1/mm].
+        """Points of the chart on the surface, patch frame: positions (n, 3) [mm]; axes (n, 3, 3), columns: x and y of
+        the chart on the surface made orthonormal, and the normal; largest curvature without sign, (n,) [1/mm].
         """
         n = len(xy_mm)
         if self.kind == PLANE:
@@ -119,12 +97,11 @@ class Patch:
             axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, ones, zero), (s, zero, c))], axis=2)
             return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, ones / abs(radius)
         height = np.empty((n, 6))
-        kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), height)
+        heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), height)
         return np.column_stack([xy_mm, height[:, 0]]), *_bent(height)
 
     def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
-        """Unit vectors on the surface for directions (n, k) of the chart at points with the `axes` of `place`, (n,
-        k, 3).
+        """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` of `place`.
 
         Patch frame. A cylinder is rolled without stretching; height maps keep x and y of the chart.
         """
@@ -139,6 +116,10 @@ class Patch:
     def hull_mm(self) -> np.ndarray:
         """Points of the target frame that enclose the patch, (n, 3) [mm]."""
         return apply(self.target_from_patch, self.mesh().reshape(-1, 3))
+
+
+def _count(half_mm: float, step_mm: float, most: int) -> int:
+    return max(1, min(most, math.ceil(2 * half_mm / step_mm)))
 
 
 def _bent(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,16 +14,8 @@ from pipeline.records.shapes import Float64, Int64
 
 @dataclass(frozen=True, slots=True)
 class TangentPlane:
-    """A plane, and the points at which it touches the surface.
-
-    Attributes
-    ----------
-    target_from_plane : (4, 4) float64
-        Origin on the plane, z its normal, out of the front.
-    members : (k,) int64
-        Indices of the points.
-    points_mm : (k, 3) float64
-        The points in the plane's frame; z is 0.
+    """A plane, z its normal out of the front, and the points at which it touches the surface: their indices, and
+    positions in its own frame.
     """
 
     target_from_plane: Float64[np.ndarray, "4 4"]
@@ -35,24 +27,12 @@ class TangentPlane:
 class TargetPoints:
     """Points of a target in the order of their ids: the index is the id.
 
-    Attributes
-    ----------
-    position_mm : (n, 3) float64
-        Position of each point, target frame.
-    nominal_mm : (n, 3) float64
-        Position on a flat board; differs only on warped ones.
-    axes : (n, 3, 3) float64
-        Columns: x and y along the surface, and the normal out of its front, target frame.
-    curvature_per_mm : (n,) float64
-        Largest curvature of the surface there, without sign.
-    kinds : list of str
-        See `pattern.Marks`.
-    radius_mm : (n,) float64
-        Radius of the disc around the point; NaN without a disc.
-    plane : (n,) int64
-        Index of the tangent plane.
-    frames : (p, 4, 4) float64
-        target_from_plane of each tangent plane.
+    `position_mm`, `nominal_mm`: on the surface and on a flat board, which differ only on warped ones, target frame.
+    `axes`: columns: x and y along the surface, and the normal out of its front, target frame.
+    `curvature_per_mm`: largest curvature of the surface there, without sign.
+    `kinds`: see `pattern.Marks`.
+    `radius_mm`: of the disc around the point; NaN without a disc.
+    `plane`, `frames`: index of the tangent plane of each point, and target_from_plane of all planes.
     """
 
     position_mm: Float64[np.ndarray, "n 3"]
@@ -74,9 +54,9 @@ class TargetPoints:
         planes = []
         for number, frame in enumerate(self.frames):
             members = np.flatnonzero(self.plane == number)
-            points = apply(inverse(frame), self.position_mm[members])
-            points[:, 2] = 0.0
-            planes.append(TangentPlane(frame, members, points))
+            points_mm = apply(inverse(frame), self.position_mm[members])
+            points_mm[:, 2] = 0.0
+            planes.append(TangentPlane(frame, members, points_mm))
         return planes
 
     @staticmethod

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64, Int64
-from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
+from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes, bounds
 from pipeline.targets.patches import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
 
@@ -26,24 +26,16 @@ _AROUND, _ACROSS = 64, 24
 _MOST_CELLS, _MOST_SHAPES = 100_000, 20_000
 """Most cells and shapes of a patch; a patch with more is shown as a blank sheet of the mean of its two colours."""
 _SAME = 7
-"""Digits, relative to the half sheet, to which lines of different shapes count as equal: between rounding and any
-gap.
-"""
+"""Digits, relative to the half sheet, to which lines of different shapes are equal: between rounding and any gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreviewFaces:
     """Quadrilaterals in the target frame.
 
-    Attributes
-    ----------
-    points_mm : (n, 3) float64
-    faces : (m, 4) int64
-        Corners, anticlockwise as seen from the front.
-    radiance : (m,) float64
-        Relative radiance of each face.
-    sheet : (n, 2) float64
-        Place of each point on the picture of all patches side by side; (0, 0) is its lower left, (1, 1) upper right.
+    `faces`: corners, anticlockwise as seen from the front.
+    `radiance`: relative radiance of each face.
+    `sheet`: place of each point on the picture of all patches side by side, from (0, 0), lower left, to (1, 1).
     """
 
     points_mm: Float64[np.ndarray, "n 3"]
@@ -54,16 +46,17 @@ class PreviewFaces:
 
 def preview_faces(target: Target) -> PreviewFaces:
     """Faces of all patches of a target."""
-    points, faces, radiance, sheet = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
-    patches, count = target.patches(), 0
-    for number, patch in enumerate(patches):
-        mesh = _faces(patch)
-        sheet.append((mesh.sheet + np.array([number, 0])) / (len(patches), 1))
-        points.append(apply(patch.target_from_patch, mesh.points_mm))
-        faces.append(mesh.faces + count)
-        radiance.append(mesh.radiance)
-        count += len(mesh.points_mm)
-    return PreviewFaces(*map(np.concatenate, (points, faces, radiance, sheet)))
+    patches = target.patches()
+    pieces = [_faces(patch) for patch in patches]
+    first = np.cumsum([0, *(len(piece.points_mm) for piece in pieces)])
+    placed = [apply(patch.target_from_patch, piece.points_mm) for patch, piece in zip(patches, pieces, strict=True)]
+    sheets = [(piece.sheet + np.array([number, 0])) / (len(pieces), 1) for number, piece in enumerate(pieces)]
+    return PreviewFaces(
+        points_mm=np.concatenate(placed),
+        faces=np.concatenate([piece.faces + start for piece, start in zip(pieces, first, strict=False)]),
+        radiance=np.concatenate([piece.radiance for piece in pieces]),
+        sheet=np.concatenate(sheets),
+    )
 
 
 def preview_picture(target: Target, size_px: int) -> np.ndarray:
@@ -80,15 +73,14 @@ def preview_picture(target: Target, size_px: int) -> np.ndarray:
 def _faces(patch: Patch) -> PreviewFaces:
     """Faces of one patch, in its own frame."""
     black, white = patch.colours
-    too_fine = _is_too_fine(patch.drawing)
-    if not too_fine:
-        x, y = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
-        too_fine = len(x) * len(y) > _MOST_CELLS
-    if too_fine:
-        x, y = (half * np.array([-1.0, 1.0]) for half in (patch.drawing.half_x_mm, patch.drawing.half_y_mm))
-        light = np.full((1, 1), (black + white) / 2)
-    else:
-        light = np.where(_is_black(patch.drawing, _middles(x), _middles(y)), black, white)
+    half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
+    x, y = half[:, None] * [-1.0, 1.0]
+    light = np.full((1, 1), (black + white) / 2)
+    if not _is_too_fine(patch.drawing):
+        columns, rows = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
+        if len(columns) * len(rows) <= _MOST_CELLS:
+            x, y = columns, rows
+            light = np.where(_is_black(patch.drawing, _middles(x), _middles(y)), black, white)
     if patch.kind == PLANE:
         rectangles, colours = _merged(light)
     else:
@@ -102,7 +94,6 @@ def _faces(patch: Patch) -> PreviewFaces:
     corners = np.stack([bottom, bottom, top, top], axis=1) * len(x) + np.stack([left, right, right, left], axis=1)
     used, faces = np.unique(corners, return_inverse=True)
     xy = np.stack([x[used % len(x)], y[used // len(x)]], axis=1)
-    half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
     return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours, xy / half / 2 + 0.5)
 
 
@@ -133,12 +124,10 @@ def _lines_of(shape: Shape, axis: int) -> np.ndarray:
         between = np.linspace(corners[is_slanted, axis], ends[is_slanted, axis], _SIDE_STEPS + 1)
         return np.concatenate([corners[:, axis], between.ravel()])
     centre = (shape.x, shape.y)[axis]
-    reach, steps = (shape.radius, _DISC_STEPS) if isinstance(shape, Disc) else (shape.outer, _star_steps(shape))
-    return centre + reach * np.linspace(-1, 1, steps + 1)
-
-
-def _star_steps(shape: Spokes) -> int:
-    return min(max(2 * _DISC_STEPS, _SPOKE_STEPS * shape.count), _MOST_SPOKE_STEPS)
+    if isinstance(shape, Disc):
+        return centre + shape.radius * np.linspace(-1, 1, _DISC_STEPS + 1)
+    steps = min(max(2 * _DISC_STEPS, _SPOKE_STEPS * shape.count), _MOST_SPOKE_STEPS)
+    return centre + shape.outer * np.linspace(-1, 1, steps + 1)
 
 
 def _middles(lines: np.ndarray) -> np.ndarray:
@@ -146,12 +135,10 @@ def _middles(lines: np.ndarray) -> np.ndarray:
 
 
 def _is_black(drawing: Drawing, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether the drawing is black at the points of a grid, (len(y), len(x)) bool, found by painting its shapes one
-    by one.
-    """
+    """Whether the drawing is black at the points of a grid, (len(y), len(x)), by painting its shapes one by one."""
     black = np.zeros((len(y), len(x)), bool)
     for shape in drawing.shapes:
-        left, right, bottom, top = _bounds(shape)
+        left, right, bottom, top = bounds(shape)
         columns = slice(*np.searchsorted(x, (left, right)))
         rows = slice(*np.searchsorted(y, (bottom, top)))
         u, v = np.meshgrid(x[columns], y[rows])
@@ -162,12 +149,6 @@ def _is_black(drawing: Drawing, x: np.ndarray, y: np.ndarray) -> np.ndarray:
             inside = _is_inside(shape, u, v)
             black[rows, columns][inside] = isinstance(shape, Spokes) or shape.is_black
     return black
-
-
-def _bounds(shape: Shape) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top."""
-    x, y = _lines_of(shape, 0), _lines_of(shape, 1)
-    return float(x.min()), float(x.max()), float(y.min()), float(y.max())
 
 
 def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -186,9 +167,7 @@ def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> 
 
 
 def _merged(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of one colour merged into few rectangles (left, bottom, right, top) of lines, (m, 4), and their colours,
-    (m,).
-    """
+    """Cells of one colour merged into few rectangles of lines, left, bottom, right, top (m, 4), and their colours."""
     open_, rectangles = dict[tuple[int, int, float], int](), list[tuple[int, int, int, int, float]]()
     for row in range(len(light) + 1):
         runs = _runs(light[row]) if row < len(light) else set()

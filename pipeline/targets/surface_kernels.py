@@ -1,4 +1,4 @@
-"""Crossings of rays with warped boards and cylinders, in the frame of the patch [mm].
+"""Where rays meet the surfaces of targets, and the light of their artwork there. Kernels only; mm.
 
 `shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
 the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead. That of
@@ -6,21 +6,67 @@ a cylinder holds its radius.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import buffers, inline
+from pipeline.jit.decorators import buffers, inline, kernel
+from pipeline.targets.drawing_kernels import DrawingArrays, check_colour, only_checks, whiteness
+from pipeline.targets.vectors import along, column, cross, dot, local, minus, row
 
 COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)
 """Columns of the shape of a board; from the last one on follow its heights, or two deflections."""
 CYLINDER_RADIUS = 0
 """Column of the shape of a cylinder."""
 _STEPS = 20
-"""Most steps of Newton's method: the number of correct digits doubles near the board, and a ray that grazes it must
-end.
-"""
+"""Most steps of Newton's method: digits double near the board, and a ray that grazes it must end."""
 _PRECISION = 1e-12
 """Last step of Newton's method [mm]; the remaining error is some digits smaller."""
+
+
+class Artwork(NamedTuple):
+    """A drawing on a patch: radiance (2,) of black and of white, and the pose vision_from_patch (4, 4)."""
+
+    drawing: DrawingArrays
+    colours: np.ndarray
+    pose: np.ndarray
+
+
+class Curved(NamedTuple):
+    """A cylinder or a warped board: its numbers, and corners (m, 3, 3) of a mesh near it, patch frame."""
+
+    is_cylinder: bool
+    shape: np.ndarray
+    triangles: np.ndarray
+
+
+@inline
+def on_plane(pose, origin, direction):
+    """Meet the plane z = 0 of a frame: path, x and y there, and a number that is positive if the ray comes from behind.
+
+    `pose` is vision_from_frame, the ray two triples in the vision frame; the path is negative behind its start.
+    """
+    z, off = column(pose, 2), minus(origin, column(pose, 3))
+    towards = dot(z, direction)
+    t = -dot(z, off) / towards
+    hit = along(off, t, direction)
+    return t, dot(column(pose, 0), hit), dot(column(pose, 1), hit), towards
+
+
+@inline
+def path_to(corners, origin, direction):
+    """Path of a ray to the plane of a triangle, and the plane's normal, which is not of unit length."""
+    a = row(corners, 0)
+    normal = cross(minus(row(corners, 1), a), minus(row(corners, 2), a))
+    return dot(minus(a, origin), normal) / dot(direction, normal), normal
+
+
+@inline
+def shares(corners, normal, point):
+    """Weights of the second and the third corner at a point of the plane of a triangle."""
+    a, area = row(corners, 0), dot(normal, normal)
+    e1, e2, off = minus(row(corners, 1), a), minus(row(corners, 2), a), minus(point, a)
+    return dot(cross(off, e2), normal) / area, dot(cross(e1, off), normal) / area
 
 
 @inline
@@ -93,9 +139,7 @@ def height_into(shape, u, v, result):
 
 @buffers
 def height_hit(shape, o, d, t):
-    """Newton's method from a path t: u, v and the normal (not of unit length) at the point where the ray meets the
-    board.
-    """
+    """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
     height = np.empty(6)
     u, v, nx, ny = math.nan, math.nan, 0.0, 0.0
     for _ in range(_STEPS):
@@ -111,8 +155,7 @@ def height_hit(shape, o, d, t):
 
 @inline
 def cylinder_hit(radius, o, d, start):
-    """Crossing of a ray with a cylinder about the line x = 0, z = -radius; of two crossings the one nearer to a
-    path.
+    """Crossing of a ray with a cylinder about the line x = 0, z = -radius; of two crossings the one nearer to a path.
 
     u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
     """
@@ -125,3 +168,81 @@ def cylinder_hit(radius, o, d, start):
     t = first if abs(first - start) < abs(second - start) else second
     x, z = (cx + t * d[0]) / radius, (cz + t * d[2]) / radius
     return radius * math.atan2(x, z), o[1] + t * d[1], x, 0.0, z
+
+
+@inline
+def _in_patch(pose, origin, direction, i):
+    """Ray number i in the frame of the patch: two triples."""
+    x, y, z = column(pose, 0), column(pose, 1), column(pose, 2)
+    return local(minus(row(origin, i), column(pose, 3)), x, y, z), local(row(direction, i), x, y, z)
+
+
+@kernel
+def plane_light(artwork, chosen, origin, direction, light):
+    """Radiance along rays that meet a flat patch first: of the artwork on its front, 0 on its back.
+
+    `chosen`, (n,) bool: the rays that may; one whose exact hit lies outside, or behind its start, keeps its light.
+    `origin`, `direction`, (n, 3) float64: vision frame.
+    `light`, (n,) float64: written where the ray hits.
+    """
+    # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
+    drawing, colours, pose = artwork
+    is_checks, columns, rows, square = only_checks(drawing)
+    half_x, half_y, black, white = drawing.half_x, drawing.half_y, colours[0], colours[1]
+    for i in range(chosen.size):
+        if not chosen[i]:
+            continue
+        t, x, y, towards = on_plane(pose, row(origin, i), row(direction, i))
+        if not (t > 0.0 and abs(x) <= half_x and abs(y) <= half_y):
+            continue
+        value = check_colour(columns, rows, square, x, y) if is_checks else whiteness(drawing, x, y)
+        if towards < 0.0:
+            light[i] = black if value == 0.0 else white
+        else:
+            light[i] = 0.0
+
+
+@kernel
+def curved_light(artwork, surface, triangle, origin, direction, light):
+    """Radiance along rays that meet a curved patch first: the hit on its mesh is the start, the true surface decides.
+
+    `triangle`, (n,) int64: triangle of the patch that each ray meets first; negative: none.
+    """
+    drawing, colours, pose = artwork
+    is_cylinder, shape, triangles = surface
+    for i in range(triangle.size):
+        if triangle[i] < 0:
+            continue
+        o, d = _in_patch(pose, origin, direction, i)
+        start, _ = path_to(triangles[triangle[i]], o, d)
+        if is_cylinder:
+            u, v, nx, ny, nz = cylinder_hit(shape[CYLINDER_RADIUS], o, d, start)
+        else:
+            u, v, nx, ny, nz = height_hit(shape, o, d, start)
+        value = whiteness(drawing, u, v)
+        if not math.isnan(value):
+            towards = nx * d[0] + ny * d[1] + nz * d[2]
+            light[i] = colours[int(value)] if towards < 0.0 else 0.0
+
+
+@kernel
+def mesh_light(albedo, triangles, pose, triangle, origin, direction, light):
+    """Radiance along rays that meet a mesh first: `albedo`, (m, 3) float64, of the triangle's corners, interpolated;
+    backs are black.
+    """
+    for i in range(triangle.size):
+        if triangle[i] < 0:
+            continue
+        o, d = _in_patch(pose, origin, direction, i)
+        corners, shade = triangles[triangle[i]], albedo[triangle[i]]
+        t, normal = path_to(corners, o, d)
+        second, third = shares(corners, normal, along(o, t, d))
+        value = shade[0] + second * (shade[1] - shade[0]) + third * (shade[2] - shade[0])
+        light[i] = value if dot(normal, d) < 0.0 else 0.0
+
+
+@kernel
+def heights_at_points(shape, u, v, result):
+    """`height_into` at many points (n,); `result` (n, 6) is written."""
+    for i in range(u.size):
+        height_into(shape, u[i], v[i], result[i])

@@ -11,8 +11,16 @@ import numpy as np
 
 from pipeline.frames import rigid
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.patches import CYLINDER, HEIGHTS, PLANE, Patch
+from pipeline.targets.patches import CYLINDER, HEIGHTS, PLANE, Kind, Patch
 from pipeline.targets.patterns.pattern import Pattern, TargetError
+
+Pieces = list[tuple[Patch, Pattern | None]]
+"""Patches of a surface, each with the pattern on it; None for a blank one."""
+
+
+def _alone(kind: Kind, pattern: Pattern, *shape: float) -> Pieces:
+    colours = pattern.black, pattern.white
+    return [(Patch(kind, np.eye(4), pattern.drawing, colours, np.array(shape, float)), pattern)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,9 +29,8 @@ class Flat:
 
     KIND: ClassVar[str] = "flat"
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """Patches of the surface, each with the pattern on it; None for a blank one."""
-        return [(Patch(PLANE, np.eye(4), pattern.drawing, (pattern.black, pattern.white)), pattern)]
+    def patches(self, pattern: Pattern) -> Pieces:
+        return _alone(PLANE, pattern)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,21 +40,16 @@ class Warped:
     The pattern keeps its x and y, as in mrcal. (A bent print keeps lengths along the surface instead; the total
     difference is 8/3 of the squared deflection over the width.)
 
-    Attributes
-    ----------
-    deflection_mm : (float, float)
-        dx and dy, positive if the middle stands out towards the viewer.
+    `deflection_mm`: dx and dy, positive if the middle stands out towards the viewer.
     """
 
     KIND: ClassVar[str] = "warped"
 
     deflection_mm: tuple[float, float]
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """The one patch of the surface."""
+    def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
-        shape = np.array([0.0, 0.0, drawing.half_x_mm, drawing.half_y_mm, *self.deflection_mm])
-        return [(Patch(HEIGHTS, np.eye(4), drawing, (pattern.black, pattern.white), shape), pattern)]
+        return _alone(HEIGHTS, pattern, 0.0, 0.0, drawing.half_x_mm, drawing.half_y_mm, *self.deflection_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +58,8 @@ class HeightMap:
 
     The pattern keeps its x and y.
 
-    Attributes
-    ----------
-    resolution : (int, int)
-        Number of heights along x and along y.
-    heights_mm : tuple of float
-        z, rows from the top, each from the left.
+    `resolution`: number of heights along x and along y.
+    `heights_mm`: z, rows from the top, each from the left.
     """
 
     KIND: ClassVar[str] = "height-map"
@@ -78,39 +76,32 @@ class HeightMap:
                 code="height-map",
             )
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """The one patch of the surface."""
+    def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
-        shape = np.array([*self.resolution, drawing.half_x_mm, drawing.half_y_mm, *self.heights_mm], float)
-        return [(Patch(HEIGHTS, np.eye(4), drawing, (pattern.black, pattern.white), shape), pattern)]
+        return _alone(HEIGHTS, pattern, *self.resolution, drawing.half_x_mm, drawing.half_y_mm, *self.heights_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder:
     """A sheet rolled about an upright axis without stretching; its middle touches the plane z = 0.
 
-    Attributes
-    ----------
-    radius_mm : float
-        Positive: the pattern is on the outside, the axis behind it. Negative: a hollow, seen from inside.
+    `radius_mm`: positive: the pattern is on the outside, the axis behind it. Negative: a hollow, seen from inside.
     """
 
     KIND: ClassVar[str] = "cylinder"
 
     radius_mm: float
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """The one patch of the surface."""
-        drawing = pattern.drawing
-        if drawing.half_x_mm > math.pi * abs(self.radius_mm):
+    def patches(self, pattern: Pattern) -> Pieces:
+        width_mm = 2 * pattern.drawing.half_x_mm
+        if width_mm > 2 * math.pi * abs(self.radius_mm):
             raise TargetError(
-                f"the sheet is {2 * drawing.half_x_mm:g} mm wide, and the cylinder"
+                f"the sheet is {width_mm:g} mm wide, and the cylinder"
                 f" {2 * math.pi * abs(self.radius_mm):.6g} mm around",
                 hint="enlarge the radius",
                 code="cylinder-radius",
             )
-        shape = np.array([self.radius_mm])
-        return [(Patch(CYLINDER, np.eye(4), drawing, (pattern.black, pattern.white), shape), pattern)]
+        return _alone(CYLINDER, pattern, self.radius_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,10 +110,7 @@ class Cube:
 
     Faces: 0 front (+z), 1 right (+x), 2 top (+y), 3 left, 4 bottom, 5 back.
 
-    Attributes
-    ----------
-    edge_mm : float
-        Edge of the cube; the part of a face beyond the sheet of the pattern is white.
+    `edge_mm`: the part of a face beyond the sheet of the pattern is white.
     """
 
     KIND: ClassVar[str] = "cube"
@@ -137,7 +125,7 @@ class Cube:
 
     edge_mm: float
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
+    def patches(self, pattern: Pattern) -> Pieces:
         """The six faces."""
         half = self.edge_mm / 2
         widest = max(pattern.drawing.half_x_mm, pattern.drawing.half_y_mm)
@@ -147,7 +135,7 @@ class Cube:
                 hint="enlarge the edge",
                 code="cube-edge",
             )
-        pieces: list[tuple[Patch, Pattern | None]] = []
+        pieces: Pieces = []
         for number, (normal, up) in enumerate(self._NORMALS_AND_UPS):
             z, y = np.array(normal, float), np.array(up, float)
             pose = rigid(np.stack([np.cross(y, z), y, z], axis=1), half * z)
@@ -162,11 +150,7 @@ class Stairs:
 
     The origin is the centre of the lowest front, step 0. Tags go on counting from step to step.
 
-    Attributes
-    ----------
-    steps : int
-    depth_mm : float
-        Distance from one front back to the next.
+    `depth_mm`: distance from one front back to the next.
     """
 
     KIND: ClassVar[str] = "stairs"
@@ -178,21 +162,20 @@ class Stairs:
         if self.steps < 2 or not self.depth_mm > 0:
             raise TargetError(f"{self.steps} steps of {self.depth_mm} mm", hint="two steps at least")
 
-    def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
+    def patches(self, pattern: Pattern) -> Pieces:
         """Fronts from the lowest, then treads from the lowest."""
         half_x, half_y, back = pattern.drawing.half_x_mm, pattern.drawing.half_y_mm, self.depth_mm
         colours = pattern.black, pattern.white
-        fronts: list[tuple[Patch, Pattern | None]] = []
+        pieces: Pieces = []
         for number in range(self.steps):
             front = pattern.for_face(number)
             pose = rigid(np.eye(3), np.array([0.0, 2 * number * half_y, -number * back]))
-            fronts.append((Patch(PLANE, pose, front.drawing, colours), front))
+            pieces.append((Patch(PLANE, pose, front.drawing, colours), front))
         lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-        treads: list[tuple[Patch, Pattern | None]] = []
         for number in range(self.steps - 1):
             pose = rigid(lying, np.array([0.0, (2 * number + 1) * half_y, -(number + 0.5) * back]))
-            treads.append((Patch(PLANE, pose, Drawing(half_x, back / 2), colours), None))
-        return [*fronts, *treads]
+            pieces.append((Patch(PLANE, pose, Drawing(half_x, back / 2), colours), None))
+        return pieces
 
 
 Surface = Flat | Warped | HeightMap | Cylinder | Cube | Stairs

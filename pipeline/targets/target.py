@@ -33,10 +33,7 @@ SURFACES: dict[str, type] = {kind.KIND: kind for kind in (Flat, Warped, HeightMa
 class Target:
     """A pattern on a surface. Target frame: x right, y up, z towards the viewer.
 
-    Raises
-    ------
-    TargetError
-        The pattern does not fit on the surface.
+    Raises TargetError: the pattern does not fit on the surface.
     """
 
     pattern: Pattern
@@ -88,12 +85,10 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
 
 
 def bare(target: AnyTarget) -> AnyTarget:
-    """The same shape, drawing and points with radiance 1 for white and 0 for black; a mesh gets radiance 1
-    everywhere.
-    """
+    """The same shape, drawing and points with radiance 1 for white and 0 for black; a mesh is 1 everywhere."""
     if isinstance(target, MeshTarget):
         return dataclasses.replace(target, albedo=((1.0, 1.0, 1.0),) * len(target.triangles))
-    return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)  # type: ignore[type-var]
+    return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)
 
 
 def plain_from_target(target: AnyTarget) -> dict[str, Any]:

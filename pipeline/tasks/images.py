@@ -21,7 +21,7 @@ from pipeline.files.npy import read_npy, write_npy
 from pipeline.files.png import write_png
 from pipeline.jit.work import work
 from pipeline.render import in_lights
-from pipeline.render.glow.light import GlowingView, TargetLight
+from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview

@@ -17,7 +17,7 @@ from pipeline.camera.focusing.depth_of_field import foci, focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.errors import UsageError
 from pipeline.folders import share
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance
 from pipeline.scene.load import load
 from pipeline.targets.patterns.checkerboard import Checkerboard

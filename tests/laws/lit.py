@@ -10,7 +10,7 @@ from pipeline.records.plain import to_plain
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 
 RAYS = 1 << 14

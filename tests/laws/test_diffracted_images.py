@@ -11,7 +11,7 @@ from tolerances import DIFFRACTED_EDGE, SIGMAS
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance, pictures
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

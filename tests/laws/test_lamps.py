@@ -11,7 +11,7 @@ from laws.rigs import facing
 from tolerances import LIT_ERRORS
 
 from pipeline.render.lighting.records import Input, Material, Texture
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 
 SPOT = (30.0, -20.0, 500.0)
 """The point that is looked at [mm]."""

@@ -7,7 +7,7 @@ from laws.rigs import conventional, facing, plenoptic
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.in_lights import colours_in_lights, sampled_in_lights, white_parts
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.targets.patterns.checkerboard import Checkerboard

@@ -12,7 +12,7 @@ from pipeline.files.jsonfile import write_json
 from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
 from pipeline.render import pixel_rays
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid

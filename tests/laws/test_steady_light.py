@@ -19,7 +19,7 @@ from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.plain import to_plain
 from pipeline.render.band import Band
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance
 from pipeline.render.in_lights import in_all, known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.known_flux import known_flux

@@ -17,11 +17,10 @@ from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.render.surroundings import Surroundings
-from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped

@@ -10,7 +10,7 @@ from laws.lit import lamp, named, plate, scene, towards
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.lighting.records import Material, PlacedLamp
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 
 mi.set_variant("scalar_rgb")
 ROOM_MM = 500.0

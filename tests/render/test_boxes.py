@@ -3,9 +3,9 @@
 import numpy as np
 
 from pipeline.frames import rigid
-from pipeline.render.glow.light import TargetLight
-from pipeline.render.glow.meeting import may_meet
-from pipeline.targets.occluder import Occluder
+from pipeline.render.glow import TargetLight
+from pipeline.render.glow_kernels import may_meet
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -5,8 +5,8 @@ from laws.rigs import facing
 from render.lens_rays import lens_rays, nearest
 
 from pipeline.frames import apply
-from pipeline.render.glow.light import TargetLight
-from pipeline.render.glow.meeting import first_sheet
+from pipeline.render.glow import TargetLight
+from pipeline.render.glow_kernels import first_sheet
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -19,7 +19,7 @@ from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Lamp
 from pipeline.scene.lamps import shines
 from pipeline.scene.load import load
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target, target_from_plain
 

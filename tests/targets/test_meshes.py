@@ -2,8 +2,7 @@
 
 import pytest
 
-from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.pattern import TargetError
 
 VERTICES = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))

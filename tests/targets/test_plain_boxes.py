@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from targets.examples import EXAMPLES, name_of
 
+from pipeline.targets.drawing_kernels import BESIDE, MIXED, colour_of_box
 from pipeline.targets.patterns.stars import SiemensStar, Stars
-from pipeline.targets.plain_boxes import BESIDE, MIXED, colour_of_box
 
 POINTS = 24
 """Along each side of a box."""

@@ -8,7 +8,7 @@ from tolerances import ROUNDING_MM
 
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
-from pipeline.render.glow.light import TargetLight
+from pipeline.render.glow import TargetLight
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.jit.decorators import inline
 from pipeline.render.lighting.dome_kernels import Dome, dome_density, dome_sample, dome_texel
 from pipeline.render.lighting.shape_kernels import Glow
-from pipeline.render.lighting.vectors import across, along, dot, minus, times, unit, world
+from pipeline.targets.vectors import across, along, dot, minus, times, unit, world
 
 KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
 """Kinds of lamps, by their number in kernels."""

@@ -15,10 +15,10 @@ from pipeline.camera.tracer import SEED_STEP
 from pipeline.camera.tracing.records import Leaving
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
-from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Footprints
-from pipeline.render.glow.light import inked
+from pipeline.render.glow import PatchLight, inked
+from pipeline.render.glow_kernels import add_values
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.albedo import layers
@@ -30,10 +30,9 @@ from pipeline.render.lighting.materials import MaterialTable
 from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.shape_kernels import find_holes
-from pipeline.render.patch_light import PatchLight
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 
 _GAP_MM, _GAP = 1e-3, 2e-7
@@ -125,7 +124,7 @@ class LitScene:
         some, names = wanted[pixels], self._names(of_pixels)
         rays, names = Leaving(*_those(of_pixels.leaving, some)), Names(*_those(names, some))
         light = self.radiance(rays.origin, rays.direction, names)
-        sheet_image.add_values(rays.share, light, pixels if some.all() else pixels[some], image)
+        add_values(rays.share, light, pixels if some.all() else pixels[some], image)
 
     def radiance(
         self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names

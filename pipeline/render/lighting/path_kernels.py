@@ -35,7 +35,7 @@ from pipeline.render.lighting.shape_kernels import (
     st_at,
     weights,
 )
-from pipeline.render.lighting.vectors import across, along, dot, local, minus, row, times, unit, world
+from pipeline.targets.vectors import across, along, dot, local, minus, row, times, unit, world
 
 _GAP = 2e-6
 """Gap between a surface and the rays that leave it, as a part of the coordinates there [1]: single precision

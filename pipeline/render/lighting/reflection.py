@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline
-from pipeline.render.lighting.vectors import dot, unit
+from pipeline.targets.vectors import dot, unit
 
 NODES = 64
 """Nodes of the tables along each axis [1]: with them a white furnace is white to 0.0003."""

@@ -18,7 +18,7 @@ from pipeline.render.lighting.material_kernels import (
     input_at,
     is_hole,
 )
-from pipeline.render.lighting.vectors import along, cross, dot, minus, row, times, unit
+from pipeline.targets.vectors import along, cross, dot, minus, row, times, unit
 
 
 class Shapes(NamedTuple):

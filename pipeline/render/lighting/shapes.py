@@ -7,7 +7,7 @@ from pipeline.records.shapes import Float64
 from pipeline.render.lighting.material_kernels import COEFFICIENTS, CONSTANT, EMISSION, MAP, TEXTURE, Materials
 from pipeline.render.lighting.records import Finish
 from pipeline.render.lighting.shape_kernels import Glow, Shapes
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patches import CYLINDER, HEIGHTS, Patch
 
 

@@ -11,28 +11,18 @@ import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
 from pipeline.targets.patterns.dictionaries import bits_of, require_tags
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once
 from pipeline.targets.patterns.tags import tag_shapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AprilGrid(Base):
+class AprilGrid(Pattern):
     """A grid of AprilTags with black squares between their corners, and a white margin twice as wide as the gaps.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Tags along x and y.
-    tag_mm : float
-        Edge of a tag, black border included.
-    spacing : float
-        Gap between tags over `tag_mm`: Kalibr's tagSpacing.
-    dictionary : str
-        See `dictionaries.DICTIONARIES`.
-    border_bits : int
-        Width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere.
-    first_tag : int
-        Number of the tag at the bottom left.
+    `tag_mm`: edge of a tag, black border included.
+    `spacing`: gap between tags over `tag_mm`: Kalibr's tagSpacing.
+    `border_bits`: width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere.
+    `first_tag`: number of the tag at the bottom left.
     """
 
     KIND: ClassVar[str] = "aprilgrid"
@@ -100,16 +90,13 @@ class AprilGrid(Base):
         return tag_shapes(bits, left, bottom, self.tag_mm, self.border_bits)
 
     def marks(self) -> Marks:
-        """Corners of the tags."""
         x, y = np.meshgrid(self._corners(self.columns), self._corners(self.rows))
         return Marks.of(("corner", np.stack([x.ravel(), y.ravel()], axis=1)))
 
     def for_face(self, number: int) -> "AprilGrid":
-        """The same grid with the next tags."""
         return replace(self, first_tag=self.first_tag + number * self.columns * self.rows)
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"AprilGrid {self.dictionary}, {self.columns} x {self.rows} tags of {self.tag_mm:g} mm,"
             f" {self.first_tag} to {self.first_tag + self.columns * self.rows - 1} from the bottom left,"

@@ -7,26 +7,18 @@ import numpy as np
 
 from pipeline.targets.drawing import Checks, Drawing
 from pipeline.targets.patterns.dictionaries import bits_of, require_tags
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once, grid
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once, grid
 from pipeline.targets.patterns.tags import tag_shapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Charuco(Base):
+class Charuco(Pattern):
     """A ChArUco board; the top-left square is black, a white margin one square wide runs around the squares.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Inner corners along x and y: one less than the squares by which OpenCV counts.
-    square_mm, marker_mm : float
-        Edges of a square and of a tag.
-    dictionary : str
-        See `dictionaries.DICTIONARIES`.
-    first_tag : int
-        Number of the tag in the first white square; the others follow, rows from the top, each from the left.
-    marker_corners : bool
-        Whether the corners of the tags are target points, too.
+    `columns`, `rows`: inner corners: one less than the squares by which OpenCV counts.
+    `marker_mm`: edge of a tag.
+    `first_tag`: number of the tag in the first white square; the others follow, rows from the top, each from the left.
+    `marker_corners`: whether the corners of the tags are target points, too.
     """
 
     KIND: ClassVar[str] = "charuco"
@@ -93,11 +85,9 @@ class Charuco(Base):
         return Marks.of(corners, ("marker-corner", (self._tag_centres()[:, None] + around).reshape(-1, 2)))
 
     def for_face(self, number: int) -> "Charuco":
-        """The same board with the next tags."""
         return replace(self, first_tag=self.first_tag + number * self.tags)
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"ChArUco {self.dictionary}, {self.columns + 1} x {self.rows + 1} squares of {self.square_mm:g} mm, tags"
             f" {self.first_tag} to {self.first_tag + self.tags - 1} of {self.marker_mm:g} mm,"

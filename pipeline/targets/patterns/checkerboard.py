@@ -7,19 +7,14 @@ import numpy as np
 
 from pipeline.records.declared import settle
 from pipeline.targets.drawing import Checks, Drawing
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, grid
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Checkerboard(Base):
+class Checkerboard(Pattern):
     """A checkerboard. The top-left square is black, and a white margin one square wide runs around the squares.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Inner corners along x and y; their sum is odd, so that the board has one orientation.
-    square_mm : float
-        Edge of one square.
+    `columns`, `rows`: inner corners along x and y; their sum is odd, so that the board has one orientation.
     """
 
     KIND: ClassVar[str] = "checkerboard"
@@ -54,11 +49,9 @@ class Checkerboard(Base):
         return Drawing(*half, (Checks(columns=self.columns, rows=self.rows, square=self.square_mm),))
 
     def marks(self) -> Marks:
-        """Inner corners."""
         return Marks.of(("corner", grid(self.columns, self.rows, self.square_mm)))
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"checkerboard, {self.columns} x {self.rows} inner corners, square {self.square_mm:g} mm,"
             f" ids 0 to {self.columns * self.rows - 1} from the top left"

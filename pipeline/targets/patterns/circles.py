@@ -6,23 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Disc, Drawing
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once, grid
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CircleGrid(Base):
+class CircleGrid(Pattern):
     """Black discs whose centres are the target points.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Discs in a row, and rows.
-    spacing_mm : float
-        Distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a row; in
-        an asymmetric one it is half that distance, and every other row is shifted by it.
-    diameter_mm : float
-        Diameter of a disc.
-    asymmetric : bool
+    `spacing_mm`: distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a
+        row; in an asymmetric one it is half that distance, and every other row is shifted by it.
     """
 
     KIND: ClassVar[str] = "circle-grid"
@@ -72,7 +64,6 @@ class CircleGrid(Base):
         return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])
 
     def title(self) -> str:
-        """One line for a print."""
         kind = "asymmetric" if self.asymmetric else "symmetric"
         return (
             f"{kind} circle grid, {self.columns} x {self.rows} discs of {self.diameter_mm:g} mm, spacing"

@@ -6,19 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, drawn_once, points_of
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deltille(Base):
+class Deltille(Pattern):
     """Black triangles that point up and white ones that point down, in rows that are shifted in turn by half an edge.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Inner corners in a row, and rows of them.
-    edge_mm : float
-        Edge of a triangle.
+    `columns`, `rows`: inner corners in a row, and rows of them.
     """
 
     KIND: ClassVar[str] = "deltille"
@@ -50,7 +45,6 @@ class Deltille(Base):
         return np.stack([x, y], axis=-1) * self.edge_mm
 
     def marks(self) -> Marks:
-        """Inner corners."""
         return Marks.of(("corner", self._nodes()[1:-1, 1:-1].reshape(-1, 2)))
 
     @property
@@ -62,13 +56,12 @@ class Deltille(Base):
             for column in range(self.columns + 2):
                 left = column - 1 + row % 2
                 if left >= 0 and left + 1 <= self.columns + 1:
-                    ends = np.stack([nodes[row, column], nodes[row + 1, left], nodes[row + 1, left + 1]])
-                    triangles.append(Polygon(corners=points_of(ends)))
+                    ends = nodes[row, column], nodes[row + 1, left], nodes[row + 1, left + 1]
+                    triangles.append(Polygon(corners=tuple((float(x), float(y)) for x, y in ends)))
         half_x, half_y = np.abs(nodes).max(axis=(0, 1)) + self.edge_mm / 2
         return Drawing(float(half_x), float(half_y), triangles)
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"deltille board, {self.columns} x {self.rows} inner corners, edge {self.edge_mm:g} mm,"
             f" ids 0 to {self.columns * self.rows - 1} from the top left"

@@ -7,19 +7,14 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, grid
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SlantedEdge(Base):
+class SlantedEdge(Pattern):
     """A sheet, white to the left of an edge through its centre and black to the right of it, for ISO 12233.
 
-    Attributes
-    ----------
-    width_mm, height_mm : float
-        Size of the sheet.
-    angle_deg : float
-        Angle of the edge from the vertical, clockwise as the viewer sees it.
+    `angle_deg`: of the edge from the vertical, clockwise as the viewer sees it.
     """
 
     KIND: ClassVar[str] = "slanted-edge"
@@ -47,7 +42,6 @@ class SlantedEdge(Base):
         return abs(self.height_mm * math.tan(math.radians(self.angle_deg)))
 
     def marks(self) -> Marks:
-        """Centre and ends."""
         x = self.height_mm / 2 * math.tan(math.radians(self.angle_deg))
         ends = np.array([[x, self.height_mm / 2], [-x, -self.height_mm / 2]])
         return Marks.of(("centre", np.zeros((1, 2))), ("end", ends))
@@ -60,22 +54,17 @@ class SlantedEdge(Base):
         return Drawing(right, self.height_mm / 2, (Polygon(corners=corners),))
 
     def title(self) -> str:
-        """One line for a print."""
         return f"slanted edge, {self.angle_deg:g} degrees from the vertical, {self.width_mm:g} x {self.height_mm:g} mm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lines(Base):
+class Lines(Pattern):
     """Black lines, vertical, horizontal or both. Each extends half a spacing beyond the outermost lines that it may
     cross.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Numbers of vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as
+    `columns`, `rows`: vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as
         the distance between the outermost ones.
-    spacing_mm, width_mm : float
-        Distance of the centres of neighbouring lines; thickness of a line.
+    `spacing_mm`: distance of the centres of neighbouring lines.
     """
 
     KIND: ClassVar[str] = "lines"
@@ -110,7 +99,6 @@ class Lines(Base):
         return across * self.spacing_mm / 2, down * self.spacing_mm / 2
 
     def marks(self) -> Marks:
-        """Crossings, or ends."""
         half_x, half_y = self._half_mm
         if self.columns and self.rows:
             return Marks.of(("crossing", grid(self.columns, self.rows, self.spacing_mm)))
@@ -128,7 +116,6 @@ class Lines(Base):
         return Drawing(half_x + self.spacing_mm / 2, half_y + self.spacing_mm / 2, shapes)
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"{self.columns} upright and {self.rows} level lines, width {self.width_mm:g} mm,"
             f" spacing {self.spacing_mm:g} mm"

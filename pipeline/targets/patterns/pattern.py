@@ -1,9 +1,9 @@
 """Common parts of all patterns: a drawing, marks with ids, and the radiance of black and white."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,15 +20,10 @@ class TargetError(PipelineError):
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Points of a pattern whose image positions are computed, in the order of their ids, in the chart [mm].
+    """Points of a pattern whose image positions are computed, in the order of their ids, in the chart.
 
-    Attributes
-    ----------
-    xy_mm : (n, 2) float64
-    kinds : list of str
-        `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`.
-    radius_mm : (n,) float64
-        Radius of the disc about a mark; NaN without a disc.
+    `kinds`: `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`.
+    `radius_mm`: radius of the disc about a mark; NaN without a disc.
     """
 
     xy_mm: Float64[np.ndarray, "n 2"]
@@ -43,8 +38,9 @@ class Marks:
         return Marks(xy, kinds, np.full(len(xy), radius_mm))
 
 
-class Pattern(Protocol):
-    """A flat pattern about the origin of the chart: x right, y up.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """A flat pattern about the origin of the chart, x right, y up, with the relative radiance of its two colours.
 
     `ATTRIBUTES` names the attribute of each field in a stage; all patterns also have `plen:white` and `plen:black`. The
     class of the schema is `Plen` and the name of the record.
@@ -54,44 +50,6 @@ class Pattern(Protocol):
     ATTRIBUTES: ClassVar[dict[str, str]]
     ORDER: ClassVar[str]
 
-    @property
-    def white(self) -> float:
-        """Radiance of white, relative."""
-        ...
-
-    @property
-    def black(self) -> float:
-        """Radiance of black, relative."""
-        ...
-
-    @property
-    def drawing(self) -> Drawing:
-        """Its artwork."""
-        ...
-
-    def marks(self) -> Marks:
-        """Its points."""
-        ...
-
-    def for_face(self, number: int) -> "Pattern":
-        """The pattern on another face of the same target: numbers of tags go on, everything else is the same."""
-        ...
-
-    def title(self) -> str:
-        """One line for a print: kind, size and ids."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Base:
-    """Common fields of patterns without tags.
-
-    Attributes
-    ----------
-    white, black : float
-        Radiance of the two colours, relative.
-    """
-
     white: float = 1.0
     black: float = 0.0
 
@@ -100,11 +58,19 @@ class Base:
         """Its artwork."""
         raise NotImplementedError
 
-    def for_face(self, number: int) -> "Pattern":
-        """The same pattern: it has no tags."""
-        return self  # type: ignore[return-value]
+    def marks(self) -> Marks:
+        """Its points."""
+        raise NotImplementedError
 
-    def radiance(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "m"]) -> np.ndarray:
+    def title(self) -> str:
+        """One line for a print: kind, size and ids."""
+        raise NotImplementedError
+
+    def for_face(self, number: int) -> "Pattern":
+        """The pattern on another face of the same target: numbers of tags go on, everything else is the same."""
+        return self
+
+    def radiance(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Radiance at points of the chart, (n,); NaN beside the sheet."""
         whiteness = self.drawing.whiteness(x_mm, y_mm)
         return np.where(np.isnan(whiteness), np.nan, np.where(whiteness == 1, self.white, self.black))
@@ -125,13 +91,3 @@ def grid(columns: int, rows: int, spacing_x: float, spacing_y: float | None = No
     x = (column - (columns - 1) / 2) * spacing_x
     y = ((rows - 1) / 2 - row) * (spacing_x if spacing_y is None else spacing_y)
     return np.stack([x.ravel(), y.ravel()], axis=1)
-
-
-def points_of(array: Float64[np.ndarray, "n 2"]) -> tuple[tuple[float, float], ...]:
-    """An (n, 2) array as the corners of a polygon."""
-    return tuple((float(x), float(y)) for x, y in array)
-
-
-def counted(names: Sequence[tuple[str, float]]) -> str:
-    """Names and numbers for a title: `square 3 mm, spoke 4 mm`."""
-    return ", ".join(f"{name} {value:g} mm" for name, value in names)

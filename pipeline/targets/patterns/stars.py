@@ -6,21 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Spokes
-from pipeline.targets.patterns.pattern import Base, Marks, TargetError, grid
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stars(Base):
+class Stars(Pattern):
     """A grid of stars whose centres are the target points, on a sheet with a margin of one spacing.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Stars along x and y.
-    spacing_mm, diameter_mm : float
-        Distance of neighbouring centres; diameter of a star.
-    spokes : int
-        Black sectors of a star.
+    `spacing_mm`: distance of neighbouring centres.
+    `spokes`: black sectors of a star.
     """
 
     KIND: ClassVar[str] = "stars"
@@ -48,7 +42,6 @@ class Stars(Base):
             )
 
     def marks(self) -> Marks:
-        """Centres."""
         return Marks.of(("centre", grid(self.columns, self.rows, self.spacing_mm)))
 
     @property
@@ -62,7 +55,6 @@ class Stars(Base):
         return Drawing(float(half_x), float(half_y), stars)
 
     def title(self) -> str:
-        """One line for a print."""
         return (
             f"{self.columns} x {self.rows} stars of {self.spokes} spokes and {self.diameter_mm:g} mm, spacing"
             f" {self.spacing_mm:g} mm, ids 0 to {self.columns * self.rows - 1} from the top left"
@@ -70,15 +62,10 @@ class Stars(Base):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SiemensStar(Base):
+class SiemensStar(Pattern):
     """One star with many spokes around a white hub: the spatial frequency rises towards the centre.
 
-    Attributes
-    ----------
-    spokes : int
-        Black sectors: cycles around the star.
-    diameter_mm, hub_mm : float
-        Diameters of the star and of its white hub.
+    `spokes`: black sectors: cycles around the star.
     """
 
     KIND: ClassVar[str] = "siemens-star"
@@ -103,7 +90,6 @@ class SiemensStar(Base):
             )
 
     def marks(self) -> Marks:
-        """Centre and rim."""
         angle = np.arange(2 * self.spokes) * np.pi / self.spokes
         rim = self.diameter_mm / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return Marks.of(("centre", np.zeros((1, 2))), ("rim", rim))
@@ -116,5 +102,4 @@ class SiemensStar(Base):
         return Drawing(half, half, (star,))
 
     def title(self) -> str:
-        """One line for a print."""
         return f"Siemens star, {self.spokes} cycles, diameter {self.diameter_mm:g} mm, hub {self.hub_mm:g} mm"

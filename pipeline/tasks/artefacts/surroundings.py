@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.records.plain import from_plain
 from pipeline.render.surroundings import Surroundings
-from pipeline.targets.occluder import Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget, target_from_plain
 from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget
 

@@ -12,6 +12,12 @@ def row(array, i):
 
 
 @inline
+def column(pose, k):
+    """The triple in a column of a pose."""
+    return pose[0, k], pose[1, k], pose[2, k]
+
+
+@inline
 def dot(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.tracing.records import Leaving
+from pipeline.frames import apply
 from pipeline.records.shapes import Bool, Float64, Int64
-from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Footprints
-from pipeline.render.glow.meeting import first_sheet, may_meet
-from pipeline.render.patch_light import PatchLight
+from pipeline.render.glow_kernels import add_light, add_values, first_sheet, may_meet
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import in_vision
-from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.occluder import Occluder
-from pipeline.targets.patches import PLANE, Patch
+from pipeline.targets import surface_kernels as kernels
+from pipeline.targets.mesh import MeshTarget, Occluder
+from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.targets.target import AnyTarget, Target
 
 _FEW = 8
@@ -32,18 +31,50 @@ Placed = Sequence[tuple[AnyTarget, np.ndarray]]
 """Targets with their poses vision_from_target."""
 
 
+class PatchLight:
+    """A patch of a target at a pose vision_from_patch, which shines like its artwork."""
+
+    def __init__(self, patch: Patch, vision_from_patch: Float64[np.ndarray, "4 4"]) -> None:
+        self._patch, self._pose = patch, np.ascontiguousarray(vision_from_patch)
+        self._triangles = np.ascontiguousarray(patch.mesh())
+        self.artwork = kernels.Artwork(patch.drawing.arrays, np.array(patch.colours), self._pose)
+
+    def mesh_in_vision(self) -> np.ndarray:
+        """Triangles, vision frame."""
+        return apply(self._pose, self._triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the patch is plane."""
+        return self._patch.kind == PLANE
+
+    def shine(
+        self,
+        triangle: Int64[np.ndarray, "n"],
+        origin: Float64[np.ndarray, "n 3"],
+        direction: Float64[np.ndarray, "n 3"],
+        light: Float64[np.ndarray, "n"],
+    ) -> None:
+        """Write the light of the rays that meet a triangle of this patch first; -1 marks all other rays."""
+        kind = self._patch.kind
+        if kind == PLANE:
+            kernels.plane_light(self.artwork, triangle >= 0, origin, direction, light)
+        elif kind == MESH:
+            kernels.mesh_light(self._patch.albedo, self._triangles, self._pose, triangle, origin, direction, light)
+        else:
+            surface = kernels.Curved(kind == CYLINDER, self._patch.shape, self._triangles)
+            kernels.curved_light(self.artwork, surface, triangle, origin, direction, light)
+
+
 class TargetLight:
     """Targets that radiate like their artwork, equally in all directions from their front; their back is black.
 
-    `targets`, sequence of (Target or MeshTarget, (4, 4) float64): each with its pose vision_from_target.
-    `background`: radiance of the background.
-    `occluders`, sequence of (Occluder, (4, 4) float64): each with its pose vision_from_occluder; they radiate equally
-        from both sides.
+    `occluders`: each with its pose vision_from_occluder; they radiate equally from both sides.
     """
 
     def __init__(
         self,
-        targets: Sequence[tuple[AnyTarget, np.ndarray]],
+        targets: Placed,
         background: float,
         occluders: Sequence[tuple[Occluder, np.ndarray]] = (),
     ) -> None:
@@ -52,14 +83,17 @@ class TargetLight:
         self._lights = [PatchLight(patch, pose) for patch, pose in patches]
         self._others = [occluder.radiance for occluder, _ in occluders]
         self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
-        self._solids = [light.mesh_in_vision().reshape(-1, 3) for light in self._lights if not light.is_flat]
-        self._solids += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
-        boxes = [(some.min(axis=0) - TOUCHING_MM, some.max(axis=0) + TOUCHING_MM) for some in self._solids]
+        meshes = [light.mesh_in_vision() for light in self._lights]
+        others = [in_vision(occluder, pose) for occluder, pose in occluders]
+        curved = [mesh for mesh, light in zip(meshes, self._lights, strict=True) if not light.is_flat]
+        self._solids = [mesh.reshape(-1, 3) for mesh in [*curved, *others]]
+        boxes = [(points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM) for points in self._solids]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
-        self._sheets = _stacked(self._flat) if len(self._flat) <= _FEW else None
+        halves = [(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in self._flat]
+        poses = np.array([pose for _, pose in self._flat]).reshape(-1, 4, 4)
+        self._sheets = (poses, np.array(halves).reshape(-1, 2)) if len(self._flat) <= _FEW else None
         if len(self._boxes) or self._sheets is None:
-            others = [in_vision(occluder, pose) for occluder, pose in occluders]
-            self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+            self._scene = MeshScene([*meshes, *others])
 
     def in_light(self, number: int) -> "TargetLight":
         """The same for every wavelength: nothing here has a colour."""
@@ -82,13 +116,13 @@ class TargetLight:
         """
         rays = of_pixels.leaving
         if self._is_one_sheet:
-            self._lights[0].add(self._background, rays, pixels, wanted, image)
+            add_light(self._lights[0].artwork, self._background, rays, pixels, wanted, image)
             return
         some = np.flatnonzero(wanted[pixels])
         if len(some) < len(pixels):
             rays, pixels = Leaving(*(values[some] for values in rays)), pixels[some]
         value = self.radiance(rays.origin, rays.direction)
-        sheet_image.add_values(rays.share, value, pixels, image)
+        add_values(rays.share, value, pixels, image)
 
     def radiance(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
@@ -102,15 +136,15 @@ class TargetLight:
         # The choice depends on the ray alone, never on other rays of the call.
         near = np.zeros(len(light), bool)
         may_meet(self._boxes, origin_mm, direction, near)
+        if near.size and near.all():
+            self._by_embree(origin_mm, direction, light)
+            return light
+        self._by_sheets(origin_mm, direction, light)  # of all rays, because most are not near, and copies cost more
         some = np.flatnonzero(near)
-        if len(some) < len(light):  # sheets of all rays, because most are not near, and copies cost more
-            self._by_sheets(origin_mm, direction, light)
-        if 0 < len(some) < len(light):
+        if len(some):
             asked = np.full(len(some), self._background)
             self._by_embree(origin_mm[some], direction[some], asked)
             light[some] = asked
-        elif len(some):
-            self._by_embree(origin_mm, direction, light)
         return light
 
     @property
@@ -135,13 +169,6 @@ class TargetLight:
             light[(hit >= first) & (hit < end)] = radiance
 
 
-def _stacked(patches: Sequence[tuple[Patch, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (k, 4, 4) and half sizes (k, 2) of flat patches."""
-    poses = np.array([pose for _, pose in patches]).reshape(-1, 4, 4)
-    halves = np.array([(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in patches]).reshape(-1, 2)
-    return poses, halves
-
-
 def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
     """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
     return [
@@ -155,7 +182,7 @@ def _in_colours(target: AnyTarget, colours: Sequence[float]) -> AnyTarget:
     if isinstance(target, MeshTarget):
         return target
     black, white = colours
-    return Target(dataclasses.replace(target.pattern, black=black, white=white), target.surface)  # type: ignore[type-var]
+    return Target(dataclasses.replace(target.pattern, black=black, white=white), target.surface)
 
 
 @dataclass(frozen=True, slots=True)
