@@ -17,7 +17,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.frame_tasks import exposure_of
 from pipeline.graph.poses import Things, target_poses
-from pipeline.render.in_lights import pictures_in_lights, white_parts
+from pipeline.render.imaging import pictures_in_lights, white_parts
 from pipeline.tasks.images import scene_of
 from pipeline.tasks.params.frames import PaintedView
 

@@ -15,9 +15,8 @@ from pipeline.optics.prescription import Prescription
 from pipeline.optics.rays import front_grid
 from pipeline.optics.table import towards_sensor
 from pipeline.optics.transmission import Coating, CoatingData, Losses, steepest_deg, transmitted
-from pipeline.render.field_transmission import axial_transmission, field_transmission
-from pipeline.render.radiometry import photon_rate
-from pipeline.render.sensor.irradiation import Radiance
+from pipeline.render.radiometry import axial_transmission, field_transmission, photon_rate
+from pipeline.render.sensor.response import Radiance
 from pipeline.scene.lens import ordered_surfaces, read_prescription
 from pipeline.scene.load import load
 from pipeline.scene.losses import read_losses
@@ -26,7 +25,7 @@ STAGES = Path(__file__).resolve().parents[1] / "stages"
 RIG = STAGES / "rigs" / "conventional_100mm.usda"
 LENS = STAGES / "lenses" / "double_gauss_100mm_codev.usda"
 """Four glasses of today's catalogue of Schott, f/2."""
-LIGHT = Radiance(w_per_m2_sr=1.0, wavelength_nm=587.56)
+LIGHT = Radiance(w_per_m2_sr=1.0, effective_nm=587.56)
 SEMI_DIAMETERS_MM = (4.0, 8.0, 17.0)
 COATING = 0.005
 """Reflectance of the coated surfaces: a number to compare with, not a maker's."""

@@ -25,8 +25,15 @@ from pipeline.graph.poses import target_poses
 from pipeline.jit.work import work
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 from pipeline.render.glow import TargetLight
-from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
-from pipeline.render.in_lights import colours_in_lights, known_in_lights, sampled_in_lights, white_parts
+from pipeline.render.imaging import (
+    colours_in_lights,
+    irradiance,
+    irradiance_and_crosstalk,
+    known_in_lights,
+    pictures,
+    sampled_in_lights,
+    white_parts,
+)
 from pipeline.render.passes import Batch
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -33,8 +33,8 @@ from pipeline.jit.binding import Single, bound_anew
 from pipeline.jit.decorators import _numba, fma, inline
 from pipeline.jit.work import work
 from pipeline.optics.kernels import PACKET, Packet, trace_packet
-from pipeline.render.band import Band
 from pipeline.render.imaging import irradiance_and_crosstalk
+from pipeline.render.pixel_rays import Band
 
 FIELD_DEG = 10.0
 ROWS = {"01_conventional": (190, 200), "02_plenoptic": (190, 200)}

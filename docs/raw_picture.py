@@ -16,9 +16,8 @@ from pxr import Usd
 from pipeline.files.exr import read_exr
 from pipeline.files.png import write_png
 from pipeline.folders import share
-from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.scene.sensor import read_response
 

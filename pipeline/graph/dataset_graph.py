@@ -16,7 +16,7 @@ from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
 from pipeline.graph.poses import Things, matrix, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
-from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.render.sensor.response import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
@@ -249,7 +249,6 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
 
 def _lossy(irradiation: Irradiation) -> outputs.Transmission | None:
     """Losses of an exposure by radiance in the lens; None: there are none."""
-    lights = [outputs.LossesOfLight(channel=light.channel, of_each=light.losses) for light in irradiation.channels]
-    if irradiation.radiance:
-        lights = [outputs.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]
+    radiances = [radiance for radiance in (irradiation.radiance, *irradiation.channels) if radiance]
+    lights = [outputs.LossesOfLight(channel=radiance.channel, of_each=radiance.losses) for radiance in radiances]
     return outputs.Transmission(lights=tuple(lights)) if any(any(light.of_each) for light in lights) else None

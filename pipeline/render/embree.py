@@ -12,9 +12,6 @@ from embreex.rtcore_scene import EmbreeScene
 
 from pipeline.records.shapes import Float64
 
-_RAYS_PER_CALL = 1 << 18
-"""Rays per call of Embree: float32 copies of them take about 7 MB."""
-
 
 class MeshScene:
     """Triangle meshes, opaque from both sides.
@@ -44,18 +41,12 @@ class MeshScene:
     def first_hit(self, origins: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Number of the nearest triangle in front of each ray's start, counted over all meshes.
 
-        `origins`: starts of the rays, vision frame [mm].
-        `directions`: directions of any length.
+        `directions`: of any length.
         Returns (n,) int32: -1 where the ray meets nothing or holds NaN.
 
         Within about 1e-4 mm of an edge, at 400 mm, the answer may be that of the neighbouring ray.
         """
-        hit = np.full(len(origins), -1, dtype=np.int32)
-        if self._scene is None:
-            return hit
-        for start in range(0, len(origins), _RAYS_PER_CALL):
-            rays = slice(start, start + _RAYS_PER_CALL)
-            origin32 = np.ascontiguousarray(origins[rays], dtype=np.float32)
-            direction32 = np.ascontiguousarray(directions[rays], dtype=np.float32)
-            hit[rays] = self._scene.run(origin32, direction32, query="INTERSECT")
-        return hit
+        if self._scene is None or not len(origins):
+            return np.full(len(origins), -1, dtype=np.int32)
+        rays = (np.ascontiguousarray(triples, dtype=np.float32) for triples in (origins, directions))
+        return np.asarray(self._scene.run(*rays, query="INTERSECT"), dtype=np.int32)

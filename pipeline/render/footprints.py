@@ -21,32 +21,26 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.jit.decorators import inline, kernel
-from pipeline.render.band import Band, Rows
+from pipeline.render.pixel_rays import Band, Rows
 from pipeline.targets.drawing_kernels import BESIDE, MIXED, colour_of_box
 from pipeline.targets.patches import Patch
 from pipeline.targets.surface_kernels import on_plane
 from pipeline.targets.vectors import row
 
 _TILE_PX = 32
-"""Edge of a block of a sensor without microlenses [px]: a cubic fits its rays, and 16 nodes suffice for a thousand
-pixels.
-"""
+"""Edge of a block of a sensor without microlenses [px]: cubics through 16 nodes suffice for its thousand pixels."""
 _NODES_WITHIN = 0.75
 """Extent of the nodes behind a microlens over that of its light [1]: the corners of that square have no light."""
 TOUCHING_MM = 1e-2
 """Margin around a solid [mm]: its true surface may lie so far in front of its mesh."""
 BEHIND, FRONT, BACK, ODD = range(4)
-"""Relation of all rays of a beam to a plane: behind their start, i.e. not met; the front is met; the back is met;
-mixed.
-"""
+"""Relation of all rays of a beam to a plane: behind their start, its front or its back is met, or mixed [1]."""
 NOTHING, SHEET, UNDECIDED = range(3)
 """Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several things."""
 _ROOM = 1.15
 """Enlargement of a footprint over the box around its rays [1]."""
 _BEYOND = 1.5
-"""Enlargement of a block over the box around its nodes [1]: the lit area of a microlens ends two thirds of a step
-beyond them.
-"""
+"""Enlargement of a block over the box around its nodes [1]: a microlens lights two thirds of a step beyond them."""
 _SQUARE = 0.6
 """Part of a pixel's edge by which footprints grow [1]: half of it, and more because blocks are not quite linear."""
 _LAST_TERM = 0.25
@@ -65,9 +59,9 @@ class Box(NamedTuple):
 class Places(NamedTuple):
     """Pixels and the blocks to which they belong.
 
-    `positions`, (n, 2) float64: positions on the sensor, vision frame [mm].
-    `blocks`, (n, s) int64: indices of the blocks; -1 for none.
-    `centre_mm`, `step_mm`, (b, 2), (b,) float64: centres and node distances of the blocks.
+    `positions`, (n, 2): on the sensor, vision frame [mm].
+    `blocks`, (n, s): indices of the blocks; -1 for none.
+    `centre_mm`, `step_mm`, (b, 2), (b,): centres and node distances of the blocks.
     """
 
     positions: np.ndarray
@@ -79,9 +73,9 @@ class Places(NamedTuple):
 class Meeting(NamedTuple):
     """Points where beams meet a plane.
 
-    `points`, (b, NODES^2, 2, RAYS) float64: x and y in the plane [mm].
-    `side`, (b,) int64: relation of all rays of a beam to the plane.
-    `more`, (b, 2) float64: margin of the footprints of pixels over the rays of their centres [mm].
+    `points`, (b, NODES^2, 2, RAYS): x and y in the plane [mm].
+    `side`, (b,): relation of all rays of a beam to the plane.
+    `more`, (b, 2): margin of the footprints of pixels over the rays of their centres [mm].
     """
 
     points: np.ndarray
@@ -111,12 +105,10 @@ class Footprints:
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel see, (2, n): that of the background, one colour of a sheet, or NaN if
-        undecided.
+        """Light that both parts of each pixel see, (2, n): of the background, one colour of a sheet, or NaN.
 
-        `sheets`, sequence of (Patch, (4, 4) float64): flat patches, each with its pose vision_from_patch.
-        `solids`, sequence of (m, 3) float64: points of what else is there, whose bounding box holds it; vision frame
-            [mm].
+        `sheets`: flat patches, each with its pose vision_from_patch.
+        `solids`, sequence of (m, 3) float64: points of what else is there, whose bounding box holds it, vision frame.
         """
         shape = len(self._parts), len(self._parts[0].positions)
         verdict, light = np.full(shape, NOTHING, np.int8), np.full(shape, background)
@@ -124,7 +116,9 @@ class Footprints:
             low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
             (left, bottom, front), (right, top, back) = low.tolist(), high.tolist()
             bounds = Box(left, right, bottom, top)
-            near, far = (self._meeting(_across(z)) for z in (front, back))
+            across = np.tile(np.eye(4), (2, 1, 1))
+            across[:, 2, 3] = front, back
+            near, far = map(self._meeting, across)
             for part, judged in zip(self._parts, verdict, strict=True):
                 look_past_solid(bounds, part, near, far, judged)
         for patch, pose in sheets:
@@ -142,13 +136,6 @@ class Footprints:
         pose = np.ascontiguousarray(vision_from_plane)
         meet_plane(self._beams, pose, self._edge_mm, self._blocks.step_mm, result)
         return result
-
-
-def _across(z_mm: float) -> np.ndarray:
-    """The plane across the axis at vision z."""
-    pose = np.eye(4)
-    pose[2, 3] = z_mm
-    return pose
 
 
 def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
@@ -176,13 +163,10 @@ def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, 
 
 @kernel
 def meet_plane(beams, pose, edge_mm, step_mm, meeting):
-    """Find the points where the beams of blocks meet the plane z = 0 of a frame.
+    """Find the points where the beams of blocks meet the plane z = 0 of a frame; `meeting` is written.
 
-    `beams`, camera.beams.Beams.
     `pose`, (4, 4) float64: vision_from_frame.
-    `edge_mm`, float: edge of a pixel.
-    `step_mm`, (b,) float64: distance of the nodes of each block.
-    `meeting`, Meeting: written.
+    `edge_mm`, `step_mm`, float, (b,) float64: edge of a pixel, and distance of the nodes of each block.
     """
     for b in range(step_mm.shape[0]):
         front, back, behind = 0, 0, 0
@@ -229,19 +213,13 @@ def whole_blocks(drawing, meeting, colour):
         if meeting.side[b] == BEHIND:
             colour[b] = BESIDE
         elif meeting.side[b] != ODD:
-            left, right, bottom, top = _whole(meeting, b)
+            left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+            for m in range(NODES * NODES):
+                for k in range(RAYS):
+                    left, right = min(left, meeting.points[b, m, 0, k]), max(right, meeting.points[b, m, 0, k])
+                    bottom, top = min(bottom, meeting.points[b, m, 1, k]), max(top, meeting.points[b, m, 1, k])
+            left, right, bottom, top = _wider(left, right, bottom, top, _BEYOND, meeting.more[b])
             colour[b] = colour_of_box(drawing, left, right, bottom, top)
-
-
-@inline
-def _whole(meeting, b):
-    """The box of a whole block."""
-    left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
-    for m in range(NODES * NODES):
-        for k in range(RAYS):
-            left, right = min(left, meeting.points[b, m, 0, k]), max(right, meeting.points[b, m, 0, k])
-            bottom, top = min(bottom, meeting.points[b, m, 1, k]), max(top, meeting.points[b, m, 1, k])
-    return _wider(left, right, bottom, top, _BEYOND, meeting.more[b])
 
 
 @inline
@@ -255,10 +233,7 @@ def _wider(left, right, bottom, top, factor, more):
 def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
     """Judge how pixels see one more sheet.
 
-    `drawing`, target.kernels.DrawingArrays.
     `colours`, (2,) float64: radiance of black and of white.
-    `places`, Places.
-    `meeting`, Meeting.
     `colour_of_block`, (b,) float64: colours from `whole_blocks`.
     `verdict`, (n,) int8: read and written.
     `light`, (n,) float64: written where a pixel sees the sheet alone, and one colour of it.

@@ -15,7 +15,6 @@ def may_meet(boxes, origin, direction, near):
     """Whether rays meet any box with edges along the axes, in front of their start.
 
     `boxes`, (k, 2, 3) float64: lowest and highest corner.
-    `origin`, `direction`, (n, 3) float64.
     `near`, (n,) bool: written; true also where a ray holds NaN.
     """
     for i in range(near.size):
@@ -36,7 +35,6 @@ def first_sheet(poses, half_sizes, origin, direction, first):
 
     `poses`, (k, 4, 4) float64: vision_from_sheet; a sheet lies in z = 0 about the origin.
     `half_sizes`, (k, 2) float64: along x and y.
-    `origin`, `direction`, (n, 3) float64.
     `first`, (n,) int64: written; -1 where the ray meets none or holds NaN.
     """
     for i in range(first.size):
@@ -52,10 +50,7 @@ def first_sheet(poses, half_sizes, origin, direction, first):
 def add_light(artwork, background, rays, pixels, wanted, image):
     """Add the light of rays to an image, ray by ray, if all that they may meet is a flat patch before a background.
 
-    `artwork`, targets.surface_kernels.Artwork.
-    `background`, float: radiance beside the sheet.
-    `rays`, camera.records.Leaving.
-    `pixels`, (n,) int64: pixel of each ray.
+    `rays`, `pixels`, camera.records.Leaving, (n,) int64: rays, and the pixel of each.
     `wanted`, `image`, (m,) bool, (m,) float64: pixels that are added to, and their sums.
     """
     # Plain numbers stay in registers; the arrays of a drawing would be passed on for every ray.

@@ -15,7 +15,7 @@ from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.shapes import Float64, Int64
-from pipeline.render.band import Band
+from pipeline.render.pixel_rays import Band
 
 _STEP_PX = 16
 """Most pixels between two positions."""
@@ -55,10 +55,8 @@ def known_flux(band: Band) -> np.ndarray | None:
 class _Cubics:
     """Cubics through positions along an edge of an image.
 
-    `positions_px`, (m,) float64: all of them lie in the image; a pixel has the same four whichever others are asked
-        for.
-    `place`, (n, 4) int64: those of each pixel.
-    `weight`, (n, 4) float64: their weights in its value, by Lagrange.
+    `positions_px`, (m,): all lie in the image; a pixel has the same four whichever others are asked for.
+    `place`, `weight`, (n, 4): those of each pixel, and their weights in its value, by Lagrange.
     """
 
     positions_px: np.ndarray

@@ -14,9 +14,7 @@ import numpy as np
 from pipeline.records.shapes import Float64
 
 _REPLICA_STEP = 0x85EBCA77
-"""Distance of the seeds of two replicas [1]: a prime of xxHash, odd and large, so that small seeds, of wavelengths too,
-never meet.
-"""
+"""Distance of the seeds of two replicas [1]: a prime of xxHash, so large that small seeds of wavelengths never meet."""
 _SEED_BITS = 0xFFFFFFFF
 """Bits of a seed that count [1]."""
 

@@ -1,16 +1,17 @@
-"""Rays that leave a camera from the squares of its pixels, stretch by stretch."""
+"""Rows of an image that is computed, and the rays that leave a camera from the squares of their pixels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.micro_images.centres import pixel_strata, positions_of
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
-from pipeline.records.shapes import Int64
-from pipeline.render.band import Band
+from pipeline.records.shapes import Float64, Int64
 from pipeline.render.passes import Batch
 
 _RAYS_PER_CHUNK = 1 << 15
@@ -19,14 +20,43 @@ _RAYS_ON_DEVICE = 1 << 21
 """Rays that are on a device together, 28 bytes each."""
 
 
+Rows = tuple[int, int]
+"""First and end of some rows of an image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Rows of an image.
+
+    `positions_mm`: centres of their pixels on the sensor, row by row, vision frame.
+    `strata`: microlenses that light each pixel, see `camera.micro_images.centres`.
+    """
+
+    rig: Rig
+    rows: Rows
+    positions_mm: Float64[np.ndarray, "n 2"]
+    strata: Int64[np.ndarray, "n s"]
+
+    @classmethod
+    def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":
+        """The band of some rows, by default all."""
+        rows = rows or (0, rig.tracer.camera.sensor.height_px)
+        strata = pixel_strata(rig.tracer, rig.images, rows, rig.diffraction.reach_mm)
+        return cls(rig, rows, positions_of(rig.tracer, rows), strata)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows[1] - self.rows[0], self.rig.tracer.camera.sensor.width_px
+
+
 @dataclass(frozen=True, slots=True)
 class PixelRays:
     """Rays of some pixels.
 
     `pixels`: the pixels, counted from the first row that is wanted.
     `squares`: of these pixels.
-    `leaving`: owners are the place of a pixel in `pixels` times the number of microlenses in `squares`, plus the
-        microlens.
+    `leaving`: owners are places of pixels in `pixels` times the number of microlenses in `squares`, plus the microlens.
     `row`, `way`: both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell.
     `seed`: that of the random numbers of these rays.
     """
@@ -49,12 +79,10 @@ class _Wanted:
 
     @property
     def samples(self) -> Samples:
-        """Their random numbers."""
         tracer = self.band.rig.tracer
         return Samples(sobol_bits(self.batch.end), self.batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
 
     def squares(self, some: Int64[np.ndarray, "m"]) -> Squares:
-        """The squares of some pixels."""
         width, counts = self.band.shape[1], self.counts[some]
         y_px, x_px = np.divmod(some + self.band.rows[0] * width, width)
         strata = np.where(counts > 0, self.band.strata[some], SKIP)
@@ -62,7 +90,6 @@ class _Wanted:
         return Squares(pixels, self.band.positions_mm[some], strata, counts, counts * (self.batch.number > 0))
 
     def rays(self, some: Int64[np.ndarray, "m"], squares: Squares, leaving: Leaving) -> PixelRays:
-        """Rays of some pixels."""
         row, way = np.divmod(leaving.owner, self.counts.shape[1])
         return PixelRays(some, squares, leaving, row, way, self.batch.seed(self.band.rig.tracer.seed))
 

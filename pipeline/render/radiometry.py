@@ -1,19 +1,133 @@
-"""Photons in a pixel by the radiance of what it sees: etendue and transmission of the traced bundle.
+"""Photons in a pixel by the radiance of what it sees, and the share of light that a lens lets pass.
 
 The radiance L of what fills the aperture gives a pixel of area A the power L A W T: W is the integral of cos(theta)
 d omega over the bundle, the projected solid angle of the traced pupil (with the acceptance of pixels), and T the share
-of its light that surfaces and glass let pass. Each photon has the energy h c / wavelength. In a channel the wavelengths
-that stand for it add W T by their shares.
+of its light that surfaces and glass of the main lens let pass. Each photon has the energy h c / wavelength. In a
+channel the wavelengths that stand for it add W T by their shares.
+
+Over the image T is the mean over the rays that leave the camera from a pixel, each weighted as images weigh it. It is
+smooth over the field, so that it is traced at a few nodes, with cubic splines between them. Nodes stand at heights
+above the axis where the lens is symmetric about it, and in a grid over the sensor otherwise.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.bundle import Bundle, bundle, bundle_behind
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.render.field_transmission import axial_transmission
-from pipeline.render.sensor.irradiation import ChannelRadiance, Radiance
-from pipeline.render.sensor.response import SensorError
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.optics.table import EDGES, is_centred, towards_sensor
+from pipeline.optics.transmission import Losses, transmitted
+from pipeline.records.declared import settle
+from pipeline.records.shapes import Float64
+from pipeline.render.sensor.response import Radiance, SensorError
+
+RAYS = 4096
+"""Rays of a bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""
+_FIRST_NODES, _MOST_NODES = 5, (65, 33)
+"""Nodes along an axis at first, and at last of one axis and of two: steps are halved until the splines are right."""
+_ERROR = 1e-4
+"""Relative error of a spline at nodes that it does not know, with which the spline through those, too, is right."""
+_BISECTIONS = 12
+"""Halvings of the height at which light ends: below a pixel on any sensor."""
 
 
-def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldTransmission:
+    """Transmission of the lens of a conventional camera over the image.
+
+    `axis`, `axis_px`: share of light that passes on the axis, and its image position x, y.
+    `places`: places of nodes, ascending: heights above the axis alone, or rows and columns [px].
+    `shares`: share that passes there, in rows: a single one where places are heights.
+    `error`: largest relative error of the next coarser spline at nodes new to it: that of this one is smaller.
+    """
+
+    axis: float
+    axis_px: tuple[float, float]
+    places: tuple[tuple[float, ...], ...]
+    shares: tuple[tuple[float, ...], ...]
+    error: float
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+
+    def relative_rows(self, first: int, end: int, width: int) -> np.ndarray:
+        """Transmission of the pixels of some rows over that of the axis, (end - first, width)."""
+        columns, rows = np.arange(width, dtype=float), np.arange(first, end, dtype=float)
+        nodes, shares = tuple(np.array(axis_nodes) for axis_nodes in self.places), np.array(self.shares)
+        if len(nodes) == 2:
+            transmission = _between(nodes, shares, (rows, columns))
+        else:
+            heights_px = np.hypot(columns - self.axis_px[0], rows[:, None] - self.axis_px[1])
+            inside = np.minimum(heights_px, nodes[0][-1]).ravel()
+            transmission = _between(nodes, shares[0], (inside,)).reshape(heights_px.shape)
+        return np.asarray(np.clip(transmission, 0.0, 1.0) / self.axis)
+
+
+def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]) -> FieldTransmission | None:
+    """Transmission of a lens over the image, by the losses at each wavelength of the light.
+
+    None where it is that of the axis everywhere: the lens takes no light; or not known: behind microlenses.
+    """
+    if camera.microlenses is not None or not any(losses_of_each):
+        return None
+    # As on the axis: the same random numbers for all wavelengths, whose errors then go together.
+    lights = zip(Tracer(camera).lights, losses_of_each, strict=True)
+    parts = [(light.share, Tracer(light.tracer.camera), losses) for light, losses in lights]
+    tracer, table = parts[0][1], towards_sensor(parts[0][1].camera.prescription)
+
+    axis_px = tracer.pixels_at(np.zeros((1, 2)))[0]
+    drawn_at = round(axis_px[0]), round(axis_px[1])
+
+    def share(x_px: float, y_px: float) -> float:
+        """The mean over all wavelengths, by their signals; NaN where there is no light."""
+        total, passed = 0.0, 0.0
+        for of_signal, tracer, losses in parts:
+            rays = bundle_behind(tracer, float(x_px), float(y_px), NO_MICROLENS, RAYS, drawn_at)
+            weight = of_signal * float(rays.weight_sr.sum())
+            if weight > 0:
+                total, passed = total + weight, passed + weight * _passed(rays, tracer, losses)
+        return passed / total if total > 0 else np.nan
+
+    if is_centred(table) and not table[:, EDGES].any():
+        nodes = _along_heights(tracer, axis_px, share)
+    else:
+        nodes = _over_the_sensor(camera, share)
+    return FieldTransmission(
+        axis=share(*axis_px),
+        axis_px=(axis_px[0], axis_px[1]),
+        places=tuple(tuple(axis_nodes) for axis_nodes in nodes.places),
+        shares=tuple(tuple(row) for row in np.atleast_2d(nodes.shares)),
+        error=nodes.error,
+    )
+
+
+def _passed(rays: Bundle, tracer: Tracer, losses: Losses | None) -> float:
+    """Share of the light of a bundle that surfaces and glass let pass."""
+    if losses is None:
+        return 1.0
+    # Light comes the other way: from the vision frame to the lens frame, whose y and z point against it.
+    start, way = rays.origin_mm * [1.0, -1.0, -1.0], rays.direction * [-1.0, 1.0, 1.0]
+    passed = transmitted(towards_sensor(tracer.camera.prescription), start - way, way, losses)
+    return float(np.average(passed, weights=rays.weight_sr))
+
+
+def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
+    """Share of the light of the reference bundle that surfaces and glass of the main lens let pass."""
+    if losses is None:
+        return 1.0
+    position = np.zeros((1, 2))
+    if tracer.lattice is not None:
+        position = tracer.vertices_mm[np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[:1]]
+    x_px, y_px = tracer.pixels_at(position)[0]
+    return _passed(bundle(tracer.camera, float(x_px), float(y_px), samples=RAYS), tracer, losses)
+
+
+def photon_rate(camera: Camera, radiance: Radiance) -> float:
     """Photons that hit a pixel in a second where the linear image is 1: on the axis, before a white scene [1/s].
 
     Those of a channel count by its relative response; the camera is then the one of the channel.
@@ -23,7 +137,74 @@ def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
     if camera.weight != "irradiance":
         raise SensorError("radiance gives photons only where rays weigh irradiance, not area")
     area_m2, rate = (camera.sensor.pitch_mm * 1e-3) ** 2, 0.0
-    for light, losses in zip(Tracer(camera).lights, radiance.losses_of_each, strict=True):
+    for light, losses in zip(Tracer(camera).lights, radiance.losses, strict=True):
         weight_sr, share = light.tracer.reference_weight_sr, axial_transmission(light.tracer, losses)
         rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
     return rate
+
+
+class _Nodes(NamedTuple):
+    """Places of nodes along one axis or two, shares of light there, and the error of the coarser spline."""
+
+    places: tuple[np.ndarray, ...]
+    shares: np.ndarray
+    error: float
+
+
+def _along_heights(tracer: Tracer, axis_px: np.ndarray, share: Callable[[float, float], float]) -> _Nodes:
+    """Nodes at heights from the axis to the farthest corner, or to where light ends."""
+    corner_px = tracer.pixels_at(tracer.camera.sensor.farthest_corner_mm[None])[0] - axis_px
+    farthest_px = float(np.hypot(*corner_px))
+
+    def at(height_px: float) -> float:
+        return share(*(axis_px + height_px / farthest_px * corner_px))
+
+    lit = end = farthest_px
+    if np.isnan(at(end)):
+        lit = 0.0
+        for _ in range(_BISECTIONS):
+            middle = (lit + end) / 2
+            lit, end = (lit, middle) if np.isnan(at(middle)) else (middle, end)
+    return _refined((np.linspace(0.0, lit, _FIRST_NODES),), lambda places: np.array([at(px) for px in places[0]]))
+
+
+def _over_the_sensor(camera: Camera, share: Callable[[float, float], float]) -> _Nodes:
+    """Nodes in a grid from pixel to pixel of the corners."""
+    ends = camera.sensor.height_px - 1.0, camera.sensor.width_px - 1.0
+    places = tuple(np.linspace(0.0, max(end, 1.0), _FIRST_NODES) for end in ends)
+    return _refined(places, lambda grid: np.array([[share(x_px, y_px) for x_px in grid[1]] for y_px in grid[0]]))
+
+
+def _refined(
+    places: tuple[np.ndarray, ...], shares_at: Callable[[tuple[np.ndarray, ...]], Float64[np.ndarray, "..."]]
+) -> _Nodes:
+    """Nodes whose steps are halved until the spline through the coarser ones is right at the finer ones."""
+    shares = shares_at(places)
+    while True:
+        finer = tuple(np.linspace(nodes[0], nodes[-1], 2 * len(nodes) - 1) for nodes in places)
+        coarse = _between(places, _filled(shares), finer)
+        places, shares = finer, shares_at(finer)
+        error = float(np.nanmax(np.abs(coarse / shares - 1)))
+        if error <= _ERROR or len(places[0]) >= _MOST_NODES[len(places) - 1]:
+            return _Nodes(places, _filled(shares), error)
+
+
+def _filled(shares: np.ndarray) -> np.ndarray:
+    """The shares, those of dark places replaced by that of the nearest lit one."""
+    from scipy.ndimage import distance_transform_edt
+
+    dark = np.isnan(shares)
+    if not dark.any():
+        return shares
+    return np.asarray(shares[tuple(distance_transform_edt(dark, return_distances=False, return_indices=True))])
+
+
+def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, places: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Cubic splines through the shares at nodes, along one axis after the other, at the tensor product of places."""
+    from scipy.interpolate import CubicSpline
+
+    # By height they are even: no slope on the axis.
+    start = (1, np.zeros(())) if len(nodes) == 1 else "not-a-knot"
+    for axis, (known, wanted) in enumerate(zip(nodes, places, strict=True)):
+        shares = CubicSpline(known, shares, axis=axis, bc_type=(start, "not-a-knot"))(wanted)
+    return shares

@@ -18,9 +18,8 @@ from pipeline.targets.target import AnyTarget
 _TOUCHING_MM = 1e-6
 """Distance from a plane within which an object counts as lying on it [mm]: rounding at 1 m, and touching surfaces."""
 _MESH_MM, _GRAZING = 0.01, 10.0
-"""Margin around the mesh of a bent target near its own points [mm], and factor [1] for its sag and for the distance
-of marked points from it, along grazing rays.
-"""
+"""Margin around a bent mesh near its own points [mm]; factor [1] for its sag and for the distance of marked points from
+it, along grazing rays."""
 _SOME = 97
 """Step between the points that are examined first: a prime, so that it does not coincide with the rows of a mesh."""
 _PRODUCTS_AT_ONCE = 1 << 23
@@ -28,18 +27,14 @@ _PRODUCTS_AT_ONCE = 1 << 23
 
 
 class Surroundings:
-    """Targets and occluders in the vision frame.
-
-    `targets`, sequence of (Target or MeshTarget, (4, 4) float64): each with its pose vision_from_target.
-    `occluders`, sequence of (Occluder, (4, 4) float64): each with its pose vision_from_occluder, any affine transform.
-    """
+    """Targets and occluders, each with its pose vision_from_target or vision_from_occluder, any affine transform."""
 
     def __init__(
         self, targets: Sequence[tuple[AnyTarget, np.ndarray]], occluders: Sequence[tuple[Occluder, np.ndarray]] = ()
     ) -> None:
         patches = [target.patches() for target, _ in targets]
         surfaces = [
-            np.concatenate([apply(pose @ patch.target_from_patch, _points(patch.mesh())) for patch in pieces])
+            np.concatenate([apply(pose @ patch.target_from_patch, patch.mesh().reshape(-1, 3)) for patch in pieces])
             for pieces, (_, pose) in zip(patches, targets, strict=True)
         ]
         surfaces += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
@@ -63,9 +58,7 @@ class Surroundings:
         return np.cross(b - a, c - a)
 
     def may_hide(self, point_mm: Float64[np.ndarray, "n 3"], front: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Whether anything is in front of planes at points (n, 3) with unit normals (n, 3); a point with False is
-        certainly visible.
-        """
+        """Whether anything is in front of planes at points with unit normals; with False, a point is surely visible."""
         is_hidden = np.zeros(len(point_mm), bool)
         height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
         # A part of the points decides for most planes, all of them for the rest.
@@ -90,10 +83,8 @@ class Surroundings:
         itself: a bent surface may be in front of its own tangent plane. The hit counts as this surface if it is no
         farther from the point than twice the distance of the ray's crossing with the plane.
 
-        `target`: index of the target to which the points belong.
-        `point_mm`, `front`: target points and the normals of their tangent planes.
+        `target`, `point_mm`, `front`: index of a target, points of it, and the normals of their tangent planes.
         `origin_mm`, `direction`: rays from the lens into the scene, unit directions.
-        Returns (n,) bool.
         """
         triangle, path = self._first(origin_mm, direction)
         with np.errstate(divide="ignore", invalid="ignore"):  # rays parallel to a plane are stopped by nothing
@@ -131,9 +122,7 @@ class Surroundings:
         return triangle, path
 
     def _reach(self, number: int) -> float:
-        """Distance from a point of a bent target within which a ray towards that point may meet the target's own
-        mesh [mm].
-        """
+        """Distance from a point of a bent target within which a ray towards it may meet the target's own mesh [mm]."""
         if number not in self._reach_mm:
             target, patch = self._bent[number]
             beside = target.distances_mm().max() if isinstance(target, MeshTarget) else 0.0
@@ -143,11 +132,7 @@ class Surroundings:
 
 def in_vision(occluder: Occluder, vision_from_occluder: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     """Triangles of an occluder, vision frame (m, 3, 3) [mm]."""
-    return apply(vision_from_occluder, _points(occluder.corners_mm())).reshape(-1, 3, 3)
-
-
-def _points(triangles: np.ndarray) -> np.ndarray:
-    return triangles.reshape(-1, 3)
+    return apply(vision_from_occluder, occluder.corners_mm().reshape(-1, 3)).reshape(-1, 3, 3)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

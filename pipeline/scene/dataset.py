@@ -11,9 +11,8 @@ from pipeline.channel_names import name_with
 from pipeline.formats import EXACT
 from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
-from pipeline.render.sensor.colorimetry import Colorimetry
-from pipeline.render.sensor.irradiation import Irradiation
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.colours import Colorimetry
+from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.render.spectral.prints import Print
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget

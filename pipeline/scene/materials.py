@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Sdf, Sdr, Usd, UsdGeom, UsdShade
 
-from pipeline.render.lighting.materials import all_of
+from pipeline.render.lighting.materials import texture_names
 from pipeline.render.lighting.records import Finish, Input, Material, Numbers, Texture
 from pipeline.scene.lamps import is_in_images, lamp_prims
 from pipeline.scene.pictures import picture_name
@@ -239,7 +239,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
         materials=materials,
         material_of=tuple(of_face.get(face, 0) for face in shape.faces) if of_face else (),
         normals=_normals(mesh, shape),
-        st=_st(mesh, shape, shaded) if all_of(materials) else (),
+        st=_st(mesh, shape, shaded) if texture_names(materials) else (),
     )
 
 
@@ -270,7 +270,7 @@ def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
 
 def _st(mesh: UsdGeom.Mesh, shape: Fans, shaded: list[_Shaded]) -> tuple[Numbers, ...]:
     """Texture coordinates at the corners of all triangles."""
-    names = list(dict.fromkeys(each.primvar for each in shaded if all_of([each.material])))
+    names = list(dict.fromkeys(each.primvar for each in shaded if texture_names([each.material])))
     if len(names) > 1:
         what = f"its materials read texture coordinates from {' and '.join(names)}"
         raise NotSupported(what, mesh.GetPrim(), hint="use one set of texture coordinates")

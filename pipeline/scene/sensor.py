@@ -8,10 +8,8 @@ from pipeline.camera.parts.camera import Sensor
 from pipeline.channel_names import COLOURS, colour_of
 from pipeline.errors import PipelineError
 from pipeline.files.tiff import nameless_filters
-from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
-from pipeline.render.sensor.demosaic import PRIMARIES
-from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.colours import DAYLIGHT, PRIMARIES, Colorimetry, colorimetry
+from pipeline.render.sensor.response import Irradiation, Radiance, SensorResponse
 from pipeline.scene.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
 from pipeline.scene.losses import check_losses, losses_at
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem
@@ -99,14 +97,14 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
     channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if is_radiance else []
     radiance = None
     if is_radiance and not channels:
-        radiance = Radiance(w_per_m2_sr=before_lens, wavelength_nm=light_nm, losses=losses_at(camera, light_nm))
+        radiance = Radiance(w_per_m2_sr=before_lens, effective_nm=light_nm, losses=(losses_at(camera, light_nm),))
     return Irradiation(
         exposure_time_s=need(camera, "plen:image:exposureTime"),
         white_level=read(camera, "plen:image:whiteLevel"),
         photon_rate=read(camera, "plen:image:photonRate"),
         radiance=radiance,
         channels=tuple(
-            ChannelRadiance(
+            Radiance(
                 channel=channel.GetName(),
                 w_per_m2_sr=before_lens,
                 effective_nm=effective_nm(channel, illuminant),

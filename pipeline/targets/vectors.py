@@ -19,19 +19,16 @@ def column(pose, k):
 
 @inline
 def dot(a, b):
-    """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def cross(a, b):
-    """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline
 def minus(a, b):
-    """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
@@ -43,7 +40,6 @@ def along(point, t, direction):
 
 @inline
 def times(factor, a):
-    """A multiple."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 

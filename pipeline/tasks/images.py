@@ -20,7 +20,7 @@ from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.files.png import write_png
 from pipeline.jit.work import work
-from pipeline.render import in_lights
+from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
@@ -128,8 +128,8 @@ def white_rows(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np
     """Rows of the white image, (h, w, wavelengths) float64, and of its part through other microlenses than that of the
     pixel's cell; written for images."""
     rig = imaged_rig(inputs, params.exposure)
-    known = in_lights.known_white_parts(rig, params.rows) if params.is_smooth else None
-    white, foreign = in_lights.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
+    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
+    white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))
     return white, foreign
@@ -140,13 +140,13 @@ def white_pass(params: White, inputs: Inputs, out: Path) -> None:
     if is_handed_on(params.number, inputs, out):
         return
     rig = imaged_rig(inputs, params.exposure)
-    known = in_lights.known_white_parts(rig, params.rows) if params.is_smooth else None
+    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
 
     def parts(batch: Batch) -> np.ndarray:
-        return in_lights.white_parts(rig, batch, params.rows) if known is None else known
+        return imaging.white_parts(rig, batch, params.rows) if known is None else known
 
     means = means_of(params.number, params.exposure.samples, inputs, parts)
-    seen = in_lights.in_all(rig.tracer, means[:, 0])
+    seen = imaging.in_all(rig.tracer, means[:, 0])
     write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))
 
 
@@ -155,13 +155,13 @@ def white(params: White, inputs: Inputs, out: Path) -> None:
     tracer, whole = tracer_alone(inputs, params.exposure.seed), None
     if params.noise is not None:
         means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
-        whole = ended(inputs, params.noise, lambda strip: in_lights.in_all(tracer, means[strip][:, 0]))
+        whole = ended(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
         white, foreign = np.concatenate(means, axis=2).mean(axis=0)
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
         white, foreign = white_rows(params, inputs, out)
-    white, foreign = in_lights.in_all(tracer, white), in_lights.in_all(tracer, foreign)
+    white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
     parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
     if whole is not None:
         parts += whole.parts
@@ -191,7 +191,7 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     exposure, rows = images[0].exposure, images[0].rows
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
     scenes = [scene_of(image.view, inputs) for image in images]
-    return in_lights.pictures_in_lights(imaged_rig(inputs, exposure), exposure.samples, scenes, white, rows)
+    return imaging.pictures_in_lights(imaged_rig(inputs, exposure), exposure.samples, scenes, white, rows)
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> TargetLight | GlowingView | LitView:
@@ -215,16 +215,16 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
     exposure, rows, first = params.exposure, params.rows, params.number == 0
     rig, scene = imaged_rig(inputs, exposure), scene_of(params.view, inputs)
     white = read_npy(inputs["white"][MEANS]).mean(axis=0)
-    colour = in_lights.colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][COLOURS])
+    colour = imaging.colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][COLOURS])
     means = means_of(
         params.number,
         exposure.samples,
         inputs,
-        lambda batch: in_lights.sampled_in_lights(rig, batch, scene, white, colour, rows),
+        lambda batch: imaging.sampled_in_lights(rig, batch, scene, white, colour, rows),
     )
     if first:
         write_npy(out / COLOURS, colour)
-    known = in_lights.known_in_lights(rig.tracer, white, colour)
+    known = imaging.known_in_lights(rig.tracer, white, colour)
     write_pass(out, means, means, params.number + 1, float(np.sum(means.mean(axis=0) + known)))
 
 
@@ -254,7 +254,7 @@ def _from_passes(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
 
     def replicas(strip: int) -> np.ndarray:
         colour = read_npy(inputs[f"first{strip}"][COLOURS])
-        known = [in_lights.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
+        known = [imaging.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
         return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(known)  # type: ignore[no-any-return]
 
     return ended(inputs, noise, replicas)

@@ -12,10 +12,9 @@ from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
 from pipeline.files.tiff import Negative, mapped, write_dng, write_tiff
 from pipeline.records.plain import from_plain, to_plain
-from pipeline.render.field_transmission import FieldTransmission, field_transmission
-from pipeline.render.radiometry import photon_rate
-from pipeline.render.sensor import fixed_pattern as patterns
-from pipeline.render.sensor.demosaic import PRIMARIES, has_colours, in_colour
+from pipeline.render.radiometry import FieldTransmission, field_transmission, photon_rate
+from pipeline.render.sensor import read_out
+from pipeline.render.sensor.colours import PRIMARIES, has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
@@ -64,8 +63,8 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     irradiation, response = params.irradiation, params.response
     if irradiation.channels:
         rates = {
-            channel.channel: photon_rate(focused_camera(inputs, f"camera_{channel.channel}"), channel)
-            for channel in irradiation.channels
+            light.channel: photon_rate(focused_camera(inputs, f"camera_{light.channel}"), light)
+            for light in irradiation.channels
         }
         return {name: irradiation.photons_at_one(response, rates[name]) for name in response.channels}
     radiance = irradiation.radiance
@@ -169,7 +168,7 @@ def fixed_pattern(params: PatternMaps, inputs: Inputs, out: Path) -> None:
     width = params.shape[1]
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        maps = patterns.fixed_pattern(params.spread, params.camera, (first, 0), (end - first, width))
+        maps = read_out.fixed_pattern(params.spread, params.camera, (first, 0), (end - first, width))
         return {name: getattr(maps, name) for name in _CHANNELS}
 
     attributes: dict[str, str | float | int] = {

@@ -24,7 +24,7 @@ from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.jit.device import device_name
-from pipeline.render.band import Band
+from pipeline.render.pixel_rays import Band
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from single_rays import single_leaving

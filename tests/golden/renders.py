@@ -11,7 +11,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
 from pipeline.render.glow import TargetLight
-from pipeline.render.in_lights import known_white_parts, pictures_in_lights, white_parts
+from pipeline.render.imaging import known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Coat, Lighting
 from pipeline.scene.load import load

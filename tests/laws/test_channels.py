@@ -21,7 +21,7 @@ from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.glow import TargetLight
-from pipeline.render.in_lights import in_all, pictures_in_lights, white_parts
+from pipeline.render.imaging import in_all, pictures_in_lights, white_parts
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard

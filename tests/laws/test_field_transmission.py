@@ -15,9 +15,8 @@ from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene
 from pipeline.optics.transmission import Coating, Losses, transmitted
-from pipeline.render.field_transmission import axial_transmission, field_transmission
-from pipeline.render.radiometry import photon_rate
-from pipeline.render.sensor.irradiation import ChannelRadiance
+from pipeline.render.radiometry import axial_transmission, field_transmission, photon_rate
+from pipeline.render.sensor.response import Radiance
 
 pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 """A stop behind a window has no focal length."""
@@ -152,7 +151,7 @@ def test_a_channel_has_the_mean_of_its_wavelengths_by_their_light() -> None:
     losses = (dim, LOSSY)
     field = field_transmission(camera, losses)
     assert field is not None
-    light = ChannelRadiance(channel="", w_per_m2_sr=2.0, effective_nm=550.0, losses=losses)
+    light = Radiance(channel="", w_per_m2_sr=2.0, effective_nm=550.0, losses=losses)
     ideal = dataclasses.replace(light, losses=(None, None))
     assert photon_rate(camera, light) / photon_rate(camera, ideal) == pytest.approx(field.axis, rel=FIELD_TRANSMISSION)
 

@@ -13,12 +13,11 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
-from pipeline.render.band import Band
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.passes import Batch
-from pipeline.render.pixel_rays import rays_of
+from pipeline.render.pixel_rays import Band, rays_of
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

@@ -15,7 +15,7 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.glow import GlowingView
-from pipeline.render.in_lights import pictures_in_lights, white_parts
+from pipeline.render.imaging import pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.nodes import gauss_nodes, points_of, slices_of

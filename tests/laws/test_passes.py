@@ -8,7 +8,7 @@ from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.glow import TargetLight
-from pipeline.render.in_lights import colours_in_lights, sampled_in_lights, white_parts
+from pipeline.render.imaging import colours_in_lights, sampled_in_lights, white_parts
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

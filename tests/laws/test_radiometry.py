@@ -17,17 +17,15 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.optics.transmission import Coating, Losses, fresnel, transmitted
-from pipeline.render.field_transmission import axial_transmission
 from pipeline.render.imaging import irradiance
-from pipeline.render.radiometry import photon_rate
-from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.radiometry import axial_transmission, photon_rate
+from pipeline.render.sensor.response import Irradiation, Radiance, SensorResponse
 from pipeline.render.spectral.spectra import effective_nm, illuminant
 
 pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 """A stop alone has no focal length."""
 SENSOR = Sensor(width_px=32, height_px=32, pitch_mm=0.01)
-GREEN = Radiance(w_per_m2_sr=2.0, wavelength_nm=550.0)
+GREEN = Radiance(w_per_m2_sr=2.0, effective_nm=550.0)
 BARE = Losses(coatings=(None,) * 11, per_mm=(1.0,) * 11)
 """The double Gauss of the proofs without coatings, of clear glass."""
 
@@ -84,10 +82,10 @@ def test_a_channel_has_the_photons_of_its_wavelengths_by_their_shares() -> None:
     camera, nm = rigs.conventional(4.5), {450.0: 0.3, 650.0: 0.7}
     clear, coated = (Losses(coatings=flat(*(share,) * 11), per_mm=(1.0,) * 11) for share in (0.001, 0.02))
     alone = [
-        photon_rate(at(camera, one), Radiance(w_per_m2_sr=2.0, wavelength_nm=550.0, losses=losses))
+        photon_rate(at(camera, one), Radiance(w_per_m2_sr=2.0, effective_nm=550.0, losses=(losses,)))
         for one, losses in zip(nm, (clear, coated), strict=True)
     ]
-    one = ChannelRadiance(channel="", w_per_m2_sr=2.0, effective_nm=550.0, losses=(clear,))
+    one = Radiance(channel="", w_per_m2_sr=2.0, effective_nm=550.0, losses=(clear,))
     assert photon_rate(in_light(camera, {450.0: 1.0}), one) == pytest.approx(alone[0], rel=1e-12)
     both = dataclasses.replace(one, losses=(clear, coated))
     assert photon_rate(in_light(camera, nm), both) == pytest.approx(0.3 * alone[0] + 0.7 * alone[1], rel=1e-12)

@@ -11,9 +11,8 @@ from laws.rigs import facing
 from shorter import few
 from tolerances import ALL_REFLECTIONS, FURNACE, LIT_ERRORS, SAME_COLOUR
 
-from pipeline.render.lighting.albedo import layers
 from pipeline.render.lighting.records import Coat, Input, Material
-from pipeline.render.lighting.reflection import Paint, reflected, scattered
+from pipeline.render.lighting.reflection import Paint, reflected, scattered, tabled_layers
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
@@ -105,7 +104,7 @@ def test_no_surface_returns_more_than_it_gets():
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0)])
 def test_reflection_is_reciprocal(paint):
     """The bidirectional reflectance is the same with both directions exchanged."""
-    table = layers()
+    table = tabled_layers()
     one = np.array([0.3, 0.2, 0.0])
     one[2] = math.sqrt(1 - one @ one)
     other = np.array([-0.5, 0.6, 0.0])
@@ -120,7 +119,7 @@ def test_reflection_is_reciprocal(paint):
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.3, 0.5, 0.6)])
 def test_directions_are_chosen_with_the_density_that_is_stated(paint):
     """Means over chosen directions of 1 / density count the solid angle of a part of the sky."""
-    table, generator = layers(), np.random.default_rng(1)
+    table, generator = tabled_layers(), np.random.default_rng(1)
     seen, total = (0.5, 0.1, math.sqrt(1 - 0.26)), []
     for pair in generator.random((1 << 13, 2)):
         lit = scattered(table, paint, seen, (pair[0], pair[1]))

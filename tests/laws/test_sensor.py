@@ -8,11 +8,8 @@ import pytest
 from laws.sensors import IDEAL, REAL, even, having, series, shot
 from tolerances import SIGMAS
 
-from pipeline.render.sensor.fixed_pattern import fixed_pattern
-from pipeline.render.sensor.irradiation import Irradiation
-from pipeline.render.sensor.mosaic import after_crosstalk, mosaic
-from pipeline.render.sensor.read_out import digital_numbers
-from pipeline.render.sensor.response import SensorError, SensorResponse
+from pipeline.render.sensor.read_out import after_crosstalk, digital_numbers, fixed_pattern, mosaic
+from pipeline.render.sensor.response import Irradiation, SensorError, SensorResponse
 
 FLAT = (200, 300)
 QUANTISATION = 1.0 / 12.0

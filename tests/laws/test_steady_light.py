@@ -18,13 +18,12 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.plain import to_plain
-from pipeline.render.band import Band
 from pipeline.render.glow import TargetLight
-from pipeline.render.imaging import irradiance
-from pipeline.render.in_lights import in_all, known_white_parts, pictures_in_lights, white_parts
+from pipeline.render.imaging import in_all, irradiance, known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
+from pipeline.render.pixel_rays import Band
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

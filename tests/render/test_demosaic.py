@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.render.sensor.demosaic import has_colours, in_colour
+from pipeline.render.sensor.colours import has_colours, in_colour
 from pipeline.render.sensor.response import SensorResponse
 
 BAYER = ("red", "green", "green", "blue")

@@ -11,10 +11,9 @@ from tolerances import LIT_ERRORS
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.render.in_lights import pictures_in_lights, white_parts
+from pipeline.render.imaging import pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.material_kernels import WRAPS, input_at
-from pipeline.render.lighting.materials import MaterialTable
+from pipeline.render.lighting.materials import WRAPS, MaterialTable, input_at
 from pipeline.render.lighting.records import Coat, Input, Lighting, Material, Texture
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

@@ -7,8 +7,8 @@ from scipy import stats
 from shorter import few
 from tolerances import ONCE_IN_A_MILLION, SIGMAS
 
-from pipeline.render.sensor.counter import philox, stream, unit_interval
-from pipeline.render.sensor.fixed_pattern import fixed_pattern
+from pipeline.render.sensor.draws import philox, stream, unit_interval
+from pipeline.render.sensor.read_out import fixed_pattern
 
 SHAPE = (400, 500)
 MANY = (1500, 2000)

@@ -18,11 +18,9 @@ from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tiff import read_tiff
 from pipeline.records.plain import to_plain
-from pipeline.render.field_transmission import FieldTransmission
-from pipeline.render.sensor.fixed_pattern import fixed_pattern
-from pipeline.render.sensor.irradiation import Irradiation
-from pipeline.render.sensor.read_out import Shot, digital_numbers
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.radiometry import FieldTransmission
+from pipeline.render.sensor.read_out import Shot, digital_numbers, fixed_pattern
+from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.scene.load import load
 from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose

@@ -238,7 +238,7 @@ def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
 
 def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
     from pipeline.scene.targets import SHAPES, TYPES
-    from pipeline.targets.patterns.dictionaries import DICTIONARIES
+    from pipeline.targets.patterns.tags import DICTIONARIES
 
     for schema in ("PlenCharuco", "PlenAprilGrid"):
         assert tuple(definition(schema).GetPropertyMetadata("plen:dictionary", "allowedTokens")) == DICTIONARIES

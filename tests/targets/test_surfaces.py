@@ -9,12 +9,12 @@ from tolerances import ROUNDING_MM
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
 from pipeline.render.glow import TargetLight
-from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.lines import Lines
 from pipeline.targets.patterns.pattern import TargetError
-from pipeline.targets.preview import preview_faces
+from pipeline.targets.preview import preview_faces, preview_picture
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
 
@@ -223,3 +223,39 @@ def test_meshes_are_as_near_to_their_surfaces_as_they_say() -> None:
             off = np.abs(patch.place(middle[:, :2])[0][:, 2] - middle[:, 2])
         assert off.max() <= patch.mesh_sag_mm() * (1 + 1e-6) + 1e-12
         assert patch.mesh_sag_mm() <= 1e-4
+
+
+VERTICES = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize("face", [(0, 1, 3), (0, 1, -1)], ids=["behind the last", "before the first"])
+def test_a_face_that_names_a_vertex_beyond_the_mesh_is_refused_also_among_others(face) -> None:
+    for faces in (((0, 1, 2), face), (face, (0, 1, 2))):
+        for rest in ({}, {"albedo": VERTICES[:2], "points_mm": VERTICES[:1], "normals": VERTICES[1:2]}):
+            with pytest.raises(TargetError, match="beyond the 3 of the mesh") as error:
+                (MeshTarget if rest else Occluder)(vertices_mm=VERTICES, triangles=faces, **rest)
+            assert error.value.code == "bad-mesh"
+
+
+SMALL = Checkerboard(columns=4, rows=3, square_mm=2.0, white=0.9, black=0.1)
+
+
+@pytest.mark.parametrize(
+    "surface", [None, Cube(edge_mm=20.0), Cylinder(radius_mm=20.0)], ids=["flat", "cube", "cylinder"]
+)
+def test_the_picture_has_the_colour_of_every_face_where_the_face_lies(surface):
+    target = Target(SMALL) if surface is None else Target(SMALL, surface)
+    faces, picture = preview_faces(target), preview_picture(target, 512)
+    assert set(np.unique(picture)) == {0.1, 0.9} and picture.shape == (512, 512 * len(target.patches()))
+    assert faces.sheet.min() >= 0 and faces.sheet.max() <= 1
+    middle = faces.sheet[faces.faces].mean(axis=1)
+    column, row = (middle * (picture.shape[1], 512)).astype(int).T
+    sides = len(target.patches())  # each has its own part of the picture
+    assert np.unique((middle[:, 0] * sides).astype(int)).tolist() == list(range(sides))
+    assert (picture[512 - 1 - row, column] == faces.radiance).all()
+
+
+def test_the_first_square_of_a_board_is_black_at_the_top_left_of_its_picture():
+    picture = preview_picture(Target(SMALL), 7 * 100)  # four columns of corners make five squares and two margins
+    assert picture[7 * 100 // 6 + 10, 100 + 10] == 0.1
+    assert picture[-1, 0] == 0.9 == picture[0, 0]

@@ -29,11 +29,7 @@ _BYTES = 4
 
 
 class Names(NamedTuple):
-    """Keys and places, on which the random numbers of rays depend.
-
-    `key`, (n,) uint32: the same for all rays of a pixel through a microlens.
-    `place`, (n,) int64: place of each among them.
-    """
+    """Keys of random numbers, the same for all rays of a pixel through a microlens, and places among them."""
 
     key: np.ndarray
     place: np.ndarray
@@ -67,13 +63,11 @@ def choose_slices(points, key, place, count, chosen):
 
 @kernel
 def name_rays(seed, light, squares, owner, key, place):
-    """Name rays of some pixels; rays of one owner follow one another.
+    """Name rays of some pixels; rays of one owner follow one another. `key` and `place`, (n,), are written.
 
     `seed`, int: the same for all wavelengths.
     `light`, (int, int): the wavelength among all of the image, and their number.
-    `squares`, camera.tracing.records.Squares.
     `owner`, (n,) int64: pixel times the number of microlenses, plus the microlens.
-    `key`, `place`, (n,) uint32, (n,) int64: written.
     """
     number, lights = light
     microlenses = squares.skipped.shape[1]

@@ -4,9 +4,9 @@ Embree names the triangle that a ray meets, for whole batches; everything else i
 artwork of targets is evaluated by its formula at the exact hit, as in scenes without lamps.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,15 +21,13 @@ from pipeline.render.glow import PatchLight, inked
 from pipeline.render.glow_kernels import add_values
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
-from pipeline.render.lighting.albedo import layers
 from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lamp_kernels import Lamps
-from pipeline.render.lighting.lamps import lamps_of, sky_of
-from pipeline.render.lighting.material_kernels import THRESHOLD, Materials
-from pipeline.render.lighting.materials import MaterialTable
+from pipeline.render.lighting.lamps import Lamps, lamps_of, sky_of
+from pipeline.render.lighting.materials import THRESHOLD, Materials, MaterialTable
 from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
 from pipeline.render.lighting.records import Finish, Lighting
-from pipeline.render.lighting.shape_kernels import find_holes
+from pipeline.render.lighting.reflection import tabled_layers
+from pipeline.render.lighting.shapes import find_holes
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.targets.mesh import Occluder
@@ -41,14 +39,14 @@ Embree's single precision moves corners by 6e-8 of that.
 """
 _MOST_HOLES = 64
 """Most holes that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""
+_Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 
 
 @dataclass(frozen=True, slots=True)
 class LitView:
     """Everything before a camera.
 
-    `targets`, `occluders`: each with its pose, as `light.TargetLight` takes them.
-    `pictures`, mapping of (h, w, 4) arrays: pictures of materials and domes, by name.
+    `pictures`: (h, w, 4) pictures of materials and domes, by name.
     `background`: radiance that the camera sees where there is nothing, if no dome is there.
     `lights`: light of each wavelength of the image, in the order of `Rig.in_each_light`.
     `colours`: colours of each target; empty: all of them are neutral.
@@ -106,7 +104,7 @@ class LitScene:
         self._opacity = self._tints[0].materials
         self._has_holes = bool((self._opacity.flags[:, THRESHOLD] > 0).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
-        self._scene = layers(), draws.points(), self._gap_mm
+        self._scene = tabled_layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
 
     def seen(self, sight: Footprints) -> np.ndarray:
@@ -120,9 +118,9 @@ class LitScene:
         wanted: Bool[np.ndarray, "m"],
         image: Float64[np.ndarray, "m"],
     ) -> None:
-        """Add the light of rays to their pixels, as `light.TargetLight.add`."""
+        """Add the light of rays to their pixels, as `glow.TargetLight.add`."""
         some, names = wanted[pixels], self._names(of_pixels)
-        rays, names = Leaving(*_those(of_pixels.leaving, some)), Names(*_those(names, some))
+        rays, names = _those(of_pixels.leaving, some), _those(names, some)
         light = self.radiance(rays.origin, rays.direction, names)
         add_values(rays.share, light, pixels if some.all() else pixels[some], image)
 
@@ -130,14 +128,11 @@ class LitScene:
         self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names
     ) -> np.ndarray:
         """Radiance that arrives along each ray, (n,)."""
-        if len(self._tints) == 1:
-            return self._traced(self._tints[0], _first(origin_mm, direction, names))
         light, chosen = np.empty(len(origin_mm)), np.empty(len(origin_mm), np.int64)
         draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
         for k, tint in enumerate(self._tints):
             some = chosen == k
-            names_here = Names(*_those(names, some))
-            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], names_here))
+            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], _those(names, some)))
         return light
 
     def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
@@ -153,16 +148,15 @@ class LitScene:
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
-            paths, hits = Paths(*_those(paths, lit)), Hits(*_those(hits, lit))
+            paths, hits = _those(paths, lit), _those(hits, lit)
             if len(lamps.table) or lamps.glow.chance > 0.0:
                 self._ask_lamps(lamps, vertex, paths, hits, light)
             goes_on = np.zeros(len(paths.power), bool)
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
-            paths = Paths(*_those(paths, goes_on))
+            paths = _those(paths, goes_on)
         return light
 
     def _names(self, rays: PixelRays) -> Names:
-        """Names of rays, on which their random numbers depend."""
         owner = np.ascontiguousarray(rays.leaving.owner)
         names = Names(np.empty(len(owner), np.uint32), np.empty(len(owner), np.int64))
         # Each wavelength has a seed of its own, by this step; paths of all of them share one.
@@ -177,15 +171,15 @@ class LitScene:
         step = vertex, candidates_at(vertex)
         kernels.send_to_lamps(lamps, self._scene, step, paths, hits, shadows)
         some = shadows.light > 0.0
-        shadows = Shadows(*_those(shadows, some))
+        shadows = _those(shadows, some)
         triangle = self._first_triangle(shadows.origin, shadows.direction)
         kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
 
     def _meet(self, tint: _Tint, paths: Paths) -> Hits:
         count = len(paths.power)
-        places = [np.empty((count, 3)) for _ in range(4)]
         triangle = self._first_triangle(paths.origin, paths.direction)
-        hits = Hits(np.empty(count), triangle, places[0], places[1], places[2], places[3], np.empty(count))
+        point, flat, normal, paint = np.empty((4, count, 3))
+        hits = Hits(np.empty(count), triangle, point, flat, normal, paint, np.empty(count))
         albedo = np.full(count, np.nan)
         for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
@@ -217,15 +211,15 @@ def _reaching(lamps: Lamps, paths: Paths) -> Paths:
     """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
     reaches = np.zeros(len(paths.power), bool)
     kernels.reach_lamps(lamps, paths, reaches)
-    return Paths(*_those(paths, reaches))
+    return _those(paths, reaches)
 
 
-def _those(arrays: Iterable[np.ndarray], some: np.ndarray) -> list[np.ndarray]:
+def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:
     """Rows of arrays with True, contiguous; the arrays themselves if that is all."""
     if some.all():
-        return [np.ascontiguousarray(values) for values in arrays]
+        return type(arrays)(*(np.ascontiguousarray(values) for values in arrays))
     rows = np.flatnonzero(some)
-    return [values.take(rows, axis=0) for values in arrays]
+    return type(arrays)(*(values.take(rows, axis=0) for values in arrays))
 
 
 def _first(origin: np.ndarray, direction: np.ndarray, names: Names) -> Paths:

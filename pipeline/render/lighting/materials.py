@@ -1,20 +1,129 @@
-"""Materials made ready for the kernels, in one light."""
+"""Materials: inputs as affine functions of texels, and what a surface is made of at a point.
 
+In one light each input of a material is a number: a constant plus a sum over the four components of a texel, each
+times a coefficient. Both hold scale and bias of the texture, and the light.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.jit.decorators import inline
 from pipeline.records.shapes import Float64, Num
-from pipeline.render.lighting import material_kernels as kernels
-from pipeline.render.lighting.material_kernels import COEFFICIENTS, INPUTS, MAP, Materials
 from pipeline.render.lighting.records import Coat, Input, Material
+from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint
+
+DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z = range(9)
+"""Inputs of a material [1]."""
+INPUTS = 9
+"""Number of inputs."""
+TEXTURE, WRAP_S, WRAP_T, CONSTANT = range(4)
+"""Columns of an input: row of its texture, -1 without; wrap modes, numbers of `WRAPS`; its constant."""
+COEFFICIENTS, MAP = 4, 8
+"""First columns of the coefficients of a texel's components, and of the map from the primvar to s and t."""
+COLUMNS = 14
+"""Number of columns of an input."""
+WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY = range(5)
+"""Flags of a material: whether `specularColor` counts; reflectance of a facet of its dielectric face on; opacity below
+which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant."""
+FLAGS = 5
+"""Number of flags."""
+WRAPS = ("repeat", "mirror", "clamp", "black")
+"""Wrap modes, by their number in kernels."""
+REPEAT, MIRROR, CLAMP, BLACK = range(4)
+"""Numbers of the wrap modes."""
+
+
+class Materials(NamedTuple):
+    """All materials in one light: inputs (m, INPUTS, COLUMNS) and flags (m, FLAGS).
+
+    `pictures`, (k, 3) int64: first texel, width and height of each texture.
+    `texels`, (n, 4) float32: linear, the first row of a picture is its top.
+    """
+
+    inputs: np.ndarray
+    flags: np.ndarray
+    pictures: np.ndarray
+    texels: np.ndarray
+
+
+@inline
+def _wrapped(index, count, mode):
+    """Index of a texel; -1: beyond the picture, black."""
+    if 0 <= index < count:
+        return index
+    if mode == REPEAT:
+        return index % count
+    if mode == MIRROR:
+        turn = index % (2 * count)
+        return turn if turn < count else 2 * count - 1 - turn
+    return min(max(index, 0), count - 1) if mode == CLAMP else -1
+
+
+@inline
+def _texel(materials, picture, x, y, place):
+    """One component of a texel; column and row as `_wrapped` gives them."""
+    if x < 0 or y < 0:
+        return 0.0
+    first, width = materials.pictures[picture, 0], materials.pictures[picture, 1]
+    return materials.texels[first + y * width + x, place]
+
+
+@inline
+def input_at(materials, m, which, st):
+    """An input of a material at texture coordinates, between the centres of four texels."""
+    row = materials.inputs[m, which]
+    value, picture = row[CONSTANT], int(row[TEXTURE])
+    if picture < 0:
+        return value
+    width, height = materials.pictures[picture, 1], materials.pictures[picture, 2]
+    s = row[MAP] * st[0] + row[MAP + 1] * st[1] + row[MAP + 2]
+    t = row[MAP + 3] * st[0] + row[MAP + 4] * st[1] + row[MAP + 5]
+    x, y = s * width - 0.5, (1.0 - t) * height - 0.5
+    if not abs(x) + abs(y) < 1e15:
+        return value
+    i, j = math.floor(x), math.floor(y)
+    a, b = x - i, y - j
+    left, right = _wrapped(i, width, row[WRAP_S]), _wrapped(i + 1, width, row[WRAP_S])
+    up, down = _wrapped(j, height, row[WRAP_T]), _wrapped(j + 1, height, row[WRAP_T])
+    for k in range(4):
+        if row[COEFFICIENTS + k] != 0.0:
+            upper = (1.0 - a) * _texel(materials, picture, left, up, k) + a * _texel(materials, picture, right, up, k)
+            lower = (1.0 - a) * _texel(materials, picture, left, down, k)
+            lower += a * _texel(materials, picture, right, down, k)
+            value += row[COEFFICIENTS + k] * ((1.0 - b) * upper + b * lower)
+    return value
+
+
+@inline
+def is_hole(materials, m, st):
+    """Whether a material lets everything through at a point."""
+    threshold = materials.flags[m, THRESHOLD]
+    return threshold > 0.0 and input_at(materials, m, OPACITY, st) < threshold
+
+
+@inline
+def _share(x):
+    return min(max(x, 0.0), 1.0)
+
+
+@inline
+def paint_at(materials, m, st):
+    """The paint of a surface at a point."""
+    colour = _share(input_at(materials, m, DIFFUSE, st))
+    if materials.flags[m, LAYER] == 0.0:
+        return Paint(colour, 0.0, 0.0)
+    alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, st)) ** 2)
+    if materials.flags[m, WORKFLOW] > 0.0:
+        return Paint(colour, _share(input_at(materials, m, SPECULAR, st)), alpha)
+    metal = _share(input_at(materials, m, METALLIC, st))
+    return Paint((1.0 - metal) * colour, (1.0 - metal) * materials.flags[m, FACING] + metal * colour, alpha)
 
 
 class MaterialTable:
-    """A list of materials that grows.
-
-    `pictures`, mapping of (h, w, 4) arrays: linear pictures by name; the first row is the top.
-    """
+    """A list of materials that grows, with linear pictures (h, w, 4) by name; their first row is the top."""
 
     def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> None:
         self._names = list(pictures)
@@ -45,35 +154,35 @@ class MaterialTable:
     def arrays(self, raised: Float64[np.ndarray, "3"]) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
         inputs = [self._inputs(*material, raised) for material in self._materials]
-        flags = np.array(self._flags, float).reshape(-1, kernels.FLAGS)
-        return Materials(np.array(inputs).reshape(-1, INPUTS, kernels.COLUMNS), flags, self._pictures, self._texels)
+        flags = np.array(self._flags, float).reshape(-1, FLAGS)
+        return Materials(np.array(inputs).reshape(-1, INPUTS, COLUMNS), flags, self._pictures, self._texels)
 
     def _inputs(self, material: Material, radiance: float, raised: np.ndarray) -> np.ndarray:
-        inputs = np.zeros((INPUTS, kernels.COLUMNS))
-        colours = {kernels.DIFFUSE: material.diffuse_color, kernels.EMISSION: material.emissive_color}
+        inputs = np.zeros((INPUTS, COLUMNS))
+        colours = {DIFFUSE: material.diffuse_color, EMISSION: material.emissive_color}
         if material.specular_color:
-            colours[kernels.SPECULAR] = material.specular_color
+            colours[SPECULAR] = material.specular_color
         for place, value in colours.items():
             inputs[place] = self._row(value, raised)
         numbers = (material.metallic, material.roughness, material.opacity)
-        for place, value in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
+        for place, value in zip((METALLIC, ROUGHNESS, OPACITY), numbers, strict=True):
             inputs[place] = self._row(value, np.ones(1))
         for axis in range(3):
-            inputs[kernels.NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
-        inputs[kernels.EMISSION, kernels.CONSTANT] += radiance
+            inputs[NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
+        inputs[EMISSION, CONSTANT] += radiance
         return inputs
 
     def _row(self, value: Input, weights: np.ndarray) -> np.ndarray:
         """An input whose components are summed up with some weights."""
-        row, texture = np.zeros(kernels.COLUMNS), value.texture
-        row[kernels.TEXTURE] = -1
-        row[kernels.CONSTANT] = float(weights @ np.array(value.value))
+        row, texture = np.zeros(COLUMNS), value.texture
+        row[TEXTURE] = -1
+        row[CONSTANT] = float(weights @ np.array(value.value))
         if texture is None:
             return row
         places = [0, 1, 2] if texture.channel == "rgb" else ["rgba".index(texture.channel)]
-        row[kernels.TEXTURE] = self._names.index(texture.name)
-        row[kernels.WRAP_S], row[kernels.WRAP_T] = (kernels.WRAPS.index(wrap) for wrap in texture.wrap)
-        row[kernels.CONSTANT] = float(weights @ np.array(texture.bias)[places])
+        row[TEXTURE] = self._names.index(texture.name)
+        row[WRAP_S], row[WRAP_T] = (WRAPS.index(wrap) for wrap in texture.wrap)
+        row[CONSTANT] = float(weights @ np.array(texture.bias)[places])
         row[[COEFFICIENTS + place for place in places]] = weights * np.array(texture.scale)[places]
         row[MAP:] = texture.st_from_primvar
         return row
@@ -91,13 +200,7 @@ def _has_layer(material: Material) -> bool:
     return bool(material.metallic.texture or any(material.metallic.value) or material.ior != 1.0)
 
 
-def all_of(materials: Sequence[Material]) -> list[str]:
+def texture_names(materials: Sequence[Material]) -> list[str]:
     """Names of the pictures that materials ask for, each once."""
-    return list(
-        dict.fromkeys(value.texture.name for material in materials for value in _inputs(material) if value.texture)
-    )
-
-
-def _inputs(material: Material) -> list[Input]:
-    named = (getattr(material, name) for name in Material.__slots__)
-    return [value for value in named if isinstance(value, Input)]
+    inputs = [getattr(material, name) for material in materials for name in Material.__slots__]
+    return list(dict.fromkeys(value.texture.name for value in inputs if isinstance(value, Input) and value.texture))

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
 from pipeline.render.lighting import draws
-from pipeline.render.lighting.lamp_kernels import (
+from pipeline.render.lighting.lamps import (
     CHANCE,
     DOME,
     KIND,
@@ -24,41 +24,36 @@ from pipeline.render.lighting.lamp_kernels import (
     meet_lamp,
     sample_lamp,
 )
-from pipeline.render.lighting.lamp_kernels import RADIANCE as OF_LAMP
-from pipeline.render.lighting.material_kernels import EMISSION, input_at, paint_at
+from pipeline.render.lighting.lamps import RADIANCE as OF_LAMP
+from pipeline.render.lighting.materials import EMISSION, input_at, paint_at
 from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, reflected_as, scattered, seen_along
-from pipeline.render.lighting.shape_kernels import (
+from pipeline.render.lighting.shapes import (
     glow_density,
-    path_to,
     sample_glow,
     shading_normal,
     st_at,
     weights,
 )
+from pipeline.targets.surface_kernels import path_to
 from pipeline.targets.vectors import across, along, dot, local, minus, row, times, unit, world
 
 _GAP = 2e-6
-"""Gap between a surface and the rays that leave it, as a part of the coordinates there [1]: single precision
-moves points by 6e-8 of them.
-"""
+"""Gap between a surface and rays that leave it, a part of the coordinates [1]: single precision moves them by 6e-8."""
 _CANDIDATES = 8
 """Points of lamps of which a surface that the camera sees asks one [1]."""
 _WHOLE = 3
-"""Surfaces after which no path ends by chance [1]: the few of dark surfaces that went on to a mirror and a lamp would
-be fireflies.
-"""
+"""Surfaces after which no path ends by chance [1]: few from dark surfaces to a mirror and a lamp would be fireflies."""
 _LEAST = 0.05
 """Least probability with which a path goes on from a later surface [1]: it bounds what one path can add."""
 
 
 class Paths(NamedTuple):
-    """Paths of a batch.
+    """Paths of a batch, each with the ray (n, 3) on which it continues, away from the camera.
 
-    `origin`, `direction`, (n, 3) float64: the ray on which each continues, away from the camera.
-    `power`, (n,) float64: part of the light along this ray that reaches the camera.
-    `density`, `cosine`, (n,) float64: density with which the direction was chosen [1/sr], 0 for rays of the camera, and
-        its cosine at the surface.
-    `key`, `place`, (n,) uint32, (n,) int64: numbers on which random numbers depend.
+    `power`: part of the light along this ray that reaches the camera.
+    `density`, `cosine`: with which density the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at
+        the surface.
+    `key`, `place`, (n,) uint32, (n,) int64: `draws.Names`.
     `ray`, (n,) int64: the ray of the camera that it belongs to.
     """
 
@@ -75,12 +70,9 @@ class Paths(NamedTuple):
 class Hits(NamedTuple):
     """Surfaces that paths meet.
 
-    `distance`, (n,) float64: infinite where there is nothing.
-    `triangle`, (n,) int64.
-    `point`, `flat`, `normal`, (n, 3) float64: place, and unit normals of the triangle and for shading, on the side that
-        the ray comes from.
-    `paint`, (n, 3) float64: fields of `reflection.Paint`.
-    `emission`, (n,) float64.
+    `distance`: infinite where there is nothing.
+    `flat`, `normal`, (n, 3): unit normals of the triangle and for shading, on the side that the ray comes from.
+    `paint`, (n, 3): fields of `reflection.Paint`.
     """
 
     distance: np.ndarray
@@ -95,9 +87,8 @@ class Hits(NamedTuple):
 class Shadows(NamedTuple):
     """Rays towards lamps.
 
-    `origin`, `direction`, (n, 3) float64.
-    `end`, (n,) float64: path to the lamp.
-    `light`, (n,) float64: light that arrives if nothing is in between; 0: there is no such ray.
+    `end`: path to the lamp.
+    `light`: light that arrives if nothing is in between; 0: there is no such ray.
     """
 
     origin: np.ndarray
@@ -175,9 +166,9 @@ def gather(lamps, asked, paths, hits, light):
 
 
 @inline
-def _share(own, other):
+def _share(taken, other):
     """Weight of the power heuristic; rays of the camera are found in one way only."""
-    return 1.0 / (1.0 + (other / own) ** 2) if own > 0.0 else 1.0
+    return 1.0 / (1.0 + (other / taken) ** 2) if taken > 0.0 else 1.0
 
 
 @inline
@@ -205,7 +196,6 @@ def _start(hits, i, way, gap_mm):
 
 @inline
 def _gap(point, least_mm):
-    """Gap between a surface at a point and rays that leave it [mm]."""
     return max(least_mm, _GAP * (abs(point[0]) + abs(point[1]) + abs(point[2])))
 
 
@@ -277,7 +267,6 @@ class SurfacePoint(NamedTuple):
 
 @inline
 def _place(layers, paths, hits, i):
-    """The place where a path meets a surface."""
     normal = row(hits.normal, i)
     x, y = across(normal)
     seen = seen_along(layers, _paint(hits, i), local(times(-1.0, row(paths.direction, i)), x, y, normal))
@@ -313,9 +302,8 @@ def _candidate(lamps, layers, asked, place, paint, pair):
 def arrive(corners, triangle, shadows, ray, gap_mm, light):
     """Add the light of rays to lamps that nothing stops.
 
-    `corners`, (t, 3, 3) float64.
     `triangle`, (n,) int64: first triangle of each ray, -1: none.
-    `ray`, `light`, (n,) int64, (rays,) float64: as in `gather`.
+    `ray`, `light`, (n,) int64, (rays,) float64: the ray of the camera of each, and its radiance.
     """
     for i in range(triangle.size):
         if triangle[i] >= 0:

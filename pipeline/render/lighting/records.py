@@ -14,7 +14,7 @@ class Lamp:
     """A lamp of UsdLux, in its own frame: x, y and z as USD has them.
 
     `kind`: `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`.
-    `radiance`: radiance that leaves it, relative; of a distant lamp without extent the irradiance across its light.
+    `radiance`: what leaves it, relative; of a distant lamp without extent the irradiance across its light.
     `size`: rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant:
         half its angle [rad], 0.
     `texture`: name of the task's input that holds the picture of a dome; empty: there is none.
@@ -84,11 +84,9 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finish:
-    """Materials of the triangles of a mesh, with normals and texture coordinates.
+    """Materials of the triangles of a mesh, with normals, frame of the mesh, and texture coordinates at their corners.
 
     `material_of`: index of the material of each triangle; empty: all have the first.
-    `normals`: normals at the corners of each triangle, frame of the mesh; empty: flat ones.
-    `st`: texture coordinates at the corners of each triangle; empty: none.
     """
 
     materials: tuple[Material, ...]
@@ -115,10 +113,8 @@ class PlacedLamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
-    """Everything that a lit view has besides shapes.
+    """Everything that a lit view has besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder.
 
-    `coats`: coat of each target of the view.
-    `finishes`: finish of each occluder of the view, plain `Finish`.
     `bounces`: reflections of a path beyond the surface that the camera sees and direct light reaches.
     """
 

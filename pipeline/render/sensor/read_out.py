@@ -8,20 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
-from pipeline.render.sensor.counter import COLUMN_NOISE, DARK_NOISE, ELECTRONS, ROW_NOISE, Stream, stream
-from pipeline.render.sensor.draws import normals, poisson
-from pipeline.render.sensor.fixed_pattern import FixedPattern, fixed_pattern
-from pipeline.render.sensor.mosaic import after_crosstalk, mosaic
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.records.shapes import Float64
+from pipeline.render.sensor import draws
+from pipeline.render.sensor.response import PatternSpread, SensorError, SensorResponse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """One exposure of a camera: what its noise is a function of, and for how long it lasts.
-
-    `seed`: seed of the temporal noise.
-    `camera`: name of the camera: two cameras of a dataset share no noise.
-    """
+    """One exposure of a camera, which is named: two cameras of a dataset share no noise. `seed`: of temporal noise."""
 
     seed: int
     camera: str
@@ -33,7 +27,7 @@ class Chain(NamedTuple):
     """Numbers of the read-out of one frame.
 
     `dark_s_and_current`: exposure time [s] and mean dark current [e-/s].
-    `temporal_e`: noise of pixel, row and column [e-].
+    `temporal_e`: noise of pixel, row and column.
     `scale`: black level [DN], gain [DN/e-], largest digital number [DN].
     """
 
@@ -61,14 +55,9 @@ def digital_numbers(
     electrons = np.ascontiguousarray(after_crosstalk(electrons, response.crosstalk))
     pattern = fixed_pattern(response.spread, shot.camera, corner, electrons.shape)
     result = np.empty(electrons.shape, np.uint16)
-    keys = stream(shot.seed, shot.camera, shot.frame)
-    read_out(_chain(response, shot), keys, corner, electrons, pattern, np.empty(electrons.shape[1]), result)
-    return result
-
-
-def _chain(response: SensorResponse, shot: Shot) -> Chain:
+    keys = draws.stream(shot.seed, shot.camera, shot.frame)
     table = np.array(response.nonlinearity, np.float64).reshape(-1, 2)
-    return Chain(
+    chain = Chain(
         counts=response.shot_noise,
         full_well_e=response.full_well_e,
         dark_s_and_current=(shot.exposure_time_s, response.dark_current()),
@@ -77,28 +66,124 @@ def _chain(response: SensorResponse, shot: Shot) -> Chain:
         nonlinear_at=np.ascontiguousarray(table[:, 0]),
         nonlinear_by=np.ascontiguousarray(table[:, 1]),
     )
+    read_out(chain, keys, corner, electrons, pattern, np.empty(electrons.shape[1]), result)
+    return result
+
+
+def mosaic(response: SensorResponse, photons: Mapping[str, np.ndarray], corner: tuple[int, int]) -> np.ndarray:
+    """Expected electrons of every pixel behind its own filter, before crosstalk, (h, w) float64.
+
+    `photons`: mean number of photons in a pixel, of every channel, (h, w) each.
+    `corner`: row and column of the first pixel on the sensor; they may be negative.
+    Raises SensorError: the channels are not those of the filters.
+    """
+    if photons.keys() != set(response.channels):
+        raise SensorError(f"images of the channels {sorted(photons)} for filters of {sorted(response.channels)}")
+    electrons = {
+        name: efficiency * np.asarray(photons[name], np.float64)
+        for name, efficiency in zip(response.channels, response.quantum_efficiency, strict=True)
+    }
+    period = response.period_px
+    if period == 1:
+        return electrons[response.filters[0]]
+    result = np.empty(np.shape(photons[response.channels[0]]))
+    for number, name in enumerate(response.filters):
+        row, column = number // period, number % period
+        first = (row - corner[0]) % period, (column - corner[1]) % period
+        result[first[0] :: period, first[1] :: period] = electrons[name][first[0] :: period, first[1] :: period]
+    return result
+
+
+def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, ...]) -> np.ndarray:
+    """Expected electrons after each pixel has given its neighbours their shares.
+
+    Counts that scatter independently stay Poisson-distributed and independent, so that the mean alone has to be spread.
+
+    `electrons`: with a margin of m pixels all around, m half the edge of the kernel, rounded down.
+    `kernel`: row by row, the share of a pixel's electrons that the pixel there collects.
+    """
+    edge = math.isqrt(len(kernel))
+    if edge <= 1:
+        return electrons
+    height, width = electrons.shape[0] - edge + 1, electrons.shape[1] - edge + 1
+    result = np.zeros((height, width))
+    for number, share in enumerate(kernel):
+        # What goes up in the kernel comes from below: the source lies opposite to the entry.
+        row, column = edge - 1 - number // edge, edge - 1 - number % edge
+        result += share * electrons[row : row + height, column : column + width]
+    return result
+
+
+class FixedPattern(NamedTuple):
+    """What differs from pixel to pixel of a specimen and stays the same in every frame, (h, w) float64 each.
+
+    `dark_e`: difference of the dark signal from its mean, DSNU.
+    `response`: photo response over its mean, PRNU; 0 of dead pixels.
+    `hot_e_per_s`: dark current of hot pixels beyond that of the others, 0 elsewhere.
+    """
+
+    dark_e: np.ndarray
+    response: np.ndarray
+    hot_e_per_s: np.ndarray
+
+
+def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
+    """Maps of a window of the sensor of a camera, by its name.
+
+    `corner`, `shape`: row and column of the first pixel; height and width [px].
+    """
+    maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
+    deviations, defects = (spread.dark_e, spread.response), (spread.dead_share, spread.hot_share)
+    keys = draws.stream(spread.specimen, camera)
+    fill_maps(deviations, (*defects, spread.hot_current_e_per_s), keys, corner, np.zeros((2, shape[1])), maps)
+    return maps
 
 
 @kernel
-def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPattern, of_columns, result):
+def fill_maps(deviations, defects, keys, corner, of_columns, maps):
+    """Fill the maps of a window; `of_columns` is room for the dark signal and the response of each column."""
+    (pixel_dark, rows_dark, columns_dark), (pixel_response, rows_response, columns_response) = deviations
+    dead_share, hot_share, hot_e_per_s = defects
+    height, width = maps.dark_e.shape
+    for j in range(width):
+        dark, response = draws.normals(keys, 0, corner[1] + j, draws.PATTERN_OF_COLUMN)
+        of_columns[0, j], of_columns[1, j] = columns_dark * dark, columns_response * response
+    for i in range(height):
+        row = corner[0] + i
+        dark, response = draws.normals(keys, row, 0, draws.PATTERN_OF_ROW)
+        row_dark, row_response = rows_dark * dark, rows_response * response
+        for j in range(width):
+            column = corner[1] + j
+            dark, response = draws.normals(keys, row, column, draws.PATTERN)
+            maps.dark_e[i, j] = pixel_dark * dark + row_dark + of_columns[0, j]
+            maps.response[i, j] = max(0.0, 1.0 + pixel_response * response + row_response + of_columns[1, j])
+            hot, dead = draws.uniforms(keys, row, column, draws.DEFECTS, 0)
+            if dead < dead_share:
+                maps.response[i, j] = 0.0
+            if hot < hot_share:
+                maps.hot_e_per_s[i, j] = -hot_e_per_s * math.log(draws.uniforms(keys, row, column, draws.DEFECTS, 1)[0])
+
+
+@kernel
+def read_out(chain: Chain, keys: draws.Stream, corner, electrons, pattern: FixedPattern, of_columns, result):
     """Fill `result` with digital numbers; `electrons` are expected ones, `of_columns` room for the noise of columns."""
     height, width = electrons.shape
     time_s, current = chain.dark_s_and_current
     for j in range(width):
-        of_columns[j] = chain.temporal_e[2] * normals(keys, 0, corner[1] + j, COLUMN_NOISE)[0]
+        of_columns[j] = chain.temporal_e[2] * draws.normals(keys, 0, corner[1] + j, draws.COLUMN_NOISE)[0]
     for i in range(height):
         row = corner[0] + i
-        of_row = chain.temporal_e[1] * normals(keys, row, 0, ROW_NOISE)[0]
+        of_row = chain.temporal_e[1] * draws.normals(keys, row, 0, draws.ROW_NOISE)[0]
         for j in range(width):
             column = corner[1] + j
             # Light and dark current are both Poisson-distributed, and so is their sum.
             charge = electrons[i, j] * pattern.response[i, j] + (current + pattern.hot_e_per_s[i, j]) * time_s
             if chain.counts:
-                charge = poisson(keys, row, column, ELECTRONS, charge)
+                charge = draws.poisson(keys, row, column, draws.ELECTRONS, charge)
             charge = _bent(chain, min(charge, chain.full_well_e))
             charge += pattern.dark_e[i, j] + of_row + of_columns[j]
             if chain.temporal_e[0] > 0.0:
-                charge += chain.temporal_e[0] * normals(keys, row, column, DARK_NOISE)[0]
+                charge += chain.temporal_e[0] * draws.normals(keys, row, column, draws.DARK_NOISE)[0]
             number = math.floor(chain.scale[0] + chain.scale[1] * charge + 0.5)
             result[i, j] = np.uint16(min(max(number, 0.0), chain.scale[2]))
 

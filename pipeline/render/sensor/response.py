@@ -1,9 +1,10 @@
-"""Response of a sensor to light: the parameters of EMVA 1288, release 4.0, linear model."""
+"""Response of a sensor to light, by the parameters of EMVA 1288, release 4.0, linear model; and its exposure."""
 
 import math
 from dataclasses import dataclass
 
 from pipeline.errors import PipelineError
+from pipeline.optics.transmission import Losses
 from pipeline.records.declared import settle
 
 
@@ -24,14 +25,15 @@ _NOT_NEGATIVE = (
     *("dsnu_e", "dsnu_row_e", "dsnu_column_e", "prnu", "prnu_row", "prnu_column"),
     *("hot_share", "hot_current_e_per_s", "dead_share"),
 )
+PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
+"""Planck constant [J s] and speed of light [m/s]: exact, by definition of the SI (2019)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PatternSpread:
-    """Part of a response that makes the fixed pattern of a specimen.
+    """Part of a `SensorResponse` that makes the fixed pattern of a specimen.
 
-    `dark_e`, `response`: standard deviations over pixels, rows and columns: DSNU [e-] and PRNU.
-    `hot_share`, `hot_current_e_per_s`, `dead_share`, `specimen`: as of `SensorResponse`.
+    `dark_e`, `response`: standard deviations over pixels, rows and columns: DSNU and PRNU.
     """
 
     dark_e: tuple[float, float, float]
@@ -47,24 +49,19 @@ class SensorResponse:
     """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
 
     `quantum_efficiency`: electrons per photon, one for each channel.
-    `full_well_e`: electrons that a pixel holds at most [e-].
-    `gain_dn_per_e`: overall system gain K [DN/e-].
-    `bit_depth`: digital numbers run from 0 to 2^bit_depth - 1.
-    `black_level_dn`: digital number of no electron [DN].
+    `full_well_e`: electrons that a pixel holds at most.
+    `gain_dn_per_e`: overall system gain K.
     `filters`: colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over
         the sensor. The channels are these names in the order in which they first occur.
     `shot_noise`: whether electrons are counted (Poisson), or arrive as their expected number.
-    `dark_noise_e`: temporal dark noise sigma_d0 without that of the dark current [e-].
-    `row_noise_e`, `column_noise_e`: temporal noise that all pixels of a row or column share, new in each frame [e-].
-    `dark_current_e_per_s`: mean of what a pixel collects without light [e-/s].
+    `dark_noise_e`: temporal dark noise sigma_d0 without that of the dark current.
+    `row_noise_e`, `column_noise_e`: temporal noise that all pixels of a row or column share, new in each frame.
     `temperature_degc`, `dark_current_at_degc`, `doubling_k`: all or none: temperature of the sensor, the one at which
-        the dark current is as said, and the difference that doubles it [degC, degC, K].
-    `dsnu_e`, `dsnu_row_e`, `dsnu_column_e`: standard deviations of the dark signal over pixels, rows and columns, the
-        same in every frame [e-].
-    `prnu`, `prnu_row`, `prnu_column`: standard deviations of the photo response over pixels, rows and columns, relative
-        to its mean.
+        the dark current is as said, and the difference that doubles it.
+    `dsnu_e`, `prnu` and those of rows and columns: standard deviations of the dark signal, and of the photo response
+        relative to its mean, the same in every frame.
     `hot_share`, `hot_current_e_per_s`: share of the pixels with a further dark current, exponentially distributed with
-        this mean [e-/s].
+        this mean.
     `dead_share`: share of the pixels that no light reaches.
     `nonlinearity`: deviation from the straight line, relative to the signal, at shares of the full well in ascending
         order; linear in between, constant beyond.
@@ -125,23 +122,23 @@ class SensorResponse:
     def _settle_filters(self) -> None:
         count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
-        what = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
-        _require(len(given) == channels, what, f"one for each of: {', '.join(self.channels)}")
+        message = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
+        _require(len(given) == channels, message, f"one for each of: {', '.join(self.channels)}")
         is_usual = all(LEAST_EFFICIENCY <= efficiency <= 1 for efficiency in given)
         _require(is_usual, f"quantum efficiencies of {given}, not in [{LEAST_EFFICIENCY:g}, 1]")
 
     def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
         ascending = shares == sorted(set(shares)) and all(0 <= share <= 1 for share in shares)
-        what = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
-        _require(ascending, what, "each pair is a share of the full well and the deviation there")
+        message = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
+        _require(ascending, message, "each pair is a share of the full well and the deviation there")
         _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
         if self.crosstalk:
             size, total = len(self.crosstalk), math.fsum(self.crosstalk)
             _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
             _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
-            what = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
-            _require(abs(total - 1) <= _SUM_OF_KERNEL, what, "divide its entries by their sum")
+            message = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
+            _require(abs(total - 1) <= _SUM_OF_KERNEL, message, "divide its entries by their sum")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -192,6 +189,76 @@ class SensorResponse:
         return self.dark_current_e_per_s * 2.0 ** (
             (self.temperature_degc - self.dark_current_at_degc) / self.doubling_k
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Radiance:
+    """Light before a lens, of one wavelength, or as a channel of a sensor counts it.
+
+    `w_per_m2_sr`: radiance of what the linear image calls 1 [W m^-2 sr^-1]; for a channel between 380 and 780 nm.
+    `effective_nm`: the wavelength; for a channel that of light of which a joule has as many photons as count in the
+        channel for a joule of that radiance: each counts by the channel's response at its wavelength over the highest.
+    `losses`: at each wavelength that stands for the light; None: the lens takes no light but what its apertures stop.
+    """
+
+    w_per_m2_sr: float
+    effective_nm: float
+    losses: tuple[Losses | None, ...] = (None,)
+    channel: str | None = None
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+        if not (self.w_per_m2_sr > 0 and self.effective_nm > 0):
+            raise SensorError(f"a radiance of {self.w_per_m2_sr} W m^-2 sr^-1 at {self.effective_nm} nm")
+
+    def photons(self, energy_j: float) -> float:
+        """Number of photons of an energy [J] that count."""
+        return energy_j * self.effective_nm * 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Irradiation:
+    """Exposure of a frame: by its result, by its photons, or by the radiance of the scene.
+
+    `exposure_time_s`: for how long light and dark current are collected [s].
+    `white_level`: share of saturation that the light of relative irradiance 1 fills, in the channel of the highest
+        quantum efficiency, without dark signal.
+    `photon_rate`: photons that hit a pixel in a second at relative irradiance 1 [1/s].
+    `radiance`: radiance that has the relative irradiance 1; the camera then determines the photon rate.
+    `channels`: the same for a sensor with channels, one for each.
+    """
+
+    exposure_time_s: float
+    white_level: float | None = None
+    photon_rate: float | None = None
+    radiance: Radiance | None = None
+    channels: tuple[Radiance, ...] = ()
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+        if [self.white_level, self.photon_rate, self.radiance, self.channels or None].count(None) != 3:
+            raise SensorError(
+                "the exposure is stated in no way, or in several",
+                hint="give one of white_level, photon_rate, radiance and channels",
+            )
+        for name in ("exposure_time_s", "white_level", "photon_rate"):
+            if (getattr(self, name) or 0.0) < 0:
+                raise SensorError(f"an exposure with the negative {name} {getattr(self, name)}")
+
+    def photons_at_one(self, response: SensorResponse, rate: float | None = None) -> float:
+        """Mean number of photons in a pixel at relative irradiance 1.
+
+        `rate` is that of `render.radiometry.photon_rate`, of a channel if there are any, where the exposure is one by
+        radiance.
+        """
+        if self.radiance is not None or self.channels:
+            if rate is None:
+                raise SensorError("an exposure by radiance needs the photon rate of a camera")
+            return rate * self.exposure_time_s
+        if self.photon_rate is not None:
+            return self.photon_rate * self.exposure_time_s
+        assert self.white_level is not None
+        return self.white_level * response.saturation_e / max(response.quantum_efficiency)
 
 
 def _require(holds: bool, otherwise: str, hint: str | None = None) -> None:

@@ -29,7 +29,7 @@ def gauss_nodes(points: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
     By the procedure of Stieltjes and the eigenvalues of Jacobi's matrix (Golub and Welsch, 1969).
 
     `points`: points of a spectrum, from `points_of`.
-    Returns (count,) float64, (count,) float64: ascending wavelengths [nm], and shares, which sum up to 1.
+    Returns (count,), (count,) float64: ascending wavelengths [nm], and shares, which sum up to 1.
     """
     point, share = points
     middle, half = (point[0] + point[-1]) / 2, (point[-1] - point[0]) / 2
@@ -61,9 +61,7 @@ def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, 
 def points_of(*tables: Table, counts_photons: bool = False) -> Table:
     """Points all over the product of tables where all are known, and the weight that each stands for.
 
-    `tables`, Table.
-    `counts_photons`, bool: whether one of them is a response per photon and another one a power: then the wavelength is
-        a factor, too.
+    `counts_photons`: one of them is a response per photon and another one a power: the wavelength is a factor, too.
     Raises SpectrumError: one of them is no spectrum, they have no wavelength in common, or the product is 0 everywhere.
     """
     for table in tables:

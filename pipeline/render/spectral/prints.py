@@ -10,9 +10,7 @@ from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import AnyTarget
 
 Colours = tuple[tuple[tuple[float, float], ...], ...]
-"""Radiance or reflectance of black and of white in each slice of each wavelength of an image; empty: as the target has
-them.
-"""
+"""Radiance or reflectance of black and of white in each slice of each wavelength; empty: as the target has them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

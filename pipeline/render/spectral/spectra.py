@@ -47,10 +47,8 @@ def illuminant(name: str) -> Table:
 
 
 def sensitivity(camera: str, component: str) -> Table:
-    """Relative response to energy of a component, `red`, `green` or `blue`, of a camera in
-    `colour.MSDS_CAMERA_SENSITIVITIES`.
-
-    Raises SpectrumError: there is no such camera.
+    """Relative response to energy of a `red`, `green` or `blue` component of a camera in
+    `colour.MSDS_CAMERA_SENSITIVITIES`. Raises SpectrumError: there is no such camera.
     """
     cameras = [name for name, curves in MSDS_CAMERA_SENSITIVITIES.items() if component in curves.labels]
     table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
@@ -76,8 +74,7 @@ def effective_nm(response: Table, light: Table, counts_photons: bool = True) -> 
 
     `response`, `light`: response, whose highest quantum efficiency counts as 1, and power per wavelength, relative.
     `counts_photons`: whether the response is the quantum efficiency; else one to energy.
-    Raises SpectrumError: one of them is no spectrum, they have no wavelength in common, or the light has no visible
-        part.
+    Raises SpectrumError: as `points_of`, and where the light has no visible part.
     """
     highest = np.max(response[1] if counts_photons else response[1] / response[0])
     _, photons = points_of(response, light, counts_photons=counts_photons)
@@ -108,9 +105,9 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
     return sampled[0], sampled[1]
 
 
-def _known(name: str, names: list[str], what: str) -> str:
+def _known(name: str, names: list[str], kind: str) -> str:
     if name in names:
         return name
     best = nearest(name, names)
     hint = f'did you mean "{best}"?' if best else f"known: {', '.join(names)}"
-    raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint, code=f"unknown-{what}")
+    raise SpectrumError(f'colour-science knows no {kind} "{name}"', hint=hint, code=f"unknown-{kind}")

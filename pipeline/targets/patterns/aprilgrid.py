@@ -10,9 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
-from pipeline.targets.patterns.dictionaries import bits_of, require_tags
 from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once
-from pipeline.targets.patterns.tags import tag_shapes
+from pipeline.targets.patterns.tags import bits_of, require_tags, tag_shapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,9 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Checks, Drawing
-from pipeline.targets.patterns.dictionaries import bits_of, require_tags
 from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once, grid
-from pipeline.targets.patterns.tags import tag_shapes
+from pipeline.targets.patterns.tags import bits_of, require_tags, tag_shapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

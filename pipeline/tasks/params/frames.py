@@ -25,7 +25,7 @@ class PlacedTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedOccluder:
-    """An occluder in a frame; `occluder` is a plain `targets.occluder.Occluder`."""
+    """An occluder in a frame; `occluder` is a plain `targets.mesh.Occluder`."""
 
     occluder: Json
     vision_from_occluder: Matrix

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import Json
 from pipeline.optics.transmission import Losses
-from pipeline.render.sensor.colorimetry import Colorimetry
-from pipeline.render.sensor.irradiation import Irradiation
-from pipeline.render.sensor.response import PatternSpread, SensorResponse
+from pipeline.render.sensor.colours import Colorimetry
+from pipeline.render.sensor.response import Irradiation, PatternSpread, SensorResponse
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.frames import PlacedView
 
