@@ -21,7 +21,7 @@ from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import in_vision
 from pipeline.targets import surface_kernels as kernels
-from pipeline.targets.mesh import MeshTarget, Occluder
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.targets.target import AnyTarget, Target
 
@@ -171,18 +171,13 @@ class TargetLight:
 
 def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
     """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
-    return [
-        (_in_colours(target, np.mean(light[number][slices], axis=0).tolist()) if light else target, pose)
-        for (target, pose), light in zip(targets, colours or [()] * len(targets), strict=True)
-    ]
-
-
-def _in_colours(target: AnyTarget, colours: Sequence[float]) -> AnyTarget:
-    """A target with other radiances of black and white."""
-    if isinstance(target, MeshTarget):
-        return target
-    black, white = colours
-    return Target(dataclasses.replace(target.pattern, black=black, white=white), target.surface)
+    inked_targets: list[tuple[AnyTarget, np.ndarray]] = []
+    for (target, pose), light in zip(targets, colours or [()] * len(targets), strict=True):
+        if light and isinstance(target, Target):
+            black, white = np.mean(light[number][slices], axis=0).tolist()
+            target = Target(dataclasses.replace(target.pattern, black=black, white=white), target.surface)
+        inked_targets.append((target, pose))
+    return inked_targets
 
 
 @dataclass(frozen=True, slots=True)

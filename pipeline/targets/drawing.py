@@ -6,7 +6,7 @@ A drawing is the only definition of the appearance of a pattern: kernels ask it 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -87,10 +87,6 @@ class Drawing:
     half_x_mm: float
     half_y_mm: float
     shapes: Sequence[Shape] = ()
-
-    def on_sheet(self, half_x_mm: float, half_y_mm: float) -> "Drawing":
-        """The same shapes on a sheet of another size."""
-        return replace(self, half_x_mm=half_x_mm, half_y_mm=half_y_mm)
 
     def whiteness(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
         """1 on white, 0 on black, NaN beside the sheet, (n,)."""

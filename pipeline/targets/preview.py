@@ -76,7 +76,8 @@ def _faces(patch: Patch) -> PreviewFaces:
     half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
     x, y = half[:, None] * [-1.0, 1.0]
     light = np.full((1, 1), (black + white) / 2)
-    if not _is_too_fine(patch.drawing):
+    checks = sum((shape.columns + 1) * (shape.rows + 1) for shape in patch.drawing.shapes if isinstance(shape, Checks))
+    if checks <= _MOST_CELLS and len(patch.drawing.shapes) <= _MOST_SHAPES:
         columns, rows = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
         if len(columns) * len(rows) <= _MOST_CELLS:
             x, y = columns, rows
@@ -95,12 +96,6 @@ def _faces(patch: Patch) -> PreviewFaces:
     used, faces = np.unique(corners, return_inverse=True)
     xy = np.stack([x[used % len(x)], y[used // len(x)]], axis=1)
     return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours, xy / half / 2 + 0.5)
-
-
-def _is_too_fine(drawing: Drawing) -> bool:
-    """Whether a drawing certainly exceeds the limits of a preview."""
-    checks = sum((shape.columns + 1) * (shape.rows + 1) for shape in drawing.shapes if isinstance(shape, Checks))
-    return checks > _MOST_CELLS or len(drawing.shapes) > _MOST_SHAPES
 
 
 def _lines(drawing: Drawing, axis: int) -> np.ndarray:

@@ -140,7 +140,9 @@ class Cube:
             z, y = np.array(normal, float), np.array(up, float)
             pose = rigid(np.stack([np.cross(y, z), y, z], axis=1), half * z)
             face = pattern.for_face(number)
-            pieces.append((Patch(PLANE, pose, face.drawing.on_sheet(half, half), (face.black, face.white)), face))
+            pieces.append(
+                (Patch(PLANE, pose, Drawing(half, half, face.drawing.shapes), (face.black, face.white)), face)
+            )
         return pieces
 
 

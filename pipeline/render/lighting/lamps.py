@@ -209,7 +209,10 @@ def sample_lamp(lamps, k, origin, normal, pair):
     off = minus(_point_on(table, k, pair), origin)
     t = math.sqrt(dot(off, off))
     direction = times(1.0 / t, off)
-    cosine = dot(direction, z) if kind != CYLINDER else _cosine_on_cylinder(table, k, pair, direction)
+    cosine = dot(direction, z)
+    if kind == CYLINDER:
+        turn = 2.0 * math.pi * pair[1]
+        cosine = -(math.cos(turn) * dot(direction, _triple(table, k, AXIS_Y)) + math.sin(turn) * cosine)
     if not cosine > 0.0:
         return direction, t, 0.0, 0.0
     return direction, t, radiance, t * t / (cosine * table[k, AREA])
@@ -229,13 +232,6 @@ def _point_on(table, k, pair):
     else:
         p = (2.0 * pair[0] - 1.0) * a, b * math.cos(turn), b * math.sin(turn)
     return along(centre, 1.0, world(p, x, y, z))
-
-
-@inline
-def _cosine_on_cylinder(table, k, pair, direction):
-    turn = 2.0 * math.pi * pair[1]
-    y, z = _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
-    return -(math.cos(turn) * dot(direction, y) + math.sin(turn) * dot(direction, z))
 
 
 @inline
@@ -315,17 +311,14 @@ def lamps_of(
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
         table[k, AXIS_X:] = pose[:3, :3].T.ravel()
         light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
-    chance = _chances(np.append(light, _of_glow(*shining, middle_mm)) if shining[1] > 0 else light)
-    table[:, 2] = chance[: len(table)]
+    if shining[1] > 0:
+        light = np.append(light, _of_glow(*shining, middle_mm))
+    known = light / light.sum() if light.sum() > 0 else np.full(len(light), 1 / max(1, len(light)))
+    chance = _EVEN / max(1, len(light)) + (1 - _EVEN) * known
+    table[:, CHANCE] = chance[: len(table)]
     of_glow = float(chance[len(table) :].sum())
     glow = shining[0]._replace(chance=of_glow, per_mm2=of_glow * shining[0].per_mm2)
     return Lamps(table, sky._replace(raised=raised), background, glow)
-
-
-def _chances(light: Float64[np.ndarray, "k"]) -> np.ndarray:
-    """Probabilities with which sources of light are asked, (k,), by the irradiance that each may give."""
-    known = light / light.sum() if light.sum() > 0 else np.full(len(light), 1 / max(1, len(light)))
-    return np.asarray(_EVEN / max(1, len(light)) + (1 - _EVEN) * known)
 
 
 def _of_glow(glow: Glow, power_mm2: float, middle_mm: np.ndarray) -> float:

@@ -140,7 +140,10 @@ class LitScene:
         light, lamps = np.zeros(len(paths.power)), tint.lamps
         for vertex in range(self._bounces + 2):
             if vertex > self._bounces and lamps.glow.chance == 0.0:
-                paths = _reaching(lamps, paths)
+                # After the last surface only paths count that meet a lamp unless something is in their way.
+                reaches = np.zeros(len(paths.power), bool)
+                kernels.reach_lamps(lamps, paths, reaches)
+                paths = _those(paths, reaches)
             if not len(paths.power):
                 break
             hits = self._meet(tint, paths)
@@ -205,13 +208,6 @@ class LitScene:
             start = start[through] + (past[through] + self._gap_mm)[:, None] * direction[left]
             triangle[left] = self._embree.first_hit(start, direction[left])
         return triangle
-
-
-def _reaching(lamps: Lamps, paths: Paths) -> Paths:
-    """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
-    reaches = np.zeros(len(paths.power), bool)
-    kernels.reach_lamps(lamps, paths, reaches)
-    return _those(paths, reaches)
 
 
 def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:

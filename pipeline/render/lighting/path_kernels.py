@@ -217,7 +217,10 @@ def send_to_lamps(lamps, scene, step, paths, hits, shadows):
     vertex, asked = step
     for i in range(paths.power.size):
         shadows.light[i], total, kept = 0.0, 0.0, -1
-        place, paint = _place(layers, paths, hits, i), _paint(hits, i)
+        normal, paint = row(hits.normal, i), _paint(hits, i)
+        x, y = across(normal)
+        seen = seen_along(layers, paint, local(times(-1.0, row(paths.direction, i)), x, y, normal))
+        place = SurfacePoint(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
         dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.CHOICE)[0]
         for c in range(asked):
             pair = draws.draw(points, paths.key[i], asked * paths.place[i] + c, draws.STAGES * vertex + draws.LAMP)
@@ -263,14 +266,6 @@ class SurfacePoint(NamedTuple):
     normal: tuple[float, float, float]
     flat: tuple[float, float, float]
     seen: SeenSurface
-
-
-@inline
-def _place(layers, paths, hits, i):
-    normal = row(hits.normal, i)
-    x, y = across(normal)
-    seen = seen_along(layers, _paint(hits, i), local(times(-1.0, row(paths.direction, i)), x, y, normal))
-    return SurfacePoint(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
 
 
 @inline

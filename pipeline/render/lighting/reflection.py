@@ -133,13 +133,6 @@ def _both(visible, other):
 
 
 @inline
-def _facets(alpha, height):
-    """Density of facets whose normal has a height."""
-    inner = height * height * (alpha * alpha - 1.0) + 1.0
-    return alpha * alpha / (math.pi * inner * inner)
-
-
-@inline
 def fresnel(facing, cosine):
     """Schlick's approximation."""
     off = 1.0 - min(max(cosine, 0.0), 1.0)
@@ -178,7 +171,9 @@ def reflected_as(layers, paint, as_seen, lit):
     below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept
     half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
-    facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])
+    # Density of facets with this normal, times their visible part.
+    inner = half[2] * half[2] * (paint.alpha * paint.alpha - 1.0) + 1.0
+    facets, visible = paint.alpha * paint.alpha / (math.pi * inner * inner), _masking(paint.alpha, seen[2])
     single = facets * visible / (4.0 * seen[2])
     density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
     once = fresnel(paint.facing, glance) * single * _both(visible, _masking(paint.alpha, lit[2]))

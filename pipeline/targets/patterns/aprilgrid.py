@@ -79,14 +79,11 @@ class AprilGrid(Pattern):
             shape
             for row, bottom in enumerate(y[::2])
             for column, left in enumerate(x[::2])
-            for shape in self._tag(row * self.columns + column, float(left), float(bottom))
+            # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
+            for bits in [np.rot90(bits_of(self.dictionary, self.first_tag + row * self.columns + column), 2)]
+            for shape in tag_shapes(bits, float(left), float(bottom), self.tag_mm, self.border_bits)
         ]
         return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
-
-    def _tag(self, number: int, left: float, bottom: float) -> list[Polygon]:
-        # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
-        bits = np.rot90(bits_of(self.dictionary, self.first_tag + number), 2)
-        return tag_shapes(bits, left, bottom, self.tag_mm, self.border_bits)
 
     def marks(self) -> Marks:
         x, y = np.meshgrid(self._corners(self.columns), self._corners(self.rows))
