@@ -27,13 +27,8 @@ class DeviceNames:
 class Single:
     """A kernel that others call in single precision: its literals and constants are float32, and so must arguments be.
 
-    Integers and float32 must not meet in it, because Numba makes float64 of both together.
-
-    Attributes
-    ----------
-    kernel : Kernel
-    constants : dict
-        Values for constants that state how precise float64 is, by name, wherever the kernel or its callees use them.
+    Integers and float32 must not meet in it, because Numba makes float64 of both together. `constants` are values for
+    those that state how precise float64 is, by name, wherever the kernel or its callees use them.
     """
 
     def __init__(self, kernel: Kernel, **constants: float) -> None:
@@ -45,12 +40,8 @@ class Single:
 
 
 def bound_anew(function: Function, wrap: Callable[[Function], Any], **names: Any) -> Function:
-    """A copy of a function whose kernels are copies made in the same way and wrapped, and that uses other `names`.
-
-    Parameters
-    ----------
-    names
-        What stands for `fma`, `cuda` or `math`, and for names of Python itself such as `max`.
+    """A copy of a function whose kernels are copies made in the same way and wrapped, and that uses other `names`: for
+    `fma`, `cuda` or `math`, and for names of Python itself such as `max`.
     """
     made: dict[tuple[int, int], Any] = {}
 
@@ -100,13 +91,13 @@ class TypedMath:
     """`math` whose functions give float32 where they get it, as those of compilers do."""
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(math, name)
+        original = getattr(math, name)
 
         def typed(*numbers: Any) -> Any:
-            value = found(*numbers)
+            value = original(*numbers)
             return np.float32(value) if isinstance(numbers[0], np.float32) else value
 
-        return typed if callable(found) else found
+        return typed if callable(original) else original
 
 
 def exact_fma(a: float, b: float, c: float) -> Any:
@@ -116,11 +107,9 @@ def exact_fma(a: float, b: float, c: float) -> Any:
     exact = fractions.Fraction(float(a)) * fractions.Fraction(float(b)) + fractions.Fraction(float(c))
     if not exact:
         return a * b + c
-    return _nearest_single(exact) if isinstance(a, np.float32) else float(exact)
-
-
-def _nearest_single(exact: fractions.Fraction) -> np.float32:
-    """The float32 nearest to a number, of two the even one: by way of float64 it would be rounded twice."""
+    if not isinstance(a, np.float32):
+        return float(exact)
+    # The nearest float32, of two the even one: by way of float64 it would be rounded twice.
     near = np.float32(float(exact))
     around = near, np.nextafter(near, np.float32(-math.inf)), np.nextafter(near, np.float32(math.inf))
-    return min(around, key=lambda one: (abs(fractions.Fraction(float(one)) - exact), int(one.view(np.int32)) & 1))
+    return min(around, key=lambda near: (abs(fractions.Fraction(float(near)) - exact), int(near.view(np.int32)) & 1))

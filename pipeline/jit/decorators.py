@@ -6,6 +6,7 @@ parallel sums (which would depend on the number of threads).
 """
 
 import ast
+import contextlib
 import functools
 import hashlib
 import os
@@ -48,14 +49,10 @@ def cache_folder() -> Path:
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()
-    return folder if _may_be_ours(folder) else folder.with_name(f"{folder.name}-{os.geteuid()}")
-
-
-def _may_be_ours(folder: Path) -> bool:
-    try:
-        return folder.lstat().st_uid in (os.geteuid(), 0)
-    except OSError:
-        return True
+    with contextlib.suppress(OSError):
+        if folder.lstat().st_uid not in (os.geteuid(), 0):
+            return folder.with_name(f"{folder.name}-{os.geteuid()}")
+    return folder
 
 
 @functools.cache
@@ -71,18 +68,14 @@ def _digest_of_this() -> str:
 
 def _digest_of(paths: Iterable[Path]) -> str:
     """Digest of files, with their places and times, and of what compiles them."""
-    digest = hashlib.sha256(f"{sys.version} {level()} {_compilers()}".encode())
+    from importlib.metadata import version
+
+    compilers = " ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite"))
+    digest = hashlib.sha256(f"{sys.version} {level()} {compilers}".encode())
     for path in sorted(paths):
         body = path.read_bytes()
         digest.update(f"\0{path} {path.stat().st_mtime_ns} {len(body)}\0".encode() + body)
     return digest.hexdigest()
-
-
-@functools.cache
-def _compilers() -> str:
-    from importlib.metadata import version
-
-    return f"numba {version('numba')}, llvmlite {version('llvmlite')}"
 
 
 def _reached(package: Path = _PACKAGE) -> set[Path]:
@@ -115,14 +108,9 @@ class Kernel:
     def __init__(self, function: Any, kind: str) -> None:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
-        self._function, self._kind, self._compiled = function, kind, None
+        self.function, self._kind, self._compiled = function, kind, None
         self._folder: Path | None = None
         self._sealed = 0
-
-    @property
-    def function(self) -> Any:
-        """The function in Python."""
-        return self._function
 
     @property
     def compiled(self) -> Any:
@@ -135,7 +123,7 @@ class Kernel:
         return self._compiled
 
     def _dispatcher(self) -> Any:
-        numba, function = _numba(), self._function
+        numba, function = _numba(), self.function
         self._folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
         usual = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(self._folder)  # Numba asks for it when it makes the dispatcher
@@ -160,7 +148,7 @@ class Kernel:
     @functools.cached_property
     def _driver(self) -> "Kernel":
         """The kernel for Python; a copy of one that kernels call, which only tests ask for."""
-        return self if self._kind == "kernel" else Kernel(self._function, "kernel")
+        return self if self._kind == "kernel" else Kernel(self.function, "kernel")
 
     def seal(self) -> None:
         """Close the folder of the code if Numba has put more there."""

@@ -20,8 +20,6 @@ from pipeline.jit.decorators import _numba
 _HOW = (
     "pip install 'plenoptic-pipeline[cuda]', on a machine with an NVIDIA device and its driver; or leave --device out"
 )
-
-
 _FAULTS = "CudaAPIError", "CudaSupportError", "CudaDriverError"
 cuda: Any = DeviceNames()
 """For device kernels: the names of CUDA."""
@@ -99,15 +97,7 @@ def fetched(array: Any) -> np.ndarray:
 
 @contextlib.contextmanager
 def faults_of_devices() -> Iterator[None]:
-    """Failures of CUDA as errors that a build knows.
-
-    Raises
-    ------
-    MemoryError
-        The device has too little memory left.
-    EnvironmentFault
-        It failed otherwise.
-    """
+    """Failures of CUDA as errors that a build knows: MemoryError, or EnvironmentFault."""
     try:
         yield
     except Exception as error:
@@ -119,34 +109,26 @@ def faults_of_devices() -> Iterator[None]:
 
 
 def require() -> Any:
-    """CUDA, or its simulator where $NUMBA_ENABLE_CUDASIM is 1.
-
-    Raises
-    ------
-    EnvironmentFault
-        There is no device, no driver, or no compiler for it.
-    """
-    found = _cuda_of_numba()
+    """CUDA, or its simulator where $NUMBA_ENABLE_CUDASIM is 1; EnvironmentFault without device, driver or compiler."""
+    _numba()
+    package = importlib.import_module("numba.cuda")  # Numba's own, or what the extra `cuda` puts in its place
     if is_simulated():
-        return found
-    if not found.is_available():
+        return package
+    if not package.is_available():
         raise EnvironmentFault("no CUDA device can be used here: there is none, or it has no driver", hint=_HOW)
     try:
         importlib.import_module("numba.cuda.cudadrv.nvvm").NVVM()
     except Exception as error:
         raise EnvironmentFault(f"there is no compiler for CUDA devices: {error}", hint=_HOW) from None
-    return found
+    return package
 
 
 def device_name() -> str:
     """The device and its compiler: `cuda sm_90, numba-cuda 0.30.4`; part of the keys of what it computes.
 
-    Raises
-    ------
-    EnvironmentFault
-        There is no device that can be used.
+    EnvironmentFault, if there is no device that can be used.
     """
-    found = require()
+    package = require()
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -156,18 +138,14 @@ def device_name() -> str:
     if is_simulated():
         return f"cuda simulator, {compiler}"
     with faults_of_devices():
-        major, minor = found.gpus[0].compute_capability  # without a context, which would take memory for a whole build
+        major, minor = package.gpus[
+            0
+        ].compute_capability  # without a context, which would take memory for a whole build
     return f"cuda sm_{major}{minor}, {compiler}"
 
 
 def require_device(name: str) -> None:
-    """Refuse a device other than that of a name: results are kept under the name.
-
-    Raises
-    ------
-    EnvironmentFault
-        There is another one, or none.
-    """
+    """EnvironmentFault for a device other than that of a name, under which results are kept, or for none."""
     here = device_name()
     if here != name:
         raise EnvironmentFault(f"this is for {name}, and here is {here}", hint="build anew, with --device or without")
@@ -176,11 +154,3 @@ def require_device(name: str) -> None:
 def is_simulated() -> bool:
     """Whether the simulator stands in for a device."""
     return os.environ.get("NUMBA_ENABLE_CUDASIM") == "1"
-
-
-def _cuda_of_numba() -> Any:
-    """Numba's own package for CUDA, or the one that the extra `cuda` puts in its place under the same name."""
-    _numba()
-    import numba.cuda
-
-    return numba.cuda

@@ -15,46 +15,42 @@ import stat
 import sys
 import tempfile
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
 _DIGESTS = "SHA256SUMS"
 """Name of the file that `sha256sum -c` understands."""
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
-Warn = Callable[[str], None]
-
-_said: set[str] = set()
+_warned: set[str] = set()
 opened: set[str] = set()
 """Names of the folders that this process has opened."""
 
 
 def say(text: str) -> None:
     """Warn on stderr, once in a process: of a command, or in the log of the task that met the damage."""
-    if text not in _said:
-        _said.add(text)
+    if text not in _warned:
+        _warned.add(text)
         print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
-def open_folder(folder: Path, warn: Warn = say) -> Path:
-    """A folder for the code of a kernel, with code that can be trusted or none.
+def open_folder(folder: Path) -> Path:
+    """A folder for the code of a kernel, with code that can be trusted or none; EnvironmentFault if the disk is full.
 
     Numba needs a folder that it can write to, so that a temporary one stands in for one that is read-only, with a copy
     of its code.
-
-    Raises
-    ------
-    EnvironmentFault
-        The disk is full.
     """
     opened.add(folder.name)
-    make_folder(folder.parent, warn)
+    make_folder(folder.parent)
     if _is_private(folder.parent):
         with contextlib.suppress(OSError), no_full_disk(folder):
             if os.path.lexists(folder) and not is_whole(folder):
-                _discard(folder, warn)
+                if not folder.is_dir() or (folder / _DIGESTS).is_file():  # else a process was killed that compiled
+                    say(f"the compiled kernel {folder} is damaged; it is compiled again")
+                aside = _aside(folder, "damaged")
+                folder.rename(aside)
+                shutil.rmtree(aside) if aside.is_dir() and not aside.is_symlink() else aside.unlink()
             folder.mkdir(mode=0o700, exist_ok=True)
         if os.access(folder, os.W_OK):
             return folder
@@ -62,7 +58,7 @@ def open_folder(folder: Path, warn: Warn = say) -> Path:
     if is_whole(folder):
         shutil.copytree(folder, stand_in, dirs_exist_ok=True)
     else:
-        warn(
+        say(
             f"cannot keep compiled kernels in {folder.parent}, so every process compiles them; "
             "set PIPELINE_JIT_CACHE to a folder that you may write to"
         )
@@ -87,35 +83,26 @@ def is_whole(folder: Path) -> bool:
         return False
 
 
-def make_folder(folder: Path, warn: Warn = say) -> None:
-    """Make the folder of all kernels, for this user alone. What is there and no folder of ours gets another name.
+def make_folder(folder: Path) -> None:
+    """Make the folder of all kernels, for this user alone; EnvironmentFault if the disk is full.
 
-    Raises
-    ------
-    EnvironmentFault
-        The disk is full.
+    What is there and no folder of ours gets another name.
     """
     with contextlib.suppress(OSError), no_full_disk(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         if os.path.lexists(folder) and not _is_private(folder) and folder.lstat().st_uid == os.geteuid():
-            damaged = _aside(folder, "damaged")
-            folder.rename(damaged)
-            warn(f"{folder} was no folder for you alone, and is now {damaged.name}; kernels are compiled again")
+            damaged = folder.rename(_aside(folder, "damaged"))
+            say(f"{folder} was no folder for you alone, and is now {damaged.name}; kernels are compiled again")
         folder.mkdir(mode=0o700, exist_ok=True)
 
 
 @contextlib.contextmanager
 def no_full_disk(folder: Path) -> Iterator[None]:
-    """Tell that the disk of compiled kernels is full.
-
-    Raises
-    ------
-    EnvironmentFault
-    """
+    """Raise EnvironmentFault where the disk of compiled kernels is full."""
     try:
         yield
     except OSError as error:
-        if error.errno not in _FULL:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise
         free = shutil.disk_usage(next(place for place in (folder, *folder.parents) if place.is_dir())).free
         raise EnvironmentFault(
@@ -135,15 +122,6 @@ def _read(path: Path) -> bytes:
     """Bytes of a file, not by way of a link; none of a pipe."""
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
         return stream.read() if stat.S_ISREG(os.fstat(stream.fileno()).st_mode) else b""
-
-
-def _discard(folder: Path, warn: Warn) -> None:
-    """Throw away what cannot be trusted; without digests a process was killed that compiled, or is at it."""
-    if not folder.is_dir() or (folder / _DIGESTS).is_file():
-        warn(f"the compiled kernel {folder} is damaged; it is compiled again")
-    aside = _aside(folder, "damaged")
-    folder.rename(aside)
-    shutil.rmtree(aside) if aside.is_dir() and not aside.is_symlink() else aside.unlink()
 
 
 def _is_private(folder: Path) -> bool:

@@ -3,12 +3,13 @@
 A thread does one task at a time, so that the difference of two readings is the work of the task between them.
 """
 
+import copy
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 _local = threading.local()
@@ -16,17 +17,8 @@ _local = threading.local()
 
 @dataclass(slots=True, kw_only=True)
 class KernelWork:
-    """Work of one kernel.
-
-    Attributes
-    ----------
-    calls : int
-    seconds : float
-        Processor time in compiled code [s].
-    rays : int
-        Rays that it started, blocked ones included; 0 for kernels that trace none.
-    crossings : int
-        These rays times the surfaces of the lens.
+    """Work of one kernel: calls, processor time in compiled code [s], rays that it started, blocked ones included, and
+    these rays times the surfaces of the lens.
     """
 
     calls: int = 0
@@ -34,47 +26,28 @@ class KernelWork:
     rays: int = 0
     crossings: int = 0
 
-    def add(self, other: "KernelWork", sign: int = 1) -> None:
-        """Add the work of another, or take it away."""
-        self.calls += sign * other.calls
-        self.seconds += sign * other.seconds
-        self.rays += sign * other.rays
-        self.crossings += sign * other.crossings
 
-
+@dataclass(kw_only=True)
 class Work:
-    """Work of a thread since it began, or of a stretch of it.
-
-    Attributes
-    ----------
-    kernels : dict
-        `KernelWork` by name of the kernel.
-    loading_s : float
-        Processor time for loading compiled code, or for compiling [s].
-    news : str
-        A few words of the task to whoever watches the build.
+    """Work of a thread since it began, or of a stretch of it: `kernels` by name, processor time for loading compiled
+    code or for compiling [s], and a few words of the task to whoever watches the build.
     """
 
-    def __init__(self) -> None:
-        self.kernels: defaultdict[str, KernelWork] = defaultdict(KernelWork)
-        self.loading_s = 0.0
-        self.news = ""
+    kernels: defaultdict[str, KernelWork] = field(default_factory=lambda: defaultdict(KernelWork))
+    loading_s: float = 0.0
+    news: str = ""
 
     def copy(self) -> "Work":
         """The work so far, as it stays while more is done."""
-        result = Work()
-        result.loading_s = self.loading_s
-        for name, done in self.kernels.items():
-            result.kernels[name].add(done)
-        return result
+        return copy.deepcopy(self)
 
     def since(self, before: "Work") -> "Work":
         """The work that an earlier copy does not hold."""
-        result = self.copy()
-        result.loading_s -= before.loading_s
-        for name, done in before.kernels.items():
-            result.kernels[name].add(done, -1)
-        return result
+        difference = Work(loading_s=self.loading_s - before.loading_s)
+        for name, now in self.kernels.items():
+            earlier = asdict(before.kernels.get(name, KernelWork()))
+            difference.kernels[name] = KernelWork(**{key: value - earlier[key] for key, value in asdict(now).items()})
+        return difference
 
     def to_plain(self, share: float = 1.0) -> dict[str, Any]:
         """Plain values for a record, of all or of a share of it: `kernels` that were called, and `loading_seconds`.
@@ -82,7 +55,7 @@ class Work:
         Fields that are 0 are left out: half of them are, and a plan reads the records of all tasks.
         """
         kernels = {
-            name: {field: part for field, value in asdict(done).items() if (part := round(share * value, 4))}
+            name: {key: part for key, value in asdict(done).items() if (part := round(share * value, 4))}
             for name, done in self.kernels.items()
             if done.calls
         }
@@ -105,9 +78,9 @@ def calling(name: str) -> Iterator[None]:
     try:
         yield
     finally:
-        one = done.kernels[name]
-        one.calls += 1
-        one.seconds += time.thread_time() - start - (done.loading_s - loading_s)
+        kernel = done.kernels[name]
+        kernel.calls += 1
+        kernel.seconds += time.thread_time() - start - (done.loading_s - loading_s)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numba.cuda
 import numpy as np
 import pytest
 from laws import rigs
@@ -94,7 +95,7 @@ def test_failures_of_a_device_are_no_bugs_of_ours(error, kind, told):
 
 def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_ENABLE_CUDASIM", raising=False)
-    monkeypatch.setattr(device._cuda_of_numba(), "is_available", lambda: False)
+    monkeypatch.setattr(numba.cuda, "is_available", lambda: False)
     with pytest.raises(EnvironmentFault, match="no CUDA device") as caught:
         variants.on_device(project(TINY, tmp_path), BuildOptions(device="cuda"))
     assert "plenoptic-pipeline[cuda]" in str(caught.value)
