@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import os
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -12,21 +13,19 @@ import pipeline
 from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import locked
 from pipeline.engine.options import BuildOptions, Caller
-from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.graph import TASKS, Task, TaskGraph
 from pipeline.engine.planning.libraries import installed_version
 from pipeline.engine.project import Project
 from pipeline.engine.running import session
-from pipeline.engine.running.engines import Engine
 from pipeline.engine.running.result import Result
-from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.variants import folder_of, on_device, only_images, preview_of
+from pipeline.jit.decorators import cache_folder
 from pipeline.jit.files import is_whole, make_folder, say
 from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
@@ -34,6 +33,19 @@ from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 
+STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor")
+"""Steps of kernel compilation: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images;
+images of a flat sheet; images in which one thing may hide another; curved targets; paths of light; the search in
+position images; the noise of raw images.
+"""
+_STEP_OF_KIND = {
+    "image": "images",
+    "white": "images",
+    "micro_images": "micro_images",
+    "expose": "sensor",
+    "fixed_pattern": "sensor",
+}
+_NOT_FLAT = {"warped", "height-map", "cylinder", "mesh"}
 _LAST = "all"
 """Last line of a list of kernels: one that was cut off has none."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
@@ -75,24 +87,16 @@ def project(
 def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
     """The project of a loaded stage, or of its preview."""
     dataset = require_dataset(loaded, path)
-    if preview:
-        return only_images(_project_of(preview_of(dataset), loaded, path, out))
-    return _project_of(dataset, loaded, path, out)
-
-
-def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Project:
+    dataset = preview_of(dataset) if preview else dataset
     graph, files, certificates = graph_of(dataset)
     files["dataset.usda"] = loaded.flattened.encode()
     head = {
         "stage": f"{path.name} </{dataset.stage_name}>",
         "conventions": CONVENTIONS,
-        "versions": {
-            "pipeline": pipeline.__version__,
-            **{name: installed_version(name) for name in _VERSIONS},
-        },
+        "versions": {"pipeline": pipeline.__version__, **{name: installed_version(name) for name in _VERSIONS}},
         "seeds": {"dataset": dataset.seed},
     }
-    return Project(
+    whole = Project(
         graph=graph,
         files=files,
         head=head,
@@ -104,11 +108,9 @@ def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Proj
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
-        source={
-            "written": loaded.written,
-            "read": {part: list(paths) for part, paths in dataset.sources.items()},
-        },
+        source={"written": loaded.written, "read": {part: list(paths) for part, paths in dataset.sources.items()}},
     )
+    return only_images(whole) if preview else whole
 
 
 @arguments_settled(UsageError)
@@ -155,7 +157,6 @@ def build(
 
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
     """Build a dataset stage as `build` does, with the options in one record."""
-
     warn = warner(on_event)
     dataset = project(path, out, options.allow_roots, preview=options.preview)
     if options.device is not None:
@@ -167,17 +168,12 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")
 
-    caller = Caller(on_event=on_event, prepare=prepare)
-    return session.build(dataset, options, engine=_cluster(options), caller=caller)
+    engine = None
+    if options.engine:  # tasks run on a cluster, and not in workers of this machine
+        from pipeline.engine.running.cluster import engine_of
 
-
-def _cluster(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
-    """The cluster where tasks run if not in workers of this machine."""
-    if not options.engine:
-        return None
-    from pipeline.engine.running.cluster import engine_of
-
-    return engine_of(options.engine, options.timeout_s)
+        engine = engine_of(options.engine, options.timeout_s)
+    return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
 
 
 def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
@@ -185,22 +181,14 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
 
     Without a graph all kernels are compiled, else those that its tasks call. With more than one worker two other
     processes share the work. A list beside the kernels names them. If several builds start together, one compiles and
-    the others wait.
-
-    Raises
-    ------
-    EnvironmentFault
-        The disk is full.
+    the others wait. Raises EnvironmentFault where the disk is full.
     """
-    from pipeline.app.kernel_steps import STEPS, steps_of
-    from pipeline.jit.decorators import cache_folder
-
     folder = cache_folder()
-    steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
+    steps = STEPS if graph is None else steps_of(graph[name] for name in graph)
     listed = folder / f"{'-'.join(steps)}.txt"
     if _are_whole(listed):
         return
-    make_folder(folder, warn)
+    make_folder(folder)
     with locked(folder / "lock", doing="compiles kernels", say=warn):
         if not _are_whole(listed):
             # If the list exists, few kernels are damaged.
@@ -217,22 +205,21 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
     which this process meets and reports then.
     """
-    with contextlib.ExitStack() as last:
-        try:
-            process = subprocess.Popen(
-                command("pipeline.app.compile_kernels:compile_apart", *steps),
-                env={**os.environ, **settings()},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                start_new_session=True,
-                text=True,
-            )
-        except OSError:
-            return None
-        last.enter_context(process)
+    environment = {**os.environ, **settings()}
+    with (
+        contextlib.suppress(OSError),
+        tempfile.TemporaryDirectory(prefix="kernels-") as claims,
+        contextlib.ExitStack() as last,
+    ):
+        apart = command("pipeline.app.compile_kernels:compile_apart", claims, *steps)
+        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+        process = last.enter_context(
+            subprocess.Popen(apart, env=environment, start_new_session=True, text=True, **pipes)  # type: ignore[call-overload]
+        )
         last.callback(process.kill)
         names, _ = process.communicate()
-    return None if process.returncode else set(names.split())
+        return None if process.returncode else set(names.split())
+    return None
 
 
 def _are_whole(listed: Path) -> bool:
@@ -242,3 +229,26 @@ def _are_whole(listed: Path) -> bool:
     except (OSError, ValueError):
         return False
     return end == _LAST and all(is_whole(listed.with_name(name)) for name in names)
+
+
+def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
+    """Steps of compilation that these tasks need, in the order of `STEPS`; a worker compiles what is missing all the
+    same.
+    """
+    steps = {"lens"}
+    for task in tasks:
+        kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
+        steps.add(_STEP_OF_KIND.get(kind, "lens"))
+        if task.short_kind == "focus":
+            array = (task.params["camera"] or task.params["request"])["microlenses"]
+            if array and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0):
+                steps.add("microlenses")
+        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
+            steps.add("search")
+        if view := task.params.get("view"):
+            shapes = [placed["target"].get("surface", placed["target"])["kind"] for placed in view.get("targets", ())]
+            hides = shapes != ["flat"] or view.get("occluders") or view.get("lighting")
+            steps |= {"company"} if kind == "image" and hides else set()
+            steps |= {"lighting"} if view.get("lighting") else set()
+            steps |= {"shapes"} if set(shapes) & _NOT_FLAT else set()
+    return tuple(step for step in STEPS if step in steps)

@@ -1,7 +1,4 @@
-"""Compile kernels by calling them with tiny cameras. Workers then find the compiled code in the kernel cache.
-
-Steps that a graph does not need are left out: see `app.kernel_steps`.
-"""
+"""Compile kernels by calling them with tiny cameras. Workers then find the compiled code in the kernel cache."""
 
 import contextlib
 import dataclasses
@@ -9,14 +6,12 @@ import gc
 import os
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from pipeline.app.kernel_steps import STEPS
 from pipeline.camera.integrating import edge_kernels
 from pipeline.camera.integrating.quadrature import edges, single_hits
 from pipeline.camera.micro_images.centres import micro_images
@@ -44,64 +39,52 @@ from pipeline.targets.target import AnyTarget, Target
 from pipeline.truth.grid import quad_search
 
 
-def compile_kernels(steps: Iterable[str] = STEPS) -> set[str]:
+def compile_kernels(steps: Iterable[str]) -> set[str]:
     """Call every kernel of these steps once, with the types that real tasks use; the names of their folders."""
-    with _no_garbage():
+    gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
+    try:
         for part in _parts(steps):
             part()
+    finally:
+        gc.enable()
     return opened
 
 
 def compile_apart() -> NoReturn:
-    """Compile the steps named on the command line, print the names of the folders, and end the process.
+    """Compile steps, print the names of the folders, and end the process. Arguments: a folder of claims, the steps.
 
-    The first part is compiled before a second process starts, because all others need it. Then this one goes on from
-    there, and the other from the end. The process ends at once: to free one by one what the compiler has left takes
-    seconds.
+    Whoever makes the folder of a part compiles it. All parts need the first one, so that a second process starts after
+    it, and works from the end. A process ends at once: to free one by one what the compiler has left takes seconds.
     """
     gc.disable()
-    steps = sys.argv[1:]
-    first, *others = _parts(steps)
-    first()
-    with tempfile.TemporaryDirectory(prefix="kernels-") as claims, contextlib.ExitStack() as last:
-        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-            last.enter_context(subprocess.Popen(command(f"{__name__}:help_from_the_end", claims, *steps)))
-        _call_unclaimed(others, Path(claims))
-    print(*opened, sep="\n", flush=True)
-    os._exit(0)
-
-
-def help_from_the_end() -> NoReturn:
-    """Compile what nobody has claimed, and print the names of the folders. If it fails, workers compile the rest."""
-    gc.disable()
     claims, *steps = sys.argv[1:]
-    _call_unclaimed(_parts(steps)[:0:-1], Path(claims))
+    parts = _parts(steps)
+    numbers = list(range(1, len(parts)))
+    with contextlib.ExitStack() as last:
+        if _is_claimed(Path(claims, "0")):
+            parts[0]()
+            with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
+                last.enter_context(subprocess.Popen(command(f"{__name__}:compile_apart", *sys.argv[1:])))
+        else:
+            numbers.reverse()
+        for number in numbers:
+            if _is_claimed(Path(claims, str(number))):
+                parts[number]()
     print(*opened, sep="\n", flush=True)
     os._exit(0)
 
 
-def _call_unclaimed(parts: Iterable[Callable[[], None]], claims: Path) -> None:
-    """Call the parts that no other process has begun: whoever makes the folder of a part does it."""
-    for part in parts:
-        try:
-            (claims / part.__name__).mkdir()
-        except FileExistsError:
-            continue
-        part()
-
-
-def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:
+def _parts(steps: Iterable[str]) -> list[Callable[[], object]]:
     return [part for step in steps for part in _RUN[step]]
 
 
-@contextlib.contextmanager
-def _no_garbage() -> Iterator[None]:
-    """The compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time."""
-    gc.disable()
+def _is_claimed(folder: Path) -> bool:
+    """Whether a part is this process's from now on; not if another has it, or nobody waits any more."""
     try:
-        yield
-    finally:
-        gc.enable()
+        folder.mkdir()
+    except OSError:
+        return False
+    return True
 
 
 def _tracer() -> Tracer:
@@ -119,6 +102,10 @@ def _plenoptic(tilt_x_deg: float) -> Tracer:
 
 _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
 """The centre of a sensor [mm] and the index for "no microlens"; any position compiles the same code."""
+_CORNERS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+"""Vertices of a triangle [mm]: any shape compiles the same code."""
+_SQUARES = Checkerboard(columns=2, rows=1, square_mm=1.0)
+"""A pattern, of any size."""
 
 
 def _single_rays() -> None:
@@ -130,13 +117,9 @@ def _bundles() -> None:
 
 
 def _edges() -> None:
-    found = edges(_tracer().arrays, _POSITION, _NO_LENS)
-    found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
-    edge_kernels.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
-
-
-def _microlenses() -> None:
-    micro_images(_plenoptic(1.0))
+    outlines = edges(_tracer().arrays, _POSITION, _NO_LENS)
+    outlines.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
+    edge_kernels.spread(outlines.polygons, outlines.counts, np.zeros((1, 1, 2)))
 
 
 def _micro_images() -> None:
@@ -145,25 +128,12 @@ def _micro_images() -> None:
 
 
 def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
-    board, place = Target(Checkerboard(columns=2, rows=1, square_mm=1.0)), np.eye(4)
+    board, place = Target(_SQUARES), np.eye(4)
     place[2, 3] = 100.0
     scenes = [TargetLight([(board, place)], 0.0, [(occluder, place) for occluder in occluders])]
     rig = Rig.of(tracer)
     white, foreign = irradiance_and_crosstalk(rig, 1, None)
     pictures(rig, 1, scenes, np.array([white - foreign, foreign]))
-
-
-def _pictures_of_a_lens() -> None:
-    _pictures(_tracer())
-
-
-def _pictures_behind_microlenses() -> None:
-    _pictures(_plenoptic(0.0))
-
-
-def _pictures_of_several() -> None:
-    corners = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-    _pictures(_tracer(), [Occluder(vertices_mm=corners, triangles=((0, 1, 2),))])
 
 
 def _paths_of_light() -> None:
@@ -176,7 +146,7 @@ def _paths_of_light() -> None:
         targets=[],
         occluders=[(card, np.eye(4)), (card, np.diag([1.0, 1.0, 2.0, 1.0]))],
         lighting=Lighting(
-            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(one,))) for one in (hole, Material()))
+            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(part,))) for part in (hole, Material()))
         ),
         pictures={"sky": np.ones((2, 4, 4), np.float32)},
         background=0.0,
@@ -186,17 +156,12 @@ def _paths_of_light() -> None:
     view.in_light(0).radiance(np.zeros((4, 3)), rays, Names(np.zeros(4, np.uint32), np.arange(4)))
 
 
-def _board() -> None:
-    _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
-
-
 def _shapes() -> None:
-    board = Checkerboard(columns=2, rows=1, square_mm=1.0)
-    board.radiance(np.zeros(1), np.zeros(1))
-    corners, one = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 1.0),)
+    _SQUARES.radiance(np.zeros(1), np.zeros(1))
+    point = ((0.0, 0.0, 1.0),)
     for shape in (Warped(deflection_mm=(0.0, 0.0)), Cylinder(radius_mm=9.0)):
-        _shine(Target(board, shape))
-    _shine(MeshTarget(vertices_mm=corners, triangles=((0, 1, 2),), albedo=one, points_mm=one, normals=one))
+        _shine(Target(_SQUARES, shape))
+    _shine(MeshTarget(vertices_mm=_CORNERS, triangles=((0, 1, 2),), albedo=point, points_mm=point, normals=point))
 
 
 def _shine(target: AnyTarget) -> None:
@@ -218,12 +183,15 @@ def _sensor() -> None:
     digital_numbers(response, {"mono": np.zeros((1, 1))}, Shot(seed=0, camera="", frame=0, exposure_time_s=0.0))
 
 
-_RUN = {
+_RUN: dict[str, tuple[Callable[[], object], ...]] = {
     "lens": (_single_rays, _bundles, _edges),
-    "microlenses": (_microlenses,),
+    "microlenses": (lambda: micro_images(_plenoptic(1.0)),),
     "micro_images": (_micro_images,),
-    "images": (_pictures_of_a_lens, _pictures_behind_microlenses),
-    "company": (_pictures_of_several, _board),
+    "images": (lambda: _pictures(_tracer()), lambda: _pictures(_plenoptic(0.0))),
+    "company": (
+        lambda: _pictures(_tracer(), [Occluder(vertices_mm=_CORNERS, triangles=((0, 1, 2),))]),
+        lambda: _shine(Target(_SQUARES)),
+    ),
     "shapes": (_shapes,),
     "lighting": (_paths_of_light,),
     "search": (_search,),

@@ -9,9 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from pipeline.app import compile_kernels
-from pipeline.app.build import compile_once, project
-from pipeline.app.kernel_steps import steps_of
+from pipeline.app.build import compile_once, project, steps_of
 from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
@@ -111,7 +109,7 @@ def test_python_may_call_parts_of_kernels():
 @pytest.fixture
 def said(monkeypatch):
     """Warnings of this test."""
-    monkeypatch.setattr(files, "_said", texts := set())
+    monkeypatch.setattr(files, "_warned", texts := set())
     return texts
 
 
@@ -291,6 +289,7 @@ def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkey
         is_loaded()
         return {path.name for path in folder.glob("*-kernel")}
 
+    monkeypatch.setattr("pipeline.app.build.cache_folder", lambda: folder)
     monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", fake)
     compile_once()
     compile_once()
@@ -305,29 +304,14 @@ def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkey
     assert len(calls) == 3
 
 
-def test_two_processes_share_the_parts_from_both_ends(tmp_path):
-    """The second one runs to its end here before the first goes on."""
-    done = []
-
-    def part(name):
-        def note():
-            done.append(name)
-            if name == "b":
-                compile_kernels._call_unclaimed(parts[::-1], tmp_path)
-
-        note.__name__ = name
-        return note
-
-    parts = [part(name) for name in "abcd"]
-    compile_kernels._call_unclaimed(parts, tmp_path)
-    assert done == ["a", "b", "d", "c"]
-
-
-def test_a_process_apart_names_the_folders_that_it_opened(tmp_path):
-    apart = command("pipeline.app.compile_kernels:compile_apart", "search")
+def test_two_processes_share_the_work_and_name_the_folders_that_they_opened(tmp_path):
+    """Each part is compiled by the one that makes its folder."""
+    (tmp_path / "claims").mkdir()
+    apart = command("pipeline.app.compile_kernels:compile_apart", str(tmp_path / "claims"), "search", "sensor")
     environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path / "jit")}
     environment.pop("PYTHONUNBUFFERED", None)  # what is said last must arrive all the same
     names = subprocess.run(apart, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    assert {path.name for path in tmp_path.glob("claims/*")} == {"0", "1"}
     assert {*names} == {path.name for path in tmp_path.glob("jit/*/*")}
     assert {"quads_that_hold-kernel", "solve_quads-kernel"} <= {name.rpartition(".")[2] for name in names}
     assert all(files.is_whole(path) for path in tmp_path.glob("jit/*/*"))

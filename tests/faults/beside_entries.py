@@ -13,8 +13,7 @@ from pathlib import Path
 
 from faults.workbench import STAGE, Row, Workbench
 
-from pipeline.app.build import compile_once
-from pipeline.app.kernel_steps import steps_of
+from pipeline.app.build import compile_once, steps_of
 from pipeline.engine.maintenance import check, collect
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
