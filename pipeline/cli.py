@@ -13,8 +13,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs import building, exporting, fitting, graph, library, planning, reporting, tasks
-from pipeline.app.verbs.authoring import imports, new
+from pipeline.app.verbs import after, building, planning
+from pipeline.app.verbs.authoring import imports, library, new
 from pipeline.app.verbs.care import cache, doctor
 from pipeline.app.verbs.terminal import (
     CHECKING,
@@ -28,6 +28,7 @@ from pipeline.app.verbs.terminal import (
     new_family,
     note,
     number_of,
+    option,
     require_suffix,
     say,
     say_json,
@@ -52,9 +53,19 @@ def pipeline(
         bool, typer.Option("--version", help="Print versions and the plug-in path.", is_eager=True)
     ] = False,
 ) -> None:
-    if version:
-        _print_version()
-        raise typer.Exit
+    if not version:
+        return
+    from importlib import metadata
+
+    from pipeline import __version__
+    from pipeline.folders import share
+
+    try:
+        usd = metadata.version("usd-core")
+    except metadata.PackageNotFoundError:
+        usd = "not installed"
+    say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {share('schemas')}")
+    raise typer.Exit
 
 
 def check(
@@ -80,13 +91,11 @@ def check(
         rows = [{"stage": str(path), **problem.to_dict()} for path, problem in problems]
         say_json({"errors": errors, "warnings": len(rows) - errors, "problems": rows})
     else:
-        for _, problem in problems:
-            say(str(problem))
+        say(*(problem for _, problem in problems))
         counts = f"{number_of(errors, 'error')}, {number_of(len(problems) - errors, 'warning')}"
         note(f"{number_of(len(stages), 'stage')} checked: {counts}")
         for _, loaded in stages_read:
-            for line in cost_lines(loaded.dataset, loaded.cameras):
-                note(line)
+            note(*cost_lines(loaded.dataset, loaded.cameras))
     for path in stages if not errors else ():
         if advice := note_on_viewers(path, write=fix):
             note(printable(advice))  # it names the file of the stage, which may have any name
@@ -97,35 +106,26 @@ def show(
     stage: StageOrPart,
     camera: Annotated[str | None, typer.Argument(metavar="CAMERA", help="Show only the camera with this name.")] = None,
     as_json: Annotated[
-        bool,
-        typer.Option(
-            "--json", rich_help_panel=OUTPUT, help="Print one JSON object: camera.json, field curves, point images."
-        ),
+        bool, option(OUTPUT, "--json", help="Print one JSON object: camera.json, field curves, point images.")
     ] = False,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw the lens and its rays."),
-    ] = None,
+    plot: Annotated[Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw the lens and its rays.")] = None,
     psf: Annotated[
-        Path | None,
-        typer.Option("--psf", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw images of points by diffraction."),
+        Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw images of points by diffraction.")
     ] = None,
     at: Annotated[
         tuple[float, float] | None,
-        typer.Option("--at", metavar="X Y", help="Image position of --psf in pixels; default: a few over the field."),
+        typer.Option(metavar="X Y", help="Image position of --psf in pixels; default: a few over the field."),
     ] = None,
     distance: Annotated[
         float | None,
-        typer.Option("--distance", metavar="MM", help="Distance of the points of --psf from the stop; default: focus."),
+        typer.Option(metavar="MM", help="Distance of the points of --psf from the stop; default: focus."),
     ] = None,
     allow_root: Roots = None,
 ) -> None:
     """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays over the
     field.
     """
-    from pipeline.app.show import draw_points, plain_json
-    from pipeline.app.show import plot as draw
-    from pipeline.app.show import show as cameras_of
+    from pipeline.app import show as shows
 
     for file in (plot, psf):
         require_suffix(file, ".svg")
@@ -133,16 +133,15 @@ def show(
         raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
     if distance is not None and not distance > 0:
         raise UsageError(f"--distance {distance:g} is not in front of the camera")
-    shown = cameras_of(stage, camera, tuple(allow_root or ()))
+    shown = shows.show(stage, camera, tuple(allow_root or ()))
     if plot is not None:
-        draw(shown, plot)
-    points = draw_points(shown, psf, at, distance) if psf is not None else None
-    for warning in shown[0].warnings:
-        note(str(warning))
+        shows.plot(shown, plot)
+    points = shows.draw_points(shown, psf, at, distance) if psf is not None else None
+    note(*shown[0].warnings)
     pages = ("\n".join(part.page()) for part in shown)
-    say(plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join(pages))
-    for line in points.lines() if points is not None and not as_json else ():
-        say(line)
+    say(shows.plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join(pages))
+    if points is not None and not as_json:
+        say(*points.lines())
     for file in (plot, psf):
         if file is not None:
             note(f"wrote {file}")
@@ -153,14 +152,8 @@ def print_target(
     target: Annotated[
         str | None, typer.Argument(metavar="TARGET", help="Name of the target, if there are several.")
     ] = None,
-    svg: Annotated[
-        Path | None,
-        typer.Option("--svg", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw it in true size, as SVG."),
-    ] = None,
-    pdf: Annotated[
-        Path | None,
-        typer.Option("--pdf", metavar="FILE.pdf", rich_help_panel=OUTPUT, help="Draw it in true size, as PDF."),
-    ] = None,
+    svg: Annotated[Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw it in true size, as SVG.")] = None,
+    pdf: Annotated[Path | None, option(OUTPUT, metavar="FILE.pdf", help="Draw it in true size, as PDF.")] = None,
     allow_root: Roots = None,
 ) -> None:
     """Describe a target, its points and ids; print it in true size."""
@@ -169,18 +162,15 @@ def print_target(
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
         require_suffix(path, suffix)
     shown = artwork(stage, target, tuple(allow_root or ()))
-    for warning in shown.warnings:
-        note(str(warning))
+    note(*shown.warnings)
     say("\n".join(shown.page()))
     for path in filter(None, (svg, pdf)):
         note(f"wrote {path}: {shown.write(path)}")
 
 
 def verify(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")],
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", min=0, rich_help_panel=CHECKING, help="Seed of the drawn rows.")
-    ] = 1,
+    out: after.BuiltFolder,
+    seed: Annotated[int, option(CHECKING, metavar="N", min=0, help="Seed of the drawn rows.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Check a finished folder, and a sample of its ground truth with another seed; exit with 6 if it disagrees.
@@ -197,8 +187,7 @@ def verify(
     if as_json:
         say_json({"out": str(out.absolute()), **verdict.to_dict()})
     else:
-        for line in lines_of_verdict(verdict.to_dict()):
-            say(line)
+        say(*lines_of_verdict(verdict.to_dict()))
     raise typer.Exit(Exit.DONE if verdict.agrees else Exit.NOT_CONFIRMED)
 
 
@@ -206,26 +195,25 @@ def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""
     from pipeline.folders import share
 
-    say(str(share("schemas")))
-    say(str(share("stages")))
+    say(share("schemas"), share("stages"))
 
 
 _VERBS = (
-    (WRITE, "library", library.library),
+    (WRITE, "library", library),
     (WRITE, "check", check),
     (WRITE, "show", show),
     (WRITE, "target", print_target),
     (BUILD, "build", building.build),
     (BUILD, "plan", planning.plan),
-    (BUILD, "run-task", tasks.run_task),
+    (BUILD, "run-task", building.run_task),
     (LOOK, "status", planning.status),
     (LOOK, "explain", planning.explain),
-    (LOOK, "graph", graph.graph),
-    (LOOK, "logs", tasks.logs),
+    (LOOK, "graph", planning.graph),
+    (LOOK, "logs", planning.logs),
     (LOOK, "verify", verify),
-    (USE, "report", reporting.report),
-    (USE, "export", exporting.export),
-    (USE, "fit", fitting.fit),
+    (USE, "report", after.report),
+    (USE, "export", after.export),
+    (USE, "fit", after.fit),
     (CARE, "doctor", doctor),
     (CARE, "plugin-path", plugin_path),
 )
@@ -287,19 +275,6 @@ def _exit_code() -> int:
         note("".join(traceback.format_exception(error)))
         note("This is a bug of ours. Please report it with the lines above and your stage.")
         return Exit.BUG
-
-
-def _print_version() -> None:
-    from importlib.metadata import PackageNotFoundError, version
-
-    from pipeline import __version__
-    from pipeline.folders import share
-
-    try:
-        usd = version("usd-core")
-    except PackageNotFoundError:
-        usd = "not installed"
-    say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {share('schemas')}")
 
 
 if __name__ == "__main__":

@@ -26,14 +26,8 @@ class Exit(IntEnum):
 class PipelineError(Exception):
     """An error that a user can mend.
 
-    Parameters
-    ----------
-    what : str
-        One sentence: what is wrong, with the offending value.
-    hint : str, optional
-        A way to mend it.
-    code : str, optional
-        Stable name of the kind of mistake, under which `check` reports it; by default that of the class.
+    `what` is one sentence with the offending value, `hint` a way to mend it, and `code` the stable name of the kind of
+    mistake, under which `check` reports it; by default that of the class.
     """
 
     exit_code = Exit.FAILED

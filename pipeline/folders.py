@@ -24,10 +24,7 @@ def share(name: str) -> Path:
 def user_cache() -> Path:
     """`plenoptic-pipeline/` in $XDG_CACHE_HOME, else in `.cache/` of the user's home.
 
-    Raises
-    ------
-    EnvironmentFault
-        The user has no home, as in a container that runs under a user number without a name.
+    EnvironmentFault, if there is no home, as in a container that runs under a user number without a name.
     """
     base = os.environ.get("XDG_CACHE_HOME")
     try:
@@ -40,8 +37,7 @@ def user_cache() -> Path:
 
 
 def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
-    """The reason why nothing can be read or written under a path, or under names below it; None if no problem is
-    known.
+    """The reason why nothing can be read or written under a path, or names below it; None if no problem is known.
 
     Our texts and USD use UTF-8, and a file system limits the number of bytes.
     """

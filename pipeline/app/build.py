@@ -205,16 +205,20 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
     which this process meets and reports then.
     """
-    environment = {**os.environ, **settings()}
     with (
         contextlib.suppress(OSError),
         tempfile.TemporaryDirectory(prefix="kernels-") as claims,
         contextlib.ExitStack() as last,
     ):
-        apart = command("pipeline.app.compile_kernels:compile_apart", claims, *steps)
-        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
         process = last.enter_context(
-            subprocess.Popen(apart, env=environment, start_new_session=True, text=True, **pipes)  # type: ignore[call-overload]
+            subprocess.Popen(
+                command("pipeline.app.compile_kernels:compile_apart", claims, *steps),
+                env={**os.environ, **settings()},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                text=True,
+            )
         )
         last.callback(process.kill)
         names, _ = process.communicate()

@@ -8,13 +8,11 @@ from pipeline.app.stages import write_new
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
-from pipeline.files.jsonfile import json_bytes
 from pipeline.fits.drawing import picture
 from pipeline.fits.field import FitError
 from pipeline.fits.omniverse import seen_by_omniverse
-from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera, page
+from pipeline.fits.result import THIN_LENS, FittedCamera, fit_camera
 from pipeline.results.opening import Opened, opened
-from pipeline.results.ready_camera import ReadyCamera
 from pipeline.scene.write.text import distortion_layer
 
 _DEFAULT = "brown"
@@ -27,16 +25,7 @@ class CameraFit:
 
     opened: Opened
     camera: FittedCamera
-    ready: ReadyCamera
     left_out: str | None = None
-
-    def page(self) -> list[str]:
-        """Lines for a terminal."""
-        return list(page(self.camera))
-
-    def json(self) -> str:
-        """All of it as JSON, the residual fields included."""
-        return json_bytes(document(self.camera)).decode()
 
     def plot(self, path: Path) -> None:
         """Draw the best fit."""
@@ -46,19 +35,10 @@ class CameraFit:
             write_drawing(path, picture(self.camera, self.camera.best))
 
     def layer(self, path: Path) -> None:
-        """Write the layer for other renderers.
-
-        Raises
-        ------
-        UsageError
-            The file exists, or is no .usda.
-        """
-        if path.suffix != ".usda":
-            raise UsageError(f"{path} must end in .usda")
-        pitch_mm = self.ready.camera.sensor.pitch_mm
-        seen = seen_by_omniverse(self.camera, self.opened.entry.prim_path, pitch_mm)
-        text = distortion_layer(self.opened.stage, path, seen)
-        write_new(text, path)
+        """Write the new layer for other renderers."""
+        entry = self.opened.entry
+        seen = seen_by_omniverse(self.camera, entry.prim_path, entry.asked.sensor.pitch_mm)
+        write_new(distortion_layer(self.opened.stage, path, seen), path)
 
 
 def fit(
@@ -69,8 +49,8 @@ def fit(
     camera = stage.ready()
     wanted = list(models) or ([_DEFAULT, THIN_LENS] if camera.is_plenoptic else [_DEFAULT])
     try:
-        return CameraFit(opened=stage, camera=fit_camera(camera, wanted), ready=camera)
+        return CameraFit(opened=stage, camera=fit_camera(camera, wanted))
     except FitError as error:
         if models or not camera.is_plenoptic:
             raise
-        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)
+        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), left_out=error.what)

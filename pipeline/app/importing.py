@@ -1,6 +1,6 @@
 """Import of files of other programs: read, write as a USD stage, check. Whatever is lost becomes a warning."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,38 +35,28 @@ def import_lens(path: Path, spacing: str | None = None, **options: Any) -> Impor
         The file cannot be read, or its lens cannot be represented.
     """
     lens = read_lens(path, spacing, **options)
-    try:
-        text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens.lost))))
-    except PrescriptionError as error:
-        raise UnreadableLens(path, error.what, hint=error.hint) from None
-    return Imported(text=text, warnings=tuple(_warnings(path, lens.lost)))
+    return _imported(path, lens, lens.lost, lens_text)
 
 
 def import_camera(path: Path, lens: Path | None = None) -> Imported:
-    """Import the camera of a file as a rig. `lens` is the lens table that a camera of the Blender add-on needs.
-
-    Raises
-    ------
-    UnreadableLens
-        The file cannot be read, or its camera cannot be represented.
-    """
+    """Import the camera of a file as a rig, as `import_lens` does; one of the Blender add-on needs a lens table."""
     camera = read_camera_file(path, lens)
-    lost = (*camera.lens.lost, *camera.lost)
+    return _imported(path, camera, (*camera.lens.lost, *camera.lost), camera_text)
+
+
+def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[Any], str]) -> Imported:
+    losses = "; ".join(loss.what for loss in lost)
+    notes = (f"Not part of this stage, or decided on import: {losses}.",) if losses else ()
     try:
-        text = camera_text(replace(camera, provenance=(*camera.provenance, *_losses(lost))))
+        text = text_of(replace(read, provenance=(*read.provenance, *notes)))
     except (PrescriptionError, CameraError) as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
-    return Imported(text=text, warnings=tuple(_warnings(path, lost)))
+    places = ((f"{path}:{loss.line}" if loss.line else str(path), loss) for loss in lost)
+    return Imported(text=text, warnings=tuple(f"{place}: warning: {loss.what}" for place, loss in places))
 
 
 def require_free(out: Path) -> None:
-    """Refuse the path of a new stage where none can be written.
-
-    Raises
-    ------
-    UsageError
-        It has another suffix, something is there, or there is no such folder.
-    """
+    """UsageError where no new stage can be written: another suffix, something is there, or there is no such folder."""
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
     if out.exists():
@@ -83,12 +73,7 @@ def write_stage(text: str, out: Path) -> list[Problem]:
 
 
 def write_whole(text: str, out: Path) -> Loaded:
-    """Write a new stage with the lines that viewers need, and read it; one with errors is not kept.
-
-    Raises
-    ------
-    StageError
-    """
+    """Write a new stage with the lines that viewers need, and read it; one with errors, StageError, is not kept."""
     if errors := [problem for problem in write_stage(text, out) if problem.is_error]:
         out.unlink()
         raise StageError(unwritten(errors, out, out))
@@ -103,13 +88,3 @@ def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Proble
         replace(problem, file=str(out), line=None, column=None, at=None) if problem.file == file else problem
         for problem in problems
     ]
-
-
-def _losses(lost: Iterable[Lost]) -> Iterator[str]:
-    if statements := "; ".join(loss.what for loss in lost):
-        yield f"Not part of this stage, or decided on import: {statements}."
-
-
-def _warnings(path: Path, lost: Iterable[Lost]) -> Iterator[str]:
-    for loss in lost:
-        yield f"{path}:{loss.line}: warning: {loss.what}" if loss.line else f"{path}: warning: {loss.what}"

@@ -26,11 +26,11 @@ class TargetPrint:
         """Description of the target, as lines for a terminal."""
         target = self.entry.target
         points = target.points()
-        title = target.title() if isinstance(target, MeshTarget) else target.pattern.title()
-        shape = "mesh" if isinstance(target, MeshTarget) else target.surface.KIND
-        lines = [f"{self.entry.name}: {title}", f"shape   {shape}"]
         if isinstance(target, Target):
-            lines.append(f"ids     {target.pattern.ORDER}")
+            title, shape, ids = target.pattern.title(), target.surface.KIND, [f"ids     {target.pattern.ORDER}"]
+        else:
+            title, shape, ids = target.title(), "mesh", []
+        lines = [f"{self.entry.name}: {title}", f"shape   {shape}", *ids]
         kinds = {kind: points.kinds.count(kind) for kind in dict.fromkeys(points.kinds)}
         lines.append("points  " + ", ".join(f"{count} x {kind}" for kind, count in kinds.items()))
         low, high = points.position_mm.min(axis=0) + 0.0, points.position_mm.max(axis=0) + 0.0
@@ -41,7 +41,9 @@ class TargetPrint:
         """Write one SVG file with all pages, one below the other, or a PDF file with one page per chart; returns the
         paper that they need, in words.
         """
-        pages = pages_of(self._printable(), self.entry.name)
+        if isinstance(self.entry.target, MeshTarget):
+            raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
+        pages = pages_of(self.entry.target, self.entry.name)
         with chosen_place("write", path):
             if path.suffix == ".svg":
                 write_drawing(path, svg(pages))
@@ -49,21 +51,11 @@ class TargetPrint:
                 write_drawing(path, pdf_bytes([(p.width_mm, p.height_mm, pdf_content(p)) for p in pages]))
         return paper_of(pages)
 
-    def _printable(self) -> Target:
-        if isinstance(self.entry.target, MeshTarget):
-            raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
-        return self.entry.target
-
 
 def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> TargetPrint:
     """The artwork of a target of a stage, which may be a dataset or a file of the library.
 
-    Raises
-    ------
-    StageError
-        The stage does not pass `check`, or holds no target.
-    UsageError
-        No target has that name, or the stage has several and none is named.
+    StageError, if the stage does not pass `check` or holds no target; UsageError, as `chosen`.
     """
     loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.targets]

@@ -20,49 +20,16 @@ def display(verbosity: int) -> "Lines":
     return Bar() if is_terminal and verbosity == 0 else Lines(verbosity)
 
 
-class Tally:
-    """Counts of a running build and an estimate of the time left, from recorded times of each kind of task."""
-
-    def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
-        self.total = 0
-        self._jobs = 1
-        self._left: Counter[str] = Counter()
-        self._usual: defaultdict[str, list[float]] = defaultdict(list)
-
-    def add(self, event: Event) -> None:
-        """Update the counts after an event."""
-        if isinstance(event, Begun):
-            self.total, self._jobs = len(event.tasks), event.jobs
-            self._left = Counter(event.tasks.values())
-        elif isinstance(event, Done):
-            self.counts[event.result.state] += 1
-            self._left[event.result.kind] -= 1
-            if event.usual_seconds is not None:
-                self._usual[event.result.kind].append(event.usual_seconds)
-
-    def line(self) -> str:
-        """`[412/1003 hit 380 run 31 fail 1]`."""
-        done = self.counts.total()
-        hit, run, fail = self.counts["cached"], self.counts["executed"], self.counts["failed"]
-        return f"[{done}/{self.total} hit {hit} run {run} fail {fail}]"
-
-    def seconds_left(self) -> float | None:
-        """Estimated time left [s], None while nothing is known; unknown kinds count with the mean of the others."""
-        means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
-        if not means:
-            return None
-        usual = sum(means.values()) / len(means)
-        return sum(count * means.get(kind, usual) for kind, count in self._left.items()) / self._jobs
-
-
 class Lines:
     """Output for logs and pipes: one line per task that ran."""
 
     def __init__(self, verbosity: int) -> None:
         self._verbosity = verbosity
         self._stream = sys.stderr  # the original stream: a task in this process replaces sys.stderr
-        self._tally = Tally()
+        self._counts: Counter[str] = Counter()
+        self._left: Counter[str] = Counter()
+        self._total, self._jobs = 0, 1
+        self._usual: defaultdict[str, list[float]] = defaultdict(list)
 
     def __enter__(self) -> "Lines":
         return self
@@ -72,9 +39,32 @@ class Lines:
 
     def __call__(self, event: Event) -> None:
         """Print a line if the event deserves one at this verbosity."""
-        self._tally.add(event)
+        if isinstance(event, Begun):
+            self._total, self._jobs = len(event.tasks), event.jobs
+            self._left = Counter(event.tasks.values())
+        elif isinstance(event, Done):
+            self._counts[event.result.state] += 1
+            self._left[event.result.kind] -= 1
+            if event.usual_seconds is not None:
+                self._usual[event.result.kind].append(event.usual_seconds)
         if text := self._line(event):
             self._say(text)
+
+    def _tally(self) -> str:
+        """`[412/1003 hit 380 run 31 fail 1]`."""
+        hit, run, fail = self._counts["cached"], self._counts["executed"], self._counts["failed"]
+        return f"[{self._counts.total()}/{self._total} hit {hit} run {run} fail {fail}]"
+
+    def _seconds_left(self) -> float | None:
+        """Estimate from recorded times of each kind of task [s]; None while nothing is known.
+
+        Unknown kinds count with the mean of the others.
+        """
+        means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
+        if not means:
+            return None
+        usual = sum(means.values()) / len(means)
+        return sum(count * means.get(kind, usual) for kind, count in self._left.items()) / self._jobs
 
     def _line(self, event: Event) -> str | None:
         match event:
@@ -83,10 +73,10 @@ class Lines:
             case Retried():
                 return f"{event.task} tried again: {event.error.splitlines()[0]}"
             case Started() if self._verbosity > 0:
-                return f"{self._tally.line()} {event.task} started"
+                return f"{self._tally()} {event.task} started"
             case Done() if self._is_shown(event.result.state):
                 task, news = event.result, f": {event.news}" if event.news else ""
-                return f"{self._tally.line()} {task.name} {task.state} {task.seconds:.1f} s{news}"
+                return f"{self._tally()} {task.name} {task.state} {task.seconds:.1f} s{news}"
         return None
 
     def _is_shown(self, state: str) -> bool:
@@ -122,10 +112,10 @@ class Bar(Lines):
         if isinstance(event, Done) and event.news:
             self._news = f"  ({event.result.name}: {event.news})"
         name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""
-        done, left = self._tally.counts.total(), self._tally.seconds_left()
+        left = self._seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
-        text = f"{self._tally.line()} {name}{eta}{self._news}"
-        self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
+        text = f"{self._tally()} {name}{eta}{self._news}"
+        self._progress.update(self._bar, total=self._total, completed=self._counts.total(), description=text)
 
     def _say(self, text: str) -> None:
         self._progress.console.print(text, markup=False, highlight=False)
@@ -134,10 +124,7 @@ class Bar(Lines):
 class Ending:
     """Lines after the end of a build: every failure with its log and the command that repeats it, then a summary.
 
-    Parameters
-    ----------
-    again : str
-        Stage and options as the user typed them; shown if the task could not be saved to a file.
+    `again` has stage and options as the user typed them, which is shown if the task could not be saved to a file.
     """
 
     def __init__(self, verbosity: int, again: str) -> None:
@@ -160,18 +147,15 @@ class Ending:
         for task in self._bad.values():
             same = (task.error, task.place) if task.state == "failed" else task.name
             alike.setdefault(same, []).append(task)
-        for tasks in alike.values():
-            for line in self._failure(*tasks) if tasks[0].state == "failed" else self._difference(tasks[0]):
-                print(line, file=sys.stderr, flush=True)
-        for line in self._summary():
+        for line in (*(line for tasks in alike.values() for line in self._failure(*tasks)), *self._summary()):
             print(line, file=sys.stderr, flush=True)
-
-    def _difference(self, task: TaskResult) -> Iterator[str]:
-        outputs = ", ".join(task.differs)
-        yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"
 
     def _failure(self, task: TaskResult, *others: TaskResult) -> Iterator[str]:
         """One error, once for all tasks that met it: what, where in the stage, how to mend it, how to look closer."""
+        if task.state != "failed":
+            outputs = ", ".join(task.differs)
+            yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"
+            return
         file, _, prim = (task.place or "").partition(": ")
         what, *more = (task.error or "").splitlines() or ["?"]
         yield f"{file}{': ' if file else ''}error: {what}"

@@ -1,6 +1,7 @@
 """The report of a build: its stage, the history of its tasks, and what the page is written from."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from pipeline.app.build import project_from
@@ -25,22 +26,10 @@ _DONE = {"executed": "run", "failed": "run"}
 def report(
     out: str | Path, place: str | Path | None = None, *, diary: Diary | None = None, warn: Callable[[str], None] = say
 ) -> Path:
-    """Write the report of a finished build.
+    """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
 
-    Parameters
-    ----------
-    out : str or Path
-        The output folder.
-    place : str or Path, optional
-        Folder of the report; by default `OUT.report`.
-    diary : Diary, optional
-        Notes about the build that has just ended; without it the history of an earlier report stays, or is made of the
-        records in the store.
-
-    Returns
-    -------
-    Path
-        The page, `index.html`.
+    `diary` has notes about the build that has just ended; without it the history of an earlier report stays, or is made
+    of the records in the store.
 
     Raises
     ------
@@ -98,15 +87,16 @@ def _history(out: Path, loaded: Loaded | None, diary: Diary | None) -> History:
 def _run(store: Store, name: str, key: str, noted: TaskRun | None) -> TaskRun:
     record = store.peek(key)
     made_by = record.made_by if record else None
-    return TaskRun(
+    made = TaskRun(
         name=name,
         kind=name.split("/")[0],
-        state=noted.state if noted else "made before",
-        start_s=noted.start_s if noted else None,
-        end_s=noted.end_s if noted else None,
+        state="made before",
+        start_s=None,
+        end_s=None,
         cpu_s=made_by.cpu_seconds if made_by else None,
         peak_bytes=made_by.peak_bytes if made_by else None,
     )
+    return replace(made, state=noted.state, start_s=noted.start_s, end_s=noted.end_s) if noted else made
 
 
 def _picture(project: Project, tasks: tuple[TaskRun, ...]) -> str:

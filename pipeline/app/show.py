@@ -36,20 +36,11 @@ corners a chief ray reaches. Then its pixels along an edge.
 
 @dataclass(frozen=True)
 class Shown:
-    """A camera of a stage, or the lens of a stage that holds nothing else.
+    """A camera of a stage, or the lens of a stage that holds nothing else, and warnings about the stage.
 
-    Attributes
-    ----------
-    entry : CameraEntry or LensEntry
-    warnings : list of Problem
-        Warnings about its stage.
-    document : dict
-        Contents of camera.json; of a lens alone, its first-order figures.
-    camera : Camera or None
-        The focused camera; a lens alone with a square sensor in its rear focus, None if it has no real image or no
-        chief ray.
-    curves : FieldCurves or None
-        Illumination and distortion over the field, of a lens alone for objects at infinity.
+    `document` is the content of camera.json, of a lens alone its first-order figures, and `curves` are over the field,
+    of a lens for objects at infinity. A lens is shown with a square sensor in its rear focus, and without camera and
+    curves if it has no real image or no chief ray.
     """
 
     entry: CameraEntry | LensEntry
@@ -82,12 +73,8 @@ class Shown:
 def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> list[Shown]:
     """The cameras of a dataset or a rig, or only the one named; of a stage without a camera, its lens.
 
-    Raises
-    ------
-    StageError
-        The stage does not pass `check`, or holds neither camera nor lens.
-    UsageError
-        No camera has that name.
+    StageError, if the stage does not pass `check` or holds neither camera nor lens; UsageError, if no camera has that
+    name.
     """
     loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.cameras]
@@ -132,15 +119,7 @@ def _with_sensor(entry: LensEntry) -> tuple[Camera, FieldCurves] | tuple[None, N
 
 @dataclass(frozen=True)
 class PointImages:
-    """Images of points by one camera.
-
-    Attributes
-    ----------
-    channels : list of (CameraEntry, list of PointImage)
-        By diffraction, in each channel at its mean wavelength.
-    pitch_mm : float
-        Of its sensor.
-    """
+    """Images of points by one camera with diffraction, in each channel at its mean wavelength."""
 
     channels: list[tuple[CameraEntry, list[PointImage]]]
     pitch_mm: float
@@ -158,44 +137,28 @@ class PointImages:
         names = [({"channel": entry.channel.name} if entry.channel else {}, images) for entry, images in self.channels]
         return [{**channel, **image.to_plain()} for channel, images in names for image in images]
 
-    def plot(self, title: str, path: Path) -> None:
-        """Write the drawing."""
-        rows = []
-        for entry, images in self.channels:
-            light = f"{entry.wavelength_nm:.1f} nm" + ("" if entry.channel is None else f" ({entry.channel.name})")
-            rows += [(light, image) for image in images]
-        with chosen_place("write", path):
-            write_drawing(path, point_report.drawing(rows, title, self.pitch_mm))
-
 
 def draw_points(
     shown: list[Shown], path: Path, at_px: tuple[float, float] | None, distance_mm: float | None
 ) -> PointImages:
-    """Write the drawing of images of points by one camera.
+    """Write the drawing of images of points by one camera; UsageError, if there are several, or none.
 
-    Parameters
-    ----------
-    at_px : (float, float) or None
-        Image position; None: a few places.
-    distance_mm : float or None
-        Distance of the points from the stop; None: they are in focus.
-
-    Raises
-    ------
-    UsageError
-        There are several cameras, or none.
+    They are at one image position or at a few, and at a distance from the stop or in focus.
     """
     entry = _single(shown).entry
     if isinstance(entry, LensEntry):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
-    channels = []
+    channels, rows, pitch_mm = [], [], entry.camera.sensor.pitch_mm
     with blamed_on(entry.file, entry.line, entry.prim_path):
         for part in entry.in_channels:
             camera = part.camera if part.channel is None else part.camera.at(part.channel.middle)
-            channels.append((part, point_images(camera, part.wavelength_nm, at_px, distance_mm, part.camera)))
-    points = PointImages(channels, entry.camera.sensor.pitch_mm)
-    points.plot(f"{entry.name}: images of points by diffraction", path)
-    return points
+            images = point_images(camera, part.wavelength_nm, at_px, distance_mm, part.camera)
+            light = f"{part.wavelength_nm:.1f} nm" + ("" if part.channel is None else f" ({part.channel.name})")
+            channels.append((part, images))
+            rows += [(light, image) for image in images]
+    with chosen_place("write", path):
+        write_drawing(path, point_report.drawing(rows, f"{entry.name}: images of points by diffraction", pitch_mm))
+    return PointImages(channels, pitch_mm)
 
 
 def _single(shown: list[Shown]) -> Shown:
@@ -212,13 +175,7 @@ def plain_json(shown: list[Shown], points: PointImages | None = None) -> str:
 
 
 def plot(shown: list[Shown], path: Path) -> None:
-    """Write the drawing of one camera or lens.
-
-    Raises
-    ------
-    UsageError
-        There are several cameras.
-    """
+    """Write the drawing of one camera or lens; UsageError, if there are several."""
     picture = _single(shown)._drawing()
     with chosen_place("write", path):
         write_drawing(path, picture)

@@ -13,13 +13,7 @@ from pipeline.spelling import did_you_mean
 
 
 def sound(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
-    """A stage that passes `check`.
-
-    Raises
-    ------
-    StageError
-        It does not.
-    """
+    """A stage that passes `check`; StageError, if it does not."""
     loaded = load(path, allow_roots)
     if loaded.errors:
         raise StageError(loaded.problems)
@@ -35,10 +29,7 @@ def lacking(path: str | Path, kind: str, hint: str) -> StageError:
 def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) -> int:
     """Index of the camera or target (`kind`) with the name `wanted`. None is enough if the stage has only one.
 
-    Raises
-    ------
-    UsageError
-        No entry has that name, or the stage has several and none is named.
+    UsageError, if no entry has that name, or the stage has several and none is named.
     """
     if wanted is None and len(names) > 1:
         raise UsageError(f"{path} has {len(names)} {kind}s: {', '.join(names)}", hint="name one of them")
@@ -49,13 +40,7 @@ def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) ->
 
 
 def located(path: Path) -> Path:
-    """A stage in the working directory, or of the library.
-
-    Raises
-    ------
-    UsageError
-        It is in neither.
-    """
+    """A stage in the working directory, or of the library; UsageError, if it is in neither."""
     if path.exists():
         return path
     library = share("stages")
@@ -82,15 +67,7 @@ def existing(path: Path) -> UsageError:
 
 
 def write_new(text: str, path: Path) -> None:
-    """Write a new text file.
-
-    Raises
-    ------
-    UsageError
-        There is a file of that name.
-    EnvironmentFault
-        It cannot be written.
-    """
+    """Write a new text file: UsageError, if there is one of that name, EnvironmentFault, if it cannot be written."""
     if path.exists():
         raise existing(path)
     with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:

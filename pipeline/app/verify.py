@@ -59,14 +59,8 @@ _OF_OTHERS = re.compile(r"exports/|pictures/[0-9a-f]{16}\.\w+$")
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Findings of a verification.
-
-    Attributes
-    ----------
-    problems : list of str
-        Missing, unexpected or altered files, broken contracts, and rows with another visibility.
-    cameras : dict
-        Camera name -> certificate of the new sample.
+    """Findings of a verification: missing, unexpected or altered files, broken contracts and rows with another
+    visibility, and by name of the camera the certificate of the new sample.
     """
 
     problems: list[str]
@@ -109,17 +103,8 @@ class _JudgedCamera:
 def verify(out: str | Path, seed: int = 1) -> Verdict:
     """Check the files of a folder against its manifest, its tables against its stage, and a sample of their rows.
 
-    For the rows drawn with the seed, the certificate of the build is made again with other random rays.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the drawn rows and of the random rays of the verification.
-
-    Raises
-    ------
-    UsageError
-        The folder holds no finished build.
+    For the rows drawn with the seed, the certificate of the build is made again with other random rays. UsageError, if
+    the folder holds no finished build.
     """
     out = Path(out)
     listed = manifest.read(out)

@@ -35,12 +35,7 @@ def with_edits(
 ) -> list[PlannedTask]:
     """The same tasks, with the edits of the stage added to their reasons.
 
-    Parameters
-    ----------
-    sources : mapping
-        Sources of the project at the last build of each task, see `session.sources_of`.
-    path : Path
-        The stage in its present state.
+    `sources` are those of the project at the last build of each task, and `path` is the stage in its present state.
     """
     if not sources:
         return list(tasks)

@@ -50,7 +50,7 @@ def test_options_of_a_build_stand_in_panels_by_what_they_are_about():
 
 
 def test_a_shell_completes_verbs_and_the_tasks_and_files_of_a_stage():
-    from pipeline.app.verbs.options import names_of
+    from pipeline.app.verbs.terminal import names_of
 
     assert "--install-completion" in CliRunner(env={"COLUMNS": "120"}).invoke(cli.app, ["-h"]).output
     context = typer.Context(ROOT)

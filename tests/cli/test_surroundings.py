@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from pipeline.app.build import default_out
+from pipeline.errors import UsageError
 from pipeline.jit.decorators import cache_folder
+from pipeline.machine.process import FILES, require_room
 
 ODD = os.fsdecode(b"b\xff")
 DEEP = "/".join(["y" * 200] * 21)
@@ -49,15 +51,9 @@ def test_a_user_without_a_home_is_told_what_names_a_folder(pipeline, stage, monk
     assert code == 5 and "has no home" in log and "XDG_CACHE_HOME" in log
 
 
-@pytest.mark.parametrize("name", ["...usda", "..usda"])
-def test_a_stage_that_no_folder_can_be_named_after_needs_one(name, tmp_path):
-    from pipeline.errors import UsageError
-
-    if Path(name).stem in (".", ".."):
-        with pytest.raises(UsageError, match="-o"):
-            default_out(tmp_path / name)
-    else:
-        assert default_out(tmp_path / name) == Path("build") / Path(name).stem
+def test_a_stage_that_no_folder_can_be_named_after_needs_one(tmp_path):
+    with pytest.raises(UsageError, match="-o"):
+        default_out(tmp_path / "...usda")
 
 
 def spoken(shell, limit=None, verb=("--version",)):
@@ -86,8 +82,6 @@ def test_a_working_directory_that_is_gone_is_told(tmp_path):
 
 
 def test_a_soft_limit_is_raised_as_far_as_it_may():
-    from pipeline.machine.process import FILES, require_room
-
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (FILES - 1, before[1]))

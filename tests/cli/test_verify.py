@@ -81,6 +81,15 @@ def change_cells(path, column, change):
     path.write_text("\n".join([*text, ""]), encoding="utf-8")
 
 
+def stage_of(folder, *lines, text=None):
+    """The tiny stage in a folder of its own, with further lines about its camera."""
+    text = (text or TINY.read_text(encoding="utf-8")).replace("../../../stages/", "")
+    head = '        over "Camera"\n        {\n'
+    assert head in text
+    (folder / "dataset.usda").write_text(text.replace(head, head + "".join(f"{line}\n" for line in lines)), "utf-8")
+    return folder / "dataset.usda"
+
+
 @pytest.fixture
 def out(built, tmp_path):
     """A copy to change."""
@@ -171,13 +180,9 @@ def test_every_exit_code_stands_once_in_the_table():
 def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, monkeypatch):
     """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    stage = tmp_path / "dataset.usda"
-    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
-    options = ("method", "two-plane"), ("search", "nearest")
-    lines_of = "".join(f'            uniform token plen:truth:{name} = "{value}"\n' for name, value in options)
-    lines_of += "            uniform double plen:truth:nearestThreshold = 2\n"
-    head = '        over "Camera"\n        {\n'
-    stage.write_text(without_method(text).replace(head, head + lines_of), encoding="utf-8")
+    lines_of = ('uniform token plen:truth:method = "two-plane"', 'uniform token plen:truth:search = "nearest"')
+    text = without_method(TINY.read_text(encoding="utf-8"))
+    stage = stage_of(tmp_path, *lines_of, "uniform double plen:truth:nearestThreshold = 2", text=text)
     result = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert result.exit_code == 0
     said = "\n".join(lines(result.certificate))
@@ -193,12 +198,9 @@ def test_figures_that_are_not_known_are_printed_as_such():
 
 
 METHODS = {
-    "moments": 'uniform token plen:truth:method = "moments"',
-    "image": 'uniform token plen:truth:method = "image"',
-    "two-plane": 'uniform token plen:truth:method = "two-plane"',
-    "direct with other positions": 'uniform token plen:truth:method = "direct"\n'
-    'uniform token[] plen:truth:columns = ["chief", "saddle"]',
+    method: f'uniform token plen:truth:method = "{method}"' for method in ("moments", "image", "two-plane", "direct")
 }
+METHODS["direct"] += '\nuniform token[] plen:truth:columns = ["chief", "saddle"]'
 
 
 @pytest.mark.heavy
@@ -207,10 +209,7 @@ METHODS = {
 def test_builds_by_every_method_agree(method, name, tmp_path, monkeypatch, common_store):
     """Their tables have other columns and comments."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    text = (DATA / name / "dataset.usda").read_text(encoding="utf-8").replace("../../../stages/", "")
-    head = '        over "Camera"\n        {\n'
-    text = without_method(text).replace(head, f"{head}{METHODS[method]}\n")
-    (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
+    stage_of(tmp_path, METHODS[method], text=without_method((DATA / name / "dataset.usda").read_text(encoding="utf-8")))
     assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
     verdict = verify(tmp_path / "out")
     assert verdict.agrees, verdict.problems
@@ -227,16 +226,8 @@ def test_a_folder_without_a_manifest_is_refused(tmp_path):
 def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tmp_path, monkeypatch):
     """A build by area and with pixels: headers say so, its certificate passes, and `verify` agrees."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    stage = tmp_path / "dataset.usda"
-    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
-    stage.write_text(
-        text.replace(
-            '        over "Camera"\n        {\n',
-            '        over "Camera"\n        {\n            uniform token plen:camera:weight = "area"\n'
-            '            uniform token plen:truth:footprint = "pixel"\n',
-        ),
-        encoding="utf-8",
-    )
+    lines_of = ('uniform token plen:camera:weight = "area"', 'uniform token plen:truth:footprint = "pixel"')
+    stage = stage_of(tmp_path, *lines_of)
     out = tmp_path / "out"
     result = pipeline.build(stage, out, jobs=1)
     assert result.exit_code == 0

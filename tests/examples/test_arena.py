@@ -197,24 +197,6 @@ def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):
     assert (tmp_path / "out/sharp/b.txt").read_text() == "ValueError: too bright\n"
 
 
-def test_images_survive_their_way_to_a_contestant(tmp_path):
-    image = np.random.default_rng(6).integers(0, 256, (6, 9), dtype=np.uint8)
-    image[0, :3] = 32, 10, 13  # white space of a header
-    exchange.write_pgm(tmp_path / "x.pgm", image)
-
-    np.testing.assert_array_equal(exchange.read_pgm(tmp_path / "x.pgm"), image)
-
-
-def test_every_contestant_has_a_script_and_pinned_packages_or_a_system():
-    rows = environments.contestants()
-
-    assert sum(row.kind == "detector" for row in rows) >= 5 and sum(row.kind == "calibrator" for row in rows) >= 5
-    assert len({row.name for row in rows}) == len(rows)
-    for row in rows:
-        assert (EXAMPLE / "contestants" / row.script).is_file(), row.name
-        assert bool(row.packages) != bool(row.system) and all("==" in package for package in row.packages), row.name
-
-
 @pytest.mark.parametrize("step", few([len(conditions.BOARDS) + 1], 1))
 def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
     """In `make test` with boards that take turns."""

@@ -2,16 +2,11 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import pytest
-
-import pipeline
 
 ROOT = Path(__file__).parents[2]
 
@@ -85,32 +80,3 @@ def test_jobs_of_a_batch_system_give_the_same_manifest(here, stage, tmp_path):
     """jobqueue.py as it is: dask-jobqueue writes the scripts of its jobs, a stand-in for sbatch runs them here."""
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
     assert run(tmp_path, [sys.executable, str(ROOT / "examples/cluster/jobqueue.py"), str(stage), "2"]) == here
-
-
-@pytest.mark.heavy
-def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monkeypatch):
-    """The real pipeline on processes of a LocalCluster, one of which dies in a task."""
-    distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
-    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        pids, killed, done = client.run(os.getpid), [], threading.Event()
-
-        def kill() -> None:
-            while not killed and not done.is_set():
-                busy = [worker for worker, keys in client.processing().items() if any("truth" in key for key in keys)]
-                for worker in busy[:1]:
-                    killed.append(pids[worker])
-                    os.kill(pids[worker], signal.SIGKILL)
-                time.sleep(0.02)
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        result = pipeline.build(stage, tmp_path / "out", engine=f"dask:{cluster.scheduler_address}")
-        done.set()
-        killer.join()
-        client.wait_for_workers(2)
-    assert killed, "the build was over before a worker could be killed"
-    # A worker that dies after it has stored a result, and before it reports it, leaves one that counts as found.
-    assert result.exit_code == 0 and result.executed + result.cached == len(json.loads(here)["tasks"])
-    assert (tmp_path / "out/manifest.json").read_bytes() == here

@@ -11,8 +11,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.app.authoring.calibration import NOISE_PX
-from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
+from pipeline.app.authoring.poses import (
+    NOISE_PX,
+    PLENOPTIC_SHARES,
+    SHARES,
+    BoardPose,
+    CameraField,
+    Wish,
+    poses_that_fill,
+    predicted,
+)
 from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.app.stages import asset_path, chosen, located, sound
 from pipeline.errors import UsageError
@@ -50,6 +58,7 @@ class _DatasetText:
     def text(self, frames: Sequence[_Frame]) -> str:
         """The stage, with one frame per pose."""
         cameras = ", ".join(f"</{self.name}/Rig{camera}>" for camera in self.cameras)
+        values = "".join(f"        uniform double {name} = {value:.6g}\n" for name, value in self.values.items())
         return f'''#usda 1.0
 (
     defaultPrim = "{self.name}"
@@ -81,7 +90,7 @@ def PlenDataset "{self.name}" (
         prepend references = @{self.target}@
     )
     {{
-{self._values()}        quatd xformOp:orient.timeSamples = {{
+{values}        quatd xformOp:orient.timeSamples = {{
 {_samples(frames, _quaternion)}        }}
         double3 xformOp:translate.timeSamples = {{
 {_samples(frames, _translation, with_comments=True)}        }}
@@ -90,33 +99,14 @@ def PlenDataset "{self.name}" (
 }}
 '''
 
-    def _values(self) -> str:
-        return "".join(f"        uniform double {name} = {value:.6g}\n" for name, value in self.values.items())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NewDataset:
-    """A dataset that was written, as it was read again; sentences tell a person what its poses fill."""
-
-    lines: list[str]
-    loaded: Loaded
-
 
 def new_dataset(
     out: Path, rig: Path, target: Path, wish: Wish, camera: str | None, tell: Callable[[str], None]
-) -> NewDataset:
-    """Write a dataset whose poses fill the fields of view and the depths of field of cameras.
+) -> Loaded:
+    """Write a dataset whose poses fill the fields of view and the depths of field of cameras; returns it as read again.
 
-    Parameters
-    ----------
-    out : Path
-        New .usda file.
-    rig, target : Path
-        Stages: files, or names of the library such as `rigs/conventional_100mm.usda`.
-    camera : str, optional
-        Name of a camera of the rig; by default all of them see each pose.
-    tell : callable
-        What hears of each pose as soon as it is found.
+    Rig and target are files, or names of the library such as `rigs/conventional_100mm.usda`. All cameras of the rig see
+    each pose unless one is named. `tell` hears of each pose as soon as it is found, and what all of them fill.
 
     Raises
     ------
@@ -137,7 +127,10 @@ def new_dataset(
     frames = [(world_from_camera @ pose.vision_from_target, _comment(pose)) for pose in poses]
     lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
     plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
-    return NewDataset(lines=lines, loaded=write_whole(plan.text(frames), out))
+    loaded = write_whole(plan.text(frames), out)
+    for line in lines:
+        tell(line)
+    return loaded
 
 
 def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> _DatasetText:
@@ -174,7 +167,7 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
     first, poses = fields[0], list[BoardPose]()
     if fit := first.wish.fit:
         _lengths(first.target)  # a mesh is refused at once
-    shares = first.shares
+    shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
     for share in shares if fit else shares[-1:]:
         poses.clear()
         try:

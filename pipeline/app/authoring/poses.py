@@ -9,7 +9,7 @@ what all of them see, then tilted less, then moved away, until it shows enough.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +17,6 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
-from pipeline.app.authoring.calibration import Uncertainty, uncertainty
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.outlook import covered_mm
 from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
@@ -47,7 +46,7 @@ _STEEP = 0.45
 """Reach of a tilted target along the axis over the depth of field [1], on either side: a tenth is for its place."""
 _BLUR_PX = 3.0
 """Largest blur before a conventional camera, unless asked otherwise [px]: detectors find corners well in that."""
-_SHARES, _PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
+SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
 """Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
 that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
 """
@@ -57,26 +56,17 @@ _LEAST_LIGHT = 0.2
 """Least share of the light on the axis with which a point counts as seen [1]: detectors fail in deep vignetting."""
 _APART_MM = 10.0
 """Distance of a second plane that integrals want [mm]: it is not looked at."""
+NOISE_PX = 0.05
+"""Error of a detected corner along x and along y, one sigma [px]: good detectors on sharp images of real boards."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """Demands on poses.
+    """Demands on poses; another `seed` gives other poses of the same kind.
 
-    Attributes
-    ----------
-    count : int
-    seed : int
-        Seed of the sequence; another one gives other poses of the same kind.
-    most_tilt_deg : float
-        Largest angle between the target and the image plane.
-    least_seen : float
-        Least share of the points of the target that a pose shows.
-    blur_px : float, optional
-        Largest diameter of blur, by the paraxial depth of field. By default 3, and behind microlenses the camera's
-        circle of confusion: in a micro-image of a dozen pixels 3 leave nothing of a pattern.
-    fit : bool
-        Whether the target was scaled.
+    `most_tilt_deg` is between the target and the image plane, `least_seen` a share of its points. `blur_px` is a
+    diameter by the paraxial depth of field, by default 3, and behind microlenses the camera's circle of confusion: in a
+    micro-image of a dozen pixels 3 leave nothing of a pattern. `fit` says whether the target was scaled.
     """
 
     count: int
@@ -89,16 +79,8 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardPose:
-    """A place and a turn of a target, and what cameras see of it.
-
-    Attributes
-    ----------
-    vision_from_target : (4, 4) float64
-        In the vision frame of the first camera.
-    tilt_deg : float
-        Angle to the image plane of the camera in whose image it was drawn.
-    seen_px : (cameras, n, 2) float64
-        Image positions of its points; NaN: not seen.
+    """A pose of a target in the vision frame of the first camera, its angle to the image plane of the camera in whose
+    image it was drawn, and image positions of its points in all cameras, (cameras, n, 2); NaN: not seen.
     """
 
     vision_from_target: np.ndarray
@@ -111,16 +93,20 @@ class BoardPose:
         return int(np.isfinite(self.seen_px[:, :, 0]).sum(axis=1).min())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of what a calibration finds, with `NOISE_PX` in each coordinate."""
+
+    principal_distance_px: float
+    principal_point_px: tuple[float, float]
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraField:
     """A camera's main lens before a target: image positions of poses, and places that have an image position.
 
-    Microlenses are left out: they move a point by less than a micro-image.
-
-    Attributes
-    ----------
-    vision_from_first : (4, 4) float64
-        From the vision frame of the first camera to that of this one.
+    Microlenses are left out: they move a point by less than a micro-image. `vision_from_first` leads from the vision
+    frame of the first camera to that of this one.
     """
 
     camera: Camera
@@ -183,11 +169,6 @@ class CameraField:
         near, far = self.depth_mm
         return math.degrees(math.asin(min(1.0, _STEEP * max(0.0, far - near) / self.radius_mm)))
 
-    @property
-    def shares(self) -> tuple[float, ...]:
-        """Radii that a fitted target may have, over half the diagonal of the image."""
-        return _PLENOPTIC_SHARES if self.camera.microlenses else _SHARES
-
     def scale_to_fill(self, share: float) -> float:
         """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
         focus_mm = middle_focus(self.camera)
@@ -227,12 +208,8 @@ class CameraField:
 def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (True, False)) -> Iterator[BoardPose]:
     """Poses all over the images and the depths of field of cameras, each with the points that are seen.
 
-    Where possible, what is around the points is in the image as well, or always if `room` is (True,).
-
-    Raises
-    ------
-    UsageError
-        The target is too large to be seen, wherever it stands.
+    Where possible, what is around the points is in the image as well, or always if `room` is (True,). UsageError, if
+    the target is too large to be seen, wherever it stands.
     """
     wish = fields[0].wish
     for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.count)):
@@ -261,8 +238,39 @@ def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list
         fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
         k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
         views = zip(placed, seen, strict=True)
-        known.append(uncertainty(field.principal_distance_px, k1, views) if fitted else None)
+        known.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
     return known
+
+
+def _uncertainty(
+    principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
+) -> Uncertainty | None:
+    """What a calibration of a pinhole with one focal length and k1 will know; None where the points are too few.
+
+    A view is pinhole_from_target, and the points that are seen, target frame [mm]. Parameters are f, the principal
+    point and k1, and those of each pose a turn and a shift. With J the derivatives of all image positions, the inverse
+    of J^T J / sigma^2 bounds their covariance (Cramér and Rao), and a least-squares fit reaches that bound where its
+    residuals are small. Poses are eliminated one by one.
+    """
+    information = np.zeros((4, 4))
+    for pinhole_from_target, points_mm in views:
+        turned = points_mm @ pinhole_from_target[:3, :3].T
+        place = turned + pinhole_from_target[:3, 3]
+        u, (x, y, z), nil, unit = place[:, :2] / place[:, 2:], turned.T, np.zeros(len(place)), np.eye(2)
+        r2 = np.sum(u**2, axis=1)[:, None, None]
+        bent = principal_distance_px * ((1 + k1 * r2) * unit + 2 * k1 * u[:, :, None] * u[:, None, :])
+        shift = bent @ np.dstack([np.tile(unit, (len(u), 1, 1)), -u[:, :, None]]) / place[:, 2, None, None]
+        turn = shift @ np.array([[nil, z, -y], [-z, nil, x], [y, -x, nil]]).transpose(2, 0, 1)
+        of_pose = np.dstack([turn, shift]).reshape(-1, 6)
+        of_f, of_k1 = u * (1 + k1 * r2[:, 0]), principal_distance_px * u * r2[:, 0]
+        shared = np.column_stack([of_f.ravel(), np.tile(unit, (len(u), 1)), of_k1.ravel()])
+        left = shared - of_pose @ np.linalg.lstsq(of_pose, shared, rcond=None)[0]
+        information += left.T @ left
+    size = np.sqrt(np.diag(information))  # the columns differ by many powers of ten
+    if not (size > 0).all() or np.linalg.matrix_rank(scaled := information / np.outer(size, size)) < 4:
+        return None
+    f_px, x_px, y_px, _ = (NOISE_PX * np.sqrt(np.diag(np.linalg.inv(scaled))) / size).tolist()
+    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px))
 
 
 def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: tuple[float, ...]) -> BoardPose | None:

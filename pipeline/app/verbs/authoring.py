@@ -1,51 +1,42 @@
-"""The verbs that write stages to begin with: `new dataset`, `new rig`, `import lens` and `import camera`."""
+"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `import lens` and `import camera`."""
 
-from enum import StrEnum
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from pipeline.app.verbs.terminal import Verb, new_family, note, say
+from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json
 from pipeline.errors import Exit, UsageError
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
 imports = new_family(help="Turn files of other programs into stages.")
 
 NewFile = Annotated[Path, typer.Argument(metavar="OUT.usda", help="The new file.")]
+StageOrStdout = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+]
 _LIBRARY = "a file, or a name of the library such as"
 
 
-class Spacing(StrEnum):
-    """Place of the thicknesses in a pbrt table: before or after the surface of their row."""
-
-    BEFORE = "before"
-    AFTER = "after"
-
-
-class ApertureMeaning(StrEnum):
-    """Meaning of the apertures in a FlareSim lens: whole diameters or half of them."""
-
-    DIAMETER = "diameter"
-    SEMI_DIAMETER = "semi-diameter"
+def _option(metavar: str, text: str, **limits: Any) -> Any:
+    """An option with a value, named after its parameter."""
+    return typer.Option(metavar=metavar, help=text, **limits)
 
 
 @new.command("dataset", cls=Verb)
 def dataset(
     out: NewFile,
-    rig: Annotated[Path, typer.Option(metavar="RIG", help=f"{_LIBRARY} rigs/conventional_100mm.usda.")],
-    target: Annotated[Path, typer.Option(metavar="TARGET", help=f"{_LIBRARY} targets/charuco_8x5.usda.")],
-    poses: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Frames, one pose each.")] = 12,
-    camera: Annotated[str | None, typer.Option(metavar="NAME", help="One of the rig; else all see each pose.")] = None,
-    tilt: Annotated[float, typer.Option(metavar="DEGREES", min=0, max=80, help="Largest tilt of the target.")] = 40.0,
-    seen: Annotated[
-        float, typer.Option(metavar="SHARE", min=0.01, max=1, help="Least share of its points that a pose shows.")
-    ] = 1.0,
+    rig: Annotated[Path, _option("RIG", f"{_LIBRARY} rigs/conventional_100mm.usda.")],
+    target: Annotated[Path, _option("TARGET", f"{_LIBRARY} targets/charuco_8x5.usda.")],
+    poses: Annotated[int, _option("N", "Frames, one pose each.", min=1, max=1000)] = 12,
+    camera: Annotated[str | None, _option("NAME", "One of the rig; else all see each pose.")] = None,
+    tilt: Annotated[float, _option("DEGREES", "Largest tilt of the target.", min=0, max=80)] = 40.0,
+    seen: Annotated[float, _option("SHARE", "Least share of its points that a pose shows.", min=0.01, max=1)] = 1.0,
     blur: Annotated[
-        float | None,
-        typer.Option(metavar="PX", min=0.1, help="Largest blur; 3, or behind microlenses as the rig says."),
+        float | None, _option("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1)
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Other poses of the same kind.")] = 1,
+    seed: Annotated[int, _option("S", "Other poses of the same kind.", min=0)] = 1,
     fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
@@ -57,40 +48,22 @@ def dataset(
     from pipeline.app.authoring.poses import Wish
 
     wish = Wish(count=poses, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit)
-    made = new_dataset(out, rig, target, wish, camera, note)
-    for line in made.lines:
-        note(line)
-    _end(out, made.loaded)
+    _end(out, new_dataset(out, rig, target, wish, camera, note))
 
 
 @new.command("rig", cls=Verb)
 def rig(
     out: NewFile,
-    sensor: Annotated[Path, typer.Option(metavar="SENSOR", help=f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
-    lens: Annotated[
-        Path | None, typer.Option(metavar="LENS", help=f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")
-    ] = None,
-    focal_length: Annotated[
-        float | None,
-        typer.Option("--focal-length", metavar="MM", min=1e-3, help="Instead of a lens: an ideal thin lens."),
-    ] = None,
-    focus: Annotated[
-        float | None, typer.Option(metavar="MM", min=0, help="Object distance from the stop in focus; inf.")
-    ] = None,
-    sensor_distance: Annotated[
-        float | None, typer.Option("--sensor-distance", metavar="MM", help="Instead of --focus: from stop to sensor.")
-    ] = None,
-    f_number: Annotated[
-        float | None, typer.Option("--f-number", metavar="N", min=1e-3, help="By default as the lens is.")
-    ] = None,
-    microlenses: Annotated[
-        Path | None, typer.Option(metavar="ARRAY", help=f"{_LIBRARY} mlas/michels_2019.usda.")
-    ] = None,
-    microlens_distance: Annotated[
-        float | None, typer.Option("--microlens-distance", metavar="MM", help="From the sensor to the microlenses.")
-    ] = None,
-    near: Annotated[float | None, typer.Option(metavar="MM", help="Plane of rays, where focus is at infinity.")] = None,
-    far: Annotated[float | None, typer.Option(metavar="MM", help="The other one, beyond it.")] = None,
+    sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
+    lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
+    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3)] = None,
+    focus: Annotated[float | None, _option("MM", "Object distance from the stop in focus; inf.", min=0)] = None,
+    sensor_distance: Annotated[float | None, _option("MM", "Instead of --focus: from stop to sensor.")] = None,
+    f_number: Annotated[float | None, _option("N", "By default as the lens is.", min=1e-3)] = None,
+    microlenses: Annotated[Path | None, _option("ARRAY", f"{_LIBRARY} mlas/michels_2019.usda.")] = None,
+    microlens_distance: Annotated[float | None, _option("MM", "From the sensor to the microlenses.")] = None,
+    near: Annotated[float | None, _option("MM", "Plane of rays, where focus is at infinity.")] = None,
+    far: Annotated[float | None, _option("MM", "The other one, beyond it.")] = None,
 ) -> None:
     """Write a rig of a lens and a sensor, focused at a distance."""
     from pipeline.app.authoring.new_rig import RigWish, new_rig
@@ -117,9 +90,8 @@ def _end(out: Path, loaded: Any) -> None:
     """Say what the new stage lacks, what it costs, and where it is."""
     from pipeline.graph.sizes import cost_lines
 
-    for line in (*map(str, loaded.problems), *cost_lines(loaded.dataset, loaded.cameras)):
-        note(line)
-    say(str(out))
+    note(*loaded.problems, *cost_lines(loaded.dataset, loaded.cameras))
+    say(out)
     raise typer.Exit(Exit.DONE)
 
 
@@ -133,29 +105,18 @@ def import_lens(
             " .txt, also of the Blender add-on.",
         ),
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
-    ] = None,
+    out: StageOrStdout = None,
     spacing: Annotated[
-        Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
+        Literal["before", "after"] | None, _option("before|after", "Position of thicknesses in a pbrt table.")
     ] = None,
     apertures: Annotated[
-        ApertureMeaning | None,
-        typer.Option(metavar="diameter|semi-diameter", help="Meaning of the column semi_ap of a FlareSim lens."),
+        Literal["diameter", "semi-diameter"] | None,
+        _option("diameter|semi-diameter", "Meaning of the column semi_ap of a FlareSim lens."),
     ] = None,
-    scenario: Annotated[
-        int | None,
-        typer.Option("--scenario", metavar="N", help="Focal length and focus of an Optical Bench text, from 1."),
-    ] = None,
-    f_number: Annotated[
-        float | None,
-        typer.Option("--f-number", metavar="N", help="For a table without semi-diameters: F-number at infinity."),
-    ] = None,
+    scenario: Annotated[int | None, _option("N", "Focal length and focus of an Optical Bench text, from 1.")] = None,
+    f_number: Annotated[float | None, _option("N", "For a table without semi-diameters: F-number at infinity.")] = None,
     half_field: Annotated[
-        float | None,
-        typer.Option(
-            "--half-field", metavar="DEGREES", help="For a table without semi-diameters: largest field angle."
-        ),
+        float | None, _option("DEGREES", "For a table without semi-diameters: largest field angle.")
     ] = None,
 ) -> None:
     """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
@@ -166,20 +127,15 @@ def import_lens(
     """
     from pipeline.app.importing import import_lens
 
-    meaning = apertures and apertures.value
     beam = {"f_number": f_number, "half_field_deg": half_field}
-    _deliver(import_lens(file, spacing and spacing.value, apertures=meaning, scenario=scenario, **beam), out)
+    _deliver(import_lens(file, spacing, apertures=apertures, scenario=scenario, **beam), out)
 
 
 @imports.command("camera", cls=Verb)
 def import_camera(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
-    ] = None,
-    lens: Annotated[
-        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table for a camera of the Blender add-on.")
-    ] = None,
+    out: StageOrStdout = None,
+    lens: Annotated[Path | None, _option("FILE.csv", "Lens table for a camera of the Blender add-on.")] = None,
 ) -> None:
     """Write the camera of another program's file as a rig, and report what could not be kept."""
     from pipeline.app.importing import import_camera
@@ -191,13 +147,66 @@ def _deliver(imported: Any, out: Path | None) -> None:
     """Print warnings to stderr; print the stage to stdout, or write it to a new file and check it."""
     from pipeline.app.importing import write_stage
 
-    for line in imported.warnings:
-        note(line)
+    note(*imported.warnings)
     if out is None:
         say(imported.text.rstrip("\n"))
         return
     problems = write_stage(imported.text, out)
-    for problem in problems:
-        note(str(problem))
-    say(str(out))
+    note(*problems)
+    say(out)
     raise typer.Exit(Exit.USAGE if any(problem.is_error for problem in problems) else Exit.DONE)
+
+
+_HEADS = {
+    "lenses": ("efl_mm", "f_number", "bfd_mm", "surfaces"),
+    "rigs": ("efl_mm", "f_number", "width_px", "height_px", "pitch_mm", "microlens_types"),
+    "sensors": ("width_px", "height_px", "pitch_mm", "bits", "full_well_electrons"),
+    "mlas": ("pitch_mm", "focal_lengths_mm", "layout", "model"),
+    "targets": ("kind", "points"),
+}
+"""Figures in the columns of each table; --json has all."""
+
+
+def _kinds(incomplete: str) -> list[str]:
+    """Kinds, for completion in a shell."""
+    return [kind for kind in _HEADS if kind.startswith(incomplete)]
+
+
+def library(
+    kind: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="KIND", help="lenses, rigs, sensors, mlas or targets; by default all.", autocompletion=_kinds
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the lenses, rigs, sensors, microlens arrays and targets of the library with their key figures.
+
+    Stages refer to them by these names, as @lenses/cooke_triplet_50mm.usda@; `pipeline show` and `pipeline target`
+    describe one of them.
+    """
+    from pipeline.app.library import library as parts_of
+
+    library_parts = parts_of(kind)
+    if as_json:
+        say_json({name: [part.to_dict() for part in parts] for name, parts in library_parts.items()})
+        return
+    for number, (name, parts) in enumerate(library_parts.items()):
+        rows = [("", *_HEADS[name], "")]
+        rows += [(part.name, *(_cell(part.figures.get(head)) for head in _HEADS[name]), part.title) for part in parts]
+        say(*([""] if number else []), *_table(rows))
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, list):
+        return ", ".join(map(_cell, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines with columns as wide as their cells; numbers stand at the right."""
+    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return ["  ".join([row[0].ljust(first), *map(str.rjust, row[1:-1], others), row[-1]]).rstrip() for row in rows]

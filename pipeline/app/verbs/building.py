@@ -1,42 +1,96 @@
-"""`pipeline build`: make the output folder of a stage."""
+"""The verbs that run tasks: `pipeline build` and `run-task`."""
 
 import os
 import shlex
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.app.verbs.options import (
-    CheckDeterminism,
-    Device,
-    DryRun,
-    Engine,
-    Events,
-    Force,
-    KeepGoing,
-    NoReport,
-    Preview,
-    Profile,
-    Quiet,
-    Retries,
-    Targets,
-    Timeout,
-    Until,
-    Verbose,
-)
 from pipeline.app.verbs.planning import print_plan
 from pipeline.app.verbs.terminal import (
-    Jobs,
+    CHECKING,
+    OUTPUT,
+    RUNNING,
+    Force,
     Json,
     Out,
     Roots,
     Stage,
+    Until,
+    names_of,
     note,
+    option,
     say,
     say_json,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
+
+if TYPE_CHECKING:
+    from pipeline.engine.records import Reply
+
+Targets = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="TARGET",
+        help="Files or folders of OUT, or tasks: only these are built. By default the whole dataset.",
+        autocompletion=names_of,
+    ),
+]
+Events = Annotated[Path | None, option(OUTPUT, metavar="FILE", help="Write all events to this file, as JSON lines.")]
+Verbose = Annotated[
+    int, option(OUTPUT, "--verbose", "-v", count=True, show_default=False, help="Print a line also when a task starts.")
+]
+Quiet = Annotated[
+    int, option(OUTPUT, "--quiet", "-q", count=True, show_default=False, help="Only failures and warnings.")
+]
+Profile = Annotated[bool, option(OUTPUT, "--profile", help="Print where the time went, by kind of task and kernel.")]
+DryRun = Annotated[bool, option(RUNNING, "--dry-run", "-n", help="Only print what would run.")]
+KeepGoing = Annotated[
+    bool, option(RUNNING, "--keep-going", "-k", help="After a failure, go on with the tasks that can still run.")
+]
+Retries = Annotated[int, option(RUNNING, metavar="N", min=0, help="Number of times that a failed task is tried again.")]
+Timeout = Annotated[
+    float | None,
+    option(RUNNING, metavar="SECONDS", min=0.001, help="A task that takes longer is ended and counts as failed."),
+]
+Engine = Annotated[
+    str | None,
+    option(
+        RUNNING, metavar="dask:WHERE", help="Run tasks on a Dask cluster: the address of its scheduler, or its file."
+    ),
+]
+Device = Annotated[
+    str | None,
+    option(
+        RUNNING,
+        metavar="cuda",
+        help="Trace images, in float32, and position images on a CUDA device. By default everything runs on the CPU.",
+    ),
+]
+Preview = Annotated[
+    bool,
+    option(
+        OUTPUT,
+        "--preview",
+        help="Make pictures only, a quarter of the size and with few samples, in another output folder.",
+    ),
+]
+NoReport = Annotated[bool, option(OUTPUT, "--no-report", help="Write no report, the page in OUT.report.")]
+CheckDeterminism = Annotated[
+    float,
+    option(
+        CHECKING,
+        metavar="PERCENT",
+        min=0,
+        max=100,
+        help="Compute this share of the tasks twice and compare the bytes of their results.",
+    ),
+]
+Jobs = Annotated[
+    int | None, option(RUNNING, "--jobs", "-j", metavar="N", min=1, help="Worker processes; by default one per core.")
+]
 
 
 def build(
@@ -64,6 +118,7 @@ def build(
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.engine.options import BuildOptions
+    from pipeline.report import certificate, points
     from pipeline.report.page.diary import Diary
 
     options = BuildOptions(
@@ -93,24 +148,12 @@ def build(
             say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
         raise
     _say_result(result, as_json=as_json, profile=profile)
-    if quiet <= verbose:
-        _say_points(result.points)
-    if not no_report:
-        _write_report(result, options, diary, is_told=quiet <= verbose)
-    is_refuted = _failed_certificate(result.certificate, quiet=quiet > verbose)
+    is_told, cameras = quiet <= verbose, result.certificate or {}
+    note(*(points.lines(result.points or {}) if is_told else ()))
+    _write_report(result, options, diary, is_wanted=not no_report, is_told=is_told)
+    is_refuted = certificate.failed(cameras)
+    note(*(certificate.lines(cameras) if is_refuted or is_told else ()))
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
-
-
-def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
-    """Print the output folder or the files that were asked for, or one JSON object, and the profile if it is wanted."""
-    if as_json:
-        say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
-        return
-    if result.delivery is not None:
-        for file in ("",) if result.asked is None else result.asked:
-            say(str(result.out / file))
-    if profile:
-        _say_profile(result)
 
 
 _NOTHING: dict[str, Any] = {
@@ -124,21 +167,21 @@ _NOTHING: dict[str, Any] = {
 }
 
 
-def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
-    """Print the certificates to stderr; whether one of the cameras fails to show its accuracy."""
-    from pipeline.report.certificate import failed, lines
+def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
+    """Print the output folder or the files that were asked for, or one JSON object, and the profile if it is wanted."""
+    if as_json:
+        say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
+        return
+    if result.delivery is not None:
+        say(*(result.out / file for file in (("",) if result.asked is None else result.asked)))
+    if profile:
+        from pipeline.optics.kernels import crossings_per_second
+        from pipeline.report.profile import lines
 
-    for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
-        note(line)
-    return failed(cameras)
-
-
-def _say_points(cameras: Any) -> None:
-    """Print to stderr how many points are seen in each frame."""
-    from pipeline.report.points import lines
-
-    for line in lines(cameras or {}):
-        note(line)
+        times = _profile(result)
+        if not times["now"]:
+            note("nothing had to run; this is what the tasks took when they ran:")
+        note(*lines(times, crossings_per_second()))
 
 
 def _profile(result: Any) -> dict[str, Any]:
@@ -151,22 +194,10 @@ def _profile(result: Any) -> dict[str, Any]:
     return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or known)}
 
 
-def _say_profile(result: Any) -> None:
-    """Print the profile to stderr."""
-    from pipeline.optics.kernels import crossings_per_second
-    from pipeline.report.profile import lines
-
-    profile = _profile(result)
-    if not profile["now"]:
-        note("nothing had to run; this is what the tasks took when they ran:")
-    for line in lines(profile, crossings_per_second()):
-        note(line)
-
-
-def _write_report(result: Any, options: Any, diary: Any, *, is_told: bool) -> None:
+def _write_report(result: Any, options: Any, diary: Any, *, is_wanted: bool, is_told: bool) -> None:
     """Write the report of a whole build, and print where it is."""
     is_whole = result.delivery is not None and result.delivery.asked is None
-    if not is_whole or options.preview or os.environ.get("PIPELINE_REPORT") == "no":
+    if not (is_wanted and is_whole) or options.preview or os.environ.get("PIPELINE_REPORT") == "no":
         return
     from pipeline.app.reporting import report_of_build
 
@@ -191,3 +222,47 @@ def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Pa
         if file:
             file.close()
         ending.show()
+
+
+def run_task(
+    specs: Annotated[
+        list[Path], typer.Argument(metavar="SPEC.json", help="Written by `plan --specs`, or after a failure.")
+    ],
+    force: Annotated[bool, option(RUNNING, "--force", "-f", help="Compute even if the result exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run single tasks from their files in this process, to repeat a failure or as jobs of a batch system."""
+    from pipeline.app.build import TASKS
+    from pipeline.engine.interrupts import Interrupts
+    from pipeline.engine.running.run_task import run_task as run
+    from pipeline.engine.store.store import Store
+
+    store = Store(warn=note)
+    replies: list[Reply] = []
+    with Interrupts() as interrupts, interrupts.stopping():
+        replies += (run(path, store, TASKS, force=force) for path in specs)
+    if interrupts.arrived:
+        note("interrupted")
+        raise typer.Exit(Exit.INTERRUPTED)
+    for reply in replies:
+        if reply.state == "failed":
+            note(f"error: task {reply.name} failed")
+            log = Path(reply.log) if reply.log else None
+            note(log.read_text(encoding="utf-8", errors="replace") if log and log.is_file() else reply.error)
+            if reply.damaged:
+                note("    hint: its inputs are no longer in the store: build again, or plan --specs again")
+        elif not as_json:
+            say(f"{reply.name} {reply.state} {reply.seconds:.1f} s")
+        if reply.differs:
+            note(f"NON-DETERMINISM: {reply.name} gave other bytes than before: {', '.join(reply.differs)}")
+    if as_json:
+        say_json({"tasks": [_facts(reply) for reply in replies]})
+    code = Exit.OTHER_BYTES if any(reply.differs for reply in replies) else Exit.DONE
+    code = Exit.FAILED if any(reply.state == "failed" for reply in replies) else code
+    raise typer.Exit(Exit.MACHINE if any(reply.machine for reply in replies) else code)
+
+
+def _facts(reply: "Reply") -> dict[str, Any]:
+    outputs = asdict(reply.record)["outputs"] if reply.record else None
+    facts = {"name": reply.name, "state": reply.state, "seconds": reply.seconds, "log": reply.log}
+    return {**facts, "error": reply.error or None, "outputs": outputs, "differs": list(reply.differs)}

@@ -1,16 +1,39 @@
-"""`pipeline plan`, `explain`, `status`: the tasks that a build would run, the reasons, and the finished files."""
+"""The verbs about tasks and files: `pipeline plan`, `explain`, `status`, `graph` and `logs`."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
-from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, note, option, say, say_json
+from pipeline.app.progress import human
+from pipeline.app.verbs.terminal import (
+    OUTPUT,
+    Force,
+    Json,
+    Out,
+    Roots,
+    Stage,
+    Until,
+    names_of,
+    note,
+    option,
+    project_of,
+    require_suffix,
+    say,
+    say_json,
+)
 from pipeline.errors import Exit, UsageError
 from pipeline.spelling import frames_in_words
 
+Specs = Annotated[
+    Path | None,
+    option(OUTPUT, metavar="DIR", help="Write files for `run-task`, one per task that can run now: 0.json, 1.json …"),
+]
+Target = Annotated[
+    str, typer.Argument(metavar="TARGET", help="A task, or a file or folder of OUT.", autocompletion=names_of)
+]
 _STATES = "built", "stale", "missing"
 """States of files, best first."""
 
@@ -61,8 +84,7 @@ def explain(
     if as_json:
         say_json({"tasks": [task.to_dict() for task in tasks]})
         return
-    for line in describe_alike(tasks) if tasks else ["nothing would run"]:
-        say(line)
+    say(*(describe_alike(tasks) if tasks else ["nothing would run"]))
 
 
 def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
@@ -77,8 +99,7 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
         say_json({**head, "manifest": state.has_manifest, "files": state.files})
         return
-    for line in _status_lines(state):
-        say(line)
+    say(*_status_lines(state))
 
 
 def _status_lines(status: Any) -> Iterator[str]:
@@ -133,8 +154,71 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
         counts = {state: sum(task.state == state for task in tasks) for state in ("cached", "run", "maybe")}
         say_json({**head, **counts, "forecast": to_come.to_dict(), "tasks": rows})
     else:
-        for line in describe(tasks, to_come):
-            say(line)
+        say(*describe(tasks, to_come))
     if specs is not None:
         note(f"{len(write_specs(tasks, specs))} specs in {specs}")
     return any(task.state != "cached" for task in tasks)
+
+
+def graph(
+    stage: Stage,
+    form: Annotated[
+        Literal["mermaid", "dot", "json"], option(OUTPUT, "--format", help="Format of the output.")
+    ] = "mermaid",
+    picture: Annotated[
+        Path | None, option(OUTPUT, "--picture", metavar="FILE.svg", help="Draw the graph into this file instead.")
+    ] = None,
+    every: Annotated[
+        bool, option(OUTPUT, "--all", help="Show every task, instead of one node for all frames.")
+    ] = False,
+    out: Out = None,
+    allow_root: Roots = None,
+) -> None:
+    """Print or draw the graph of tasks, and which of them are done."""
+    from pipeline.engine.files import chosen_place
+    from pipeline.engine.planning.collapsed_graph import as_dot, as_mermaid, overview
+    from pipeline.engine.running.session import plan_of
+    from pipeline.files.drawings import write_drawing
+    from pipeline.report.graph import svg
+
+    require_suffix(picture, ".svg")
+    project = project_of(stage, out, allow_root)
+    groups = overview(project.graph, plan_of(project), collapse=not every)
+    if picture is not None:
+        with chosen_place("write", picture):
+            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
+        note(f"wrote {picture}")
+    elif form == "json":
+        say_json({"groups": [group.to_dict() for group in groups]})
+    else:
+        say("\n".join(as_mermaid(groups) if form == "mermaid" else as_dot(groups)))
+
+
+def logs(
+    stage: Stage,
+    target: Target,
+    out: Out = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+) -> None:
+    """Print the log of the last run of a task, its time, its memory and its host."""
+    from pipeline.engine.running.notes import logs_of
+
+    project = project_of(stage, out, allow_root)
+    tasks = logs_of(project, target)
+    if as_json:
+        say_json({"tasks": [asdict(task) for task in tasks]})
+        return
+    for task in tasks:
+        facts = [task.state, f"key {task.key[:12]}" if task.key else ""]
+        if made := task.made_by:
+            facts += [f"{made.seconds:.2f} s on {made.host}, {made.when}", human(made.peak_bytes)]
+        say(f"== {task.name}: {', '.join(filter(None, facts))}")
+        if task.log:
+            say(Path(task.log).read_text(encoding="utf-8", errors="replace").rstrip("\n"))
+        elif task.key:
+            say("   (it printed nothing)")
+        else:
+            say(f"   no build into {project.out} has met it; -o names another folder")
+        if task.spec:
+            say(f"   again: pipeline run-task {task.spec}")

@@ -1,16 +1,16 @@
-"""Shared parts of all verbs. Data go to stdout, messages and progress to stderr."""
+"""Shared parts of all verbs: options, and how they print. Data go to stdout, messages and progress to stderr."""
 
 import contextlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import typer.core
 
-from pipeline.errors import EnvironmentFault, UsageError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
@@ -26,14 +26,33 @@ Stage = Annotated[Path, typer.Argument(metavar="STAGE", help="The dataset: a USD
 Out = Annotated[
     Path | None, option(OUTPUT, "--out", "-o", metavar="OUT", help="Output folder; by default build/NAME-OF-THE-STAGE.")
 ]
-Jobs = Annotated[
-    int | None, option(RUNNING, "--jobs", "-j", metavar="N", min=1, help="Worker processes; by default one per core.")
-]
 Roots = Annotated[
-    list[Path] | None,
-    option(READING, "--allow-root", metavar="DIR", help="A further folder from which the stage may read files."),
+    list[Path] | None, option(READING, metavar="DIR", help="A further folder from which the stage may read files.")
 ]
 Json = Annotated[bool, option(OUTPUT, "--json", help="Print one JSON object.")]
+Force = Annotated[
+    list[str] | None,
+    option(RUNNING, "--force", "-f", metavar="TASK", help="Run this task again, even if its result exists."),
+]
+Until = Annotated[
+    list[str] | None, option(RUNNING, metavar="TASK", help="Run up to this task and fill only the store.")
+]
+
+
+def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Tasks and files of the stage that was typed, for completion in a shell."""
+    try:
+        stage = project_of(ctx.params["stage"], ctx.params.get("out"), ctx.params.get("allow_root"))
+    except (PipelineError, KeyError, TypeError):
+        return []  # completion cannot show messages
+    return [name for name in [*stage.graph, *stage.files] if name.startswith(incomplete)]
+
+
+def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None) -> Any:
+    """The project of a stage."""
+    from pipeline.app.build import project
+
+    return project(stage, out, tuple(allow_root or ()))
 
 
 def library_file(path: Any) -> Any:
@@ -95,17 +114,11 @@ class ReaderGone(Exception):
     """The reader of our output has closed it."""
 
 
-def say(text: str) -> None:
-    """Print data to stdout.
-
-    Raises
-    ------
-    ReaderGone
-    EnvironmentFault
-        The output cannot be written, for example because the disk is full.
-    """
-    with _writing():
-        print(text)
+def say(*lines: object) -> None:
+    """Print data to stdout: ReaderGone, or EnvironmentFault where they cannot be written, as on a full disk."""
+    for line in lines:
+        with _writing():
+            print(line)
 
 
 def written() -> None:
@@ -140,8 +153,9 @@ def number_of(count: int, thing: str) -> str:
     return f"{count} {thing}{'s' * (count != 1)}"
 
 
-def note(text: str) -> None:
-    """Print a message to stderr, after flushing the data printed before: both may go to the same pipe."""
+def note(*lines: object) -> None:
+    """Print messages to stderr, after flushing the data printed before: both may go to the same pipe."""
     with contextlib.suppress(OSError):  # reported when the command ends
         sys.stdout.flush()
-    print(text, file=sys.stderr, flush=True)
+    for line in lines:
+        print(line, file=sys.stderr, flush=True)

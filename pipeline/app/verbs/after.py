@@ -1,0 +1,182 @@
+"""The verbs after a build: `pipeline export`, `fit` and `report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note, option, require_suffix, say
+from pipeline.errors import UsageError
+
+BuiltFolder = Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")]
+
+
+def _formats(incomplete: str) -> list[str]:
+    """Formats, for completion in a shell; after a comma the next one."""
+    from pipeline.formats import names
+
+    before, comma, begun = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in names() if name.startswith(begun)]
+
+
+def _print_formats(wanted: bool) -> None:
+    if not wanted:
+        return
+    from pipeline.formats import ExportError, format_of, names
+
+    width = max(map(len, names()), default=0)
+    for name in names():
+        try:
+            record = format_of(name)
+        except ExportError as error:
+            say(f"{name:{width}}  {error.what}")
+            continue
+        say(f"{name:{width}}  {record.consumer}: {', '.join(record.files)} [cameras: {record.cameras}]")
+    raise typer.Exit
+
+
+def export(
+    formats: Annotated[
+        str,
+        typer.Argument(
+            metavar="FORMAT[,FORMAT]…",
+            help="One of --list, or several; opencv:saddle takes these positions.",
+            autocompletion=_formats,
+        ),
+    ],
+    out: BuiltFolder,
+    folder: Annotated[
+        Path | None,
+        option(
+            OUTPUT,
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="Each format gets a folder in there; by default exports/NAME-OF-OUT.",
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only this camera or target; as often as you like."),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PX[,outliers=SHARE][,outlier_px=PX][,missed=SHARE][,seed=N]",
+            help="Add Gaussian noise, outliers and missed points; every file says so.",
+        ),
+    ] = None,
+    listed: Annotated[
+        bool,
+        typer.Option("--list", is_eager=True, callback=_print_formats, help="Say which formats there are, and end."),
+    ] = False,
+) -> None:
+    """Write the exact positions, cameras and poses of a build as files that other programs read.
+
+    docs/exports.md has what their numbers mean: pixel origin, axes, poses, units, numbers of microlenses.
+    """
+    from pipeline.engine.files import chosen_place
+    from pipeline.exports.export import Request
+    from pipeline.exports.export import export as written
+    from pipeline.exports.noise import Noise, noise_of
+    from pipeline.results.output import open_output
+
+    output = open_output(out)
+    place = folder or Path("exports") / out.absolute().name
+    request = Request(only=tuple(only or ()), noise=noise_of(noise) if noise else Noise())
+    with chosen_place("write", place):
+        for path in written(output, formats.split(","), place, request):
+            say(path)
+
+
+def _print_models(wanted: bool) -> None:
+    if not wanted:
+        return
+    from pipeline.fits.models import MODELS
+    from pipeline.fits.result import ALL, THIN_LENS
+
+    for name, model in MODELS.items():
+        say(f"{name:20}  {model.consumer}")
+    say(f"{THIN_LENS:20}  a thin lens before pinholes, as libpleno has it: plenoptic cameras")
+    say(f"{ALL:20}  all of them")
+    raise typer.Exit
+
+
+def fit(
+    place: Annotated[
+        Path,
+        typer.Argument(metavar="STAGE|OUT", help="A dataset, a rig or the folder of a build.", callback=library_file),
+    ],
+    camera: Annotated[
+        str | None, typer.Argument(metavar="CAMERA", help="Name of the camera, if there are several.")
+    ] = None,
+    models: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model", "-m", metavar="NAME[,NAME]…", help="Models of --list; by default brown, OpenCV's 5 coefficients."
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw the residuals of the best model.")
+    ] = None,
+    layer: Annotated[
+        Path | None,
+        option(
+            OUTPUT,
+            "--out",
+            "-o",
+            metavar="FILE.usda",
+            help="Write a layer on top of STAGE with the schemas OmniLensDistortion…API on the camera.",
+        ),
+    ] = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+    listed: Annotated[
+        bool,
+        typer.Option("--list", is_eager=True, callback=_print_models, help="Say which models there are, and end."),
+    ] = False,
+) -> None:
+    """Fit models of other programs to the exact rays of a camera, and say what they cannot explain.
+
+    Residuals over the image, at other distances, and the entrance pupil over the field. docs/fits.md.
+    """
+    from pipeline.app.fitting import fit as fitted
+    from pipeline.files.jsonfile import json_bytes
+    from pipeline.fits.result import document, page
+
+    require_suffix(plot, ".svg")  # before anything is computed
+    if layer is not None and (layer.suffix != ".usda" or layer.exists()):
+        wrong = "exists" if layer.exists() else "must end in .usda"
+        raise UsageError(f"{layer} {wrong}", hint="choose another name")
+    names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
+    camera_fit = fitted(place, camera, names, tuple(allow_root or ()))
+    fits = camera_fit.camera
+    say(json_bytes(document(fits)).decode().rstrip("\n") if as_json else "\n".join(page(fits)))
+    if camera_fit.left_out is not None:
+        note(f"no thin lens before pinholes: {camera_fit.left_out}")
+    for path, write in ((plot, camera_fit.plot), (layer, camera_fit.layer)):
+        if path is not None:
+            write(path)
+            note(f"wrote {path}")
+
+
+def report(
+    out: BuiltFolder,
+    folder: Annotated[
+        Path | None,
+        option(OUTPUT, "--out", "-o", metavar="FOLDER", help="Folder of the report; by default OUT.report."),
+    ] = None,
+    show: Annotated[bool, option(OUTPUT, "--open", help="Open the page in the browser of this desktop.")] = False,
+) -> None:
+    """Write one page about a build: certificate, images with their truth, scene, lens, spots, residuals, tasks.
+
+    It works from disk, without a network. `pipeline build` writes it, too, unless told --no-report.
+    """
+    from pipeline.app.reporting import report as written
+    from pipeline.engine.files import chosen_place
+
+    with chosen_place("write", folder or out):
+        page = written(out, folder, warn=note)
+    say(page)
+    if show:
+        typer.launch(page.absolute().as_uri())
