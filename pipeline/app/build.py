@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import os
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -205,24 +204,21 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
     which this process meets and reports then.
     """
-    with (
-        contextlib.suppress(OSError),
-        tempfile.TemporaryDirectory(prefix="kernels-") as claims,
-        contextlib.ExitStack() as last,
-    ):
-        process = last.enter_context(
-            subprocess.Popen(
-                command("pipeline.app.compile_kernels:compile_apart", claims, *steps),
+    with contextlib.suppress(OSError), contextlib.ExitStack() as last:
+        processes = []
+        for order in ("1", "-1"):
+            process = subprocess.Popen(
+                command("pipeline.app.compile_kernels:compile_apart", order, *steps),
                 env={**os.environ, **settings()},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 start_new_session=True,
                 text=True,
             )
-        )
-        last.callback(process.kill)
-        names, _ = process.communicate()
-        return None if process.returncode else set(names.split())
+            processes.append(last.enter_context(process))
+            last.callback(process.kill)
+        names = [name for process in processes for name in process.communicate()[0].split()]
+        return None if any(process.returncode for process in processes) else set(names)
     return None
 
 

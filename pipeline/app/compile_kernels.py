@@ -1,13 +1,10 @@
 """Compile kernels by calling them with tiny cameras. Workers then find the compiled code in the kernel cache."""
 
-import contextlib
 import dataclasses
 import gc
 import os
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -22,7 +19,6 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.jit.files import opened
-from pipeline.machine.facts import command
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow import TargetLight
@@ -39,11 +35,11 @@ from pipeline.targets.target import AnyTarget, Target
 from pipeline.truth.grid import quad_search
 
 
-def compile_kernels(steps: Iterable[str]) -> set[str]:
+def compile_kernels(steps: Iterable[str], order: int = 1) -> set[str]:
     """Call every kernel of these steps once, with the types that real tasks use; the names of their folders."""
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
-        for part in _parts(steps):
+        for part in [part for step in steps for part in _RUN[step]][::order]:
             part()
     finally:
         gc.enable()
@@ -51,40 +47,13 @@ def compile_kernels(steps: Iterable[str]) -> set[str]:
 
 
 def compile_apart() -> NoReturn:
-    """Compile steps, print the names of the folders, and end the process. Arguments: a folder of claims, the steps.
+    """Compile steps and print the names of the folders. Arguments: 1, or -1 to begin at the end, and the steps.
 
-    Whoever makes the folder of a part compiles it. All parts need the first one, so that a second process starts after
-    it, and works from the end. A process ends at once: to free one by one what the compiler has left takes seconds.
+    Two processes share the work like this: what one has compiled, or is compiling, the other one loads. The process
+    ends at once: to free one by one what the compiler has left takes seconds.
     """
-    gc.disable()
-    claims, *steps = sys.argv[1:]
-    parts = _parts(steps)
-    numbers = list(range(1, len(parts)))
-    with contextlib.ExitStack() as last:
-        if _is_claimed(Path(claims, "0")):
-            parts[0]()
-            with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-                last.enter_context(subprocess.Popen(command(f"{__name__}:compile_apart", *sys.argv[1:])))
-        else:
-            numbers.reverse()
-        for number in numbers:
-            if _is_claimed(Path(claims, str(number))):
-                parts[number]()
-    print(*opened, sep="\n", flush=True)
+    print(*compile_kernels(sys.argv[2:], int(sys.argv[1])), sep="\n", flush=True)
     os._exit(0)
-
-
-def _parts(steps: Iterable[str]) -> list[Callable[[], object]]:
-    return [part for step in steps for part in _RUN[step]]
-
-
-def _is_claimed(folder: Path) -> bool:
-    """Whether a part is this process's from now on; not if another has it, or nobody waits any more."""
-    try:
-        folder.mkdir()
-    except OSError:
-        return False
-    return True
 
 
 def _tracer() -> Tracer:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.folders import user_cache
-from pipeline.jit.files import no_full_disk, open_folder, seal
+from pipeline.jit.files import locked, no_full_disk, open_folder, seal
 from pipeline.jit.work import calling, loading, work
 from pipeline.machine.processor import level, settings_of_numba
 
@@ -109,7 +109,7 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
         self.function, self._kind, self._compiled = function, kind, None
-        self._folder: Path | None = None
+        self.folder = Path()
         self._sealed = 0
 
     @property
@@ -124,9 +124,9 @@ class Kernel:
 
     def _dispatcher(self) -> Any:
         numba, function = _numba(), self.function
-        self._folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
+        self.folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
         usual = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(self._folder)  # Numba asks for it when it makes the dispatcher
+        numba.config.CACHE_DIR = str(self.folder)  # Numba asks for it when it makes the dispatcher
         try:
             return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(function)
         finally:
@@ -137,7 +137,7 @@ class Kernel:
             driver = self._driver
             dispatcher = driver.compiled
             if not dispatcher.overloads:
-                with loading(), _LOCK, no_full_disk(cache_folder()):
+                with loading(), _LOCK, no_full_disk(cache_folder()), locked(driver.folder):
                     dispatcher.compile(tuple(map(_numba().typeof, arguments)))
                     seal_kernels()
             result = dispatcher(*arguments)
@@ -153,10 +153,10 @@ class Kernel:
     def seal(self) -> None:
         """Close the folder of the code if Numba has put more there."""
         known = len(self.compiled.overloads)
-        if self._folder is not None and known != self._sealed:
+        if known != self._sealed:
             self._sealed = known
             if self.compiled.stats.cache_misses:
-                seal(self._folder)
+                seal(self.folder)
 
     def count(self, rays: int, surfaces: int) -> None:
         """Note that calls of this kernel, in this thread, have started so many rays through so many surfaces."""
@@ -205,13 +205,17 @@ def _numba() -> Any:
     class KernelType(types.Dispatcher):
         """Type of a kernel that another one calls. It is compiled for numbers, and not once more for 0 and 1."""
 
-        def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
-            return super().get_call_type(context, tuple(map(types.unliteral, arguments)), keywords)
+        def __init__(self, kernel: Kernel) -> None:
+            super().__init__(kernel.compiled)
+            self.kernel = kernel
 
-    @extending.typeof_impl.register(Kernel)
-    def type_of(kernel: Kernel, context: Any) -> Any:
-        seal_kernels()  # those that are finished, for other processes
-        return KernelType(kernel.compiled)
+        def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
+            with locked(self.kernel.folder):
+                call_type = super().get_call_type(context, tuple(map(types.unliteral, arguments)), keywords)
+                self.kernel.seal()
+            return call_type
+
+    extending.typeof_impl.register(Kernel)(lambda kernel, context: KernelType(kernel))
 
     extending.register_model(KernelType)(extending.models.OpaqueModel)
     single, double = types.float32, types.float64

@@ -7,6 +7,7 @@ say, or may be another user's, is thrown away whole, and the kernel is compiled 
 
 import contextlib
 import errno
+import fcntl
 import functools
 import hashlib
 import os
@@ -44,8 +45,9 @@ def open_folder(folder: Path) -> Path:
     opened.add(folder.name)
     make_folder(folder.parent)
     if _is_private(folder.parent):
-        with contextlib.suppress(OSError), no_full_disk(folder):
-            if os.path.lexists(folder) and not is_whole(folder):
+        with contextlib.suppress(OSError), no_full_disk(folder), locked(folder):
+            is_new = _is_private(folder) and not any(folder.rglob("*.nb?"))
+            if os.path.lexists(folder) and not is_new and not is_whole(folder):
                 if not folder.is_dir() or (folder / _DIGESTS).is_file():  # else a process was killed that compiled
                     say(f"the compiled kernel {folder} is damaged; it is compiled again")
                 aside = _aside(folder, "damaged")
@@ -64,6 +66,21 @@ def open_folder(folder: Path) -> Path:
         )
         stand_in.mkdir(exist_ok=True)
     return stand_in
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder of a kernel while code is put into it: others wait, and then load what they would have compiled.
+
+    Numba's index is not made for two processes that save at a time. Callers are held before what they call, so that
+    nobody waits in a circle. Without locks, as on some network file systems, nothing is held.
+    """
+    with contextlib.ExitStack() as last:
+        with contextlib.suppress(OSError):
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            last.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
 
 
 def seal(folder: Path) -> None:

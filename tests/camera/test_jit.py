@@ -304,14 +304,23 @@ def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkey
     assert len(calls) == 3
 
 
-def test_two_processes_share_the_work_and_name_the_folders_that_they_opened(tmp_path):
-    """Each part is compiled by the one that makes its folder."""
-    (tmp_path / "claims").mkdir()
-    apart = command("pipeline.app.compile_kernels:compile_apart", str(tmp_path / "claims"), "search", "sensor")
-    environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path / "jit")}
+def test_two_processes_compile_each_kernel_once_and_name_the_folders_that_they_opened(tmp_path):
+    """What one compiles, the other one waits for: Numba keeps a file per types, numbered from 1."""
+    environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path / "jit"), "NUMBA_DEBUG_CACHE": "1"}
     environment.pop("PYTHONUNBUFFERED", None)  # what is said last must arrive all the same
-    names = subprocess.run(apart, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
-    assert {path.name for path in tmp_path.glob("claims/*")} == {"0", "1"}
-    assert {*names} == {path.name for path in tmp_path.glob("jit/*/*")}
+    both = [
+        subprocess.Popen(
+            command("pipeline.app.compile_kernels:compile_apart", order, "search", "sensor"),
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for order in ("1", "-1")
+    ]
+    lines = [line for process in both for line in process.communicate()[0].splitlines()]
+    saved = [line for line in lines if line.startswith("[cache] data saved to")]
+    names = {line for line in lines if not line.startswith("[cache]")}
+    assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) > len(names) / 2
+    assert names == {path.name for path in tmp_path.glob("jit/*/*")}
     assert {"quads_that_hold-kernel", "solve_quads-kernel"} <= {name.rpartition(".")[2] for name in names}
     assert all(files.is_whole(path) for path in tmp_path.glob("jit/*/*"))
