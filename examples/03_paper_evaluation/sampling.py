@@ -13,7 +13,7 @@ from pipeline.camera.parts.polygon import fan
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.microlens_kernels import X, Y
 from pipeline.camera.tracing.moments import cross
-from pipeline.camera.tracing.packets import Anchor, aim_into, draw, region_drift, send_packet
+from pipeline.camera.tracing.packets import Aims, Anchor, aim_into, draw, region_drift, send_packet
 from pipeline.camera.tracing.records import Samples, SensorPoints, Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP, Fan, bound, new_region
 from pipeline.camera.tracing.sobol import hash32, sobol_bits
@@ -110,7 +110,7 @@ def _means(camera, planes, samples, starts, independent, stops, result):
                 start_x[i] = sx + width * (start_x[i] - 0.5)
                 start_y[i] = sy + width * (start_y[i] - 0.5)
             anchor = Anchor(sx, sy, region_drift(camera, microlens[n]))
-            aim_into(region, fan_of, anchor, start, x, y, packet.scratch)
+            aim_into(region, fan_of, anchor, Aims(x, y, start_x, start_y, packet.scratch))
             send_packet(camera, microlens[n], start, PACKET, packet)
             for p in range(planes.shape[0]):
                 started_here = _add(planes[p], packet, started, pivot[p], sums[p])
