@@ -10,9 +10,9 @@ import pytest
 from builds import tiny
 from laws import rigs
 
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.prescription import Prescription
+from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.grid.ray_grid import RayGrid
 
 
@@ -51,6 +51,16 @@ def conventional() -> Camera:
 def plenoptic() -> Camera:
     """The paper's plenoptic camera before 128 x 96 pixels of 10 micrometres."""
     return rigs.plenoptic(extent_mm=3.0)
+
+
+@pytest.fixture(scope="session")
+def ideal() -> Camera:
+    """An ideal thin lens of 50 mm with its stop of 10 mm, focused at 500 mm."""
+    lens = Surface(semi_diameter_mm=5.0, focal_length_mm=50.0, thickness_mm=0.0)
+    stop = Surface(semi_diameter_mm=5.0, is_stop=True)
+    sensor = Sensor(width_px=600, height_px=400, pitch_mm=0.01)
+    prescription = Prescription(surfaces=(lens, stop))
+    return Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=500 * 50 / 450)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,9 @@
 """Text that stages of the tests have in common."""
 
 import re
+from pathlib import Path
+
+DATA = Path(__file__).parent / "data"
 
 
 def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
@@ -20,3 +23,17 @@ def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
 def without_method(stage: str) -> str:
     """The same stage without an opinion on `plen:truth:method`, so that a test can write its own."""
     return re.sub(" *uniform token plen:truth:method = .*\n", "", stage)
+
+
+def edited(stage: str, *edits: tuple[str, str]) -> str:
+    """The same stage with texts replaced, each of which it has."""
+    for old, new in edits:
+        assert old in stage, f"{old!r} is not in the stage"
+        stage = stage.replace(old, new)
+    return stage
+
+
+def tiny_text(kind: str, *edits: tuple[str, str]) -> str:
+    """The stage of `tiny_conventional` or `tiny_plenoptic`, which finds the library from any folder, with edits."""
+    text = (DATA / f"tiny_{kind}/dataset.usda").read_text(encoding="utf-8")
+    return edited(text.replace("@../../../stages/", "@"), *edits)

@@ -5,17 +5,13 @@ import os
 import subprocess
 from pathlib import Path
 
-import numba
-import numpy as np
 import pytest
 
 from pipeline.app.build import compile_once, project, steps_of
-from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
-from pipeline.jit.decorators import Kernel, inline, kernel, unit
+from pipeline.jit.decorators import Kernel
 from pipeline.machine.facts import command
-from pipeline.optics.kernels import PACKET, new_packet
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
@@ -46,64 +42,9 @@ def test_kernels_are_known_by_all_sources_that_they_reach(package):
     assert decorators._digest_of(reached) != before
 
 
-def test_a_source_with_another_time_is_another_source(package):
-    """Numba would compile its kernels again, each worker for itself."""
-    before = decorators._digest_of([package / "units.py"])
-    os.utime(package / "units.py", (1.0, 1.0))
-    assert decorators._digest_of([package / "units.py"]) != before
-
-
-def test_processes_that_are_started_believe_the_digest_only_of_the_same_sources(monkeypatch):
-    """It takes each of them a third of a second to find by itself."""
-    monkeypatch.delenv(decorators._TOLD, raising=False)
-    digest_of_this = decorators._digest_of_this.__wrapped__
-    digest = digest_of_this()
-    monkeypatch.setattr(decorators, "_reached", set)
-    assert digest_of_this() == digest
-    monkeypatch.setenv(decorators._TOLD, f"others {digest}")
-    assert digest_of_this() != digest
-
-
 def twice(x):
     """What is compiled here."""
     return 2.0 * x
-
-
-@unit
-def sum_of_squares(x, count):
-    """Part of a kernel."""
-    total = 0.0
-    for i in range(count):
-        total += square(x[i])
-    return total
-
-
-@inline
-def square(x):
-    """Part of the part."""
-    return x * x
-
-
-@kernel
-def with_literals(x):
-    """Driver that calls the same with two literals, and with a number."""
-    return sum_of_squares(x, 0) + sum_of_squares(x, 1) + sum_of_squares(x, x.size)
-
-
-def test_functions_that_others_compile_may_call_ours():
-    """Also those that make arrays, and call code of Numba for it."""
-    made = new_packet.compiled
-
-    @numba.njit
-    def rays():
-        packet = made()
-        return packet.x.shape[0], packet.scratch.shape[1]
-
-    assert rays() == (PACKET, PACKET)
-
-
-def test_python_may_call_parts_of_kernels():
-    assert square(3.0) == 9.0 and sum_of_squares(np.array([3.0, 4.0]), 2) == 25.0
 
 
 @pytest.fixture
@@ -133,42 +74,14 @@ def code_in(folder):
     return path
 
 
-def test_a_kernel_is_compiled_for_numbers_and_not_for_each_literal(folder, monkeypatch):
-    part = Kernel(sum_of_squares.function, "unit")
-    monkeypatch.setitem(globals(), "sum_of_squares", part)
-    assert Kernel(with_literals.function, "kernel")(np.array([3.0, 4.0])) == 9.0 + 25.0
-    assert len(part.compiled.overloads) == 1
-
-
-def test_kernels_and_units_are_kept_each_by_itself(folder, monkeypatch, said):
-    monkeypatch.setitem(globals(), "sum_of_squares", Kernel(sum_of_squares.function, "unit"))
-    for hits in (0, 1):
-        driver = Kernel(with_literals.function, "kernel")
-        driver(np.array([3.0, 4.0]))
-        assert sum(driver.compiled.stats.cache_hits.values()) == hits
-    names = {path.name.rpartition(".")[2] for path in folder.iterdir()}
-    assert {"with_literals-kernel", "sum_of_squares-unit"} <= names and not said
-
-
 def test_a_kernel_of_other_types_is_kept_beside(folder, said):
     fresh = Kernel(twice, "kernel")
     assert fresh(4.0) == fresh(4) == 8.0
     assert is_loaded() and is_loaded(4) and not said
 
 
-def test_what_a_kernel_of_other_types_calls_is_closed_too(folder, monkeypatch, said):
-    monkeypatch.setitem(globals(), "sum_of_squares", Kernel(sum_of_squares.function, "unit"))
-    driver = Kernel(with_literals.function, "kernel")
-    driver(np.array([3.0, 4.0]))
-    driver(np.array([3.0, 4.0], np.float32))
-    assert len(driver.compiled.overloads) == 2
-    assert all(files.is_whole(path) for path in folder.iterdir()) and not said
-
-
 DAMAGE = {
-    "empty": lambda path: path.write_bytes(b""),
     "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
-    "zeros": lambda path: path.write_bytes(bytes(path.stat().st_size)),
     "a flipped bit": lambda path: path.write_bytes(b"\x81" + path.read_bytes()[1:]),
     "another": lambda path: path.with_name("another.nbc").write_bytes(path.read_bytes()),
     "none": lambda path: path.unlink(),
@@ -185,15 +98,6 @@ def test_a_damaged_kernel_is_compiled_again_once_and_never_executed(folder, said
     assert not is_loaded()
     assert ["is damaged" in text and str(folder) in text for text in said] == [True]
     assert is_loaded() and len(said) == 1
-
-
-@pytest.mark.parametrize("thing", ["file", "link", "pipe"])
-def test_what_stands_in_the_place_of_the_folder_of_a_kernel_is_removed(folder, said, thing):
-    is_loaded()
-    (place,) = folder.iterdir()
-    place.rename(folder / "away")
-    {"file": Path.touch, "link": lambda path: path.symlink_to("away"), "pipe": os.mkfifo}[thing](place)
-    assert not is_loaded() and is_loaded() and "is damaged" in str(said)
 
 
 def test_code_of_a_process_that_was_killed_before_it_closed_the_folder_is_not_used(folder, said):
@@ -257,28 +161,6 @@ def test_a_graph_compiles_what_its_tasks_call():
     assert steps("examples/01_conventional") == ("lens", "images")
     assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images")
     assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
-
-
-def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
-    focus = task(
-        "focus", {"camera": None, "request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}}
-    )
-    image = task("image", {"view": {"targets": [{"target": {"kind": "mesh"}}]}})
-    assert steps_of([focus]) == ("lens", "microlenses")
-    assert steps_of([image, focus]) == ("lens", "microlenses", "images", "company", "shapes")
-    lit = task("image", {"view": {"targets": [], "lighting": {"lamps": []}}})
-    assert steps_of([lit]) == ("lens", "images", "company", "lighting")
-    sheet = {"target": {"surface": {"kind": "flat"}}}
-    assert steps_of([task("image_tile", {"view": {"targets": [sheet]}})]) == ("lens", "images")
-    assert steps_of([task("image_pass", {"view": {"targets": [sheet, sheet]}})]) == ("lens", "images", "company")
-    hidden = {"view": {"targets": [sheet], "occluders": [{}]}}
-    assert steps_of([task("image_tile", hidden)]) == ("lens", "images", "company")
-    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens",)
-
-
-def task(kind, params):
-    """A task of a graph."""
-    return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, reads={})
 
 
 def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkeypatch):

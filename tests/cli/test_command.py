@@ -239,7 +239,7 @@ def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path
 def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):
     said = pipeline("logs", stage(), "rays")[1]
     assert "never built" in said and "; -o names another folder" in said
-    pipeline("build", stage(), "-j1")
+    pipeline("build", stage(), "-j2")
     code, output, _ = pipeline("logs", "s.json", "image")
     assert code == 0 and output.count("rendering\n") == 2
     assert re.search(

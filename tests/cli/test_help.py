@@ -41,14 +41,6 @@ def test_help_shows_every_word_of_its_source_and_no_type_where_no_value_is_expec
         assert f" {name} " in shown
 
 
-def test_options_of_a_build_stand_in_panels_by_what_they_are_about():
-    shown = CliRunner(env={"COLUMNS": "120"}).invoke(cli.app, ["build", "--help"]).output
-    titles = ["Arguments", "Options", "Output", "Running", "Checking results", "Reading the stage"]
-    places = [shown.index(f"─ {title} ─") for title in titles]
-    assert places == sorted(places)
-    assert places[2] < shown.index("--json") < places[3] < shown.index("--jobs") < places[4]
-
-
 def test_a_shell_completes_verbs_and_the_tasks_and_files_of_a_stage():
     from pipeline.app.verbs.terminal import names_of
 

@@ -15,7 +15,6 @@ from shorter import few
 from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
 from pipeline.camera.focusing.depth_of_field import foci, focused
 from pipeline.camera.parts.camera import Camera
-from pipeline.errors import UsageError
 from pipeline.folders import share
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance
@@ -187,16 +186,6 @@ def test_what_is_around_the_points_is_in_the_image_as_well():
     board, wider = (Checkerboard(columns=4, rows=3, square_mm=square) for square in (1.2, 1.6))
     for pose in filled(camera, Target(board), Wish(count=8, seed=3, blur_px=4.0))[1]:
         assert len(solved(rig_of(camera), wider, pose.vision_from_target).solutions.point) == 12
-
-
-@pytest.mark.heavy
-def test_a_target_that_is_too_large_is_refused():
-    """The command says so in `test_what_cannot_be_is_refused_and_nothing_is_written`."""
-    for fit in (False, True):
-        with pytest.raises(UsageError, match="shows enough of it") as error:
-            board = Target(Checkerboard(columns=4, rows=3, square_mm=30.0))
-            filled(rigs.conventional(), board, Wish(count=1, fit=fit))
-        assert ("--fit" in error.value.hint) is not fit  # nobody is told to do what he did
 
 
 def write_rig(run, kind: str) -> None:

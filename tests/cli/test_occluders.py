@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stage_text import without_method
+from stage_text import tiny_text, without_method
 
 import pipeline
 from pipeline.app.verify import verify
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
 
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 SCREEN = """
     rel plen:occluders = </TinyConventional/Screen>
 
@@ -37,8 +36,7 @@ SCREEN = """
 def built(tmp_path_factory) -> tuple[Path, Path]:
     """Output folders of the tiny dataset without and with a bright screen that covers its right half in frame 1."""
     folder = tmp_path_factory.mktemp("occluders")
-    # By search path: the copy does not lie beside the library.
-    text = TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    text = tiny_text("conventional")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PIPELINE_CACHE", str(folder / "store"))
         for name, content in (("free", text), ("covered", text.rstrip().removesuffix("}") + SCREEN + "}\n")):

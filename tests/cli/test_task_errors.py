@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import pytest
+from stage_text import tiny_text
 
 import pipeline
 from pipeline import cli
 from pipeline.app.progress import Ending
-
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
 @pytest.fixture
@@ -17,7 +16,7 @@ def dark(tmp_path, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     monkeypatch.chdir(tmp_path)
     ring = 'uniform double plen:innerSemiDiameter = 4.4999999\nuniform token plen:apertureShape = "annular"'
-    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    text = tiny_text("conventional")
     over = f'over "Lens"\n{{\nover "Stop"\n{{\n{ring}\n}}\n}}\n'
     text = text.replace('        over "Sensor"', f'{over}        over "Sensor"')
     Path("dataset.usda").write_text(text, encoding="utf-8")

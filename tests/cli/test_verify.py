@@ -169,14 +169,6 @@ def test_a_stage_that_does_not_belong_to_the_folder_disagrees(out):
     assert problem.startswith("dataset.usda is no stage that could have been built")
 
 
-def test_every_exit_code_stands_once_in_the_table():
-    """One code, one meaning."""
-    text = (Path(__file__).parents[2] / "docs" / "engine.md").read_text(encoding="utf-8")
-    rows = text.split("| exit code | meaning |")[1].split("\n\n")[0].splitlines()[2:]
-    codes = [int(code) for row in rows for code in row.split("|")[1].split(",")]
-    assert sorted(codes) == sorted(Exit)
-
-
 def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, monkeypatch):
     """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from stage_text import tiny_text
 
 TESTS = Path(__file__).parents[1]
 SINGLE_MM, SINGLE = 2e-4, 1e-5
@@ -17,7 +18,6 @@ A pixel of these rigs is 300 micrometres there."""
 
 SMALL = {
     "conventional": (
-        ("@../../../stages/rigs/", "@rigs/"),
         ("Aperture = 32", "Aperture = 8"),
         ("Aperture = 24", "Aperture = 6"),
         ("(32, 24)", "(8, 6)"),
@@ -82,12 +82,8 @@ def test_rays_of_images_have_the_bits_of_compiled_float32() -> None:
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 def test_a_build_on_a_device_has_the_truth_of_processors(kind: str, tmp_path: Path) -> None:
     """Certificate and rows to the byte; images to the rounding of float32, and they say what traced them."""
-    text = (TESTS / "data" / f"tiny_{kind}" / "dataset.usda").read_text("utf-8")
-    for whole, small in SMALL[kind]:
-        assert whole in text
-        text = text.replace(whole, small)
     stage = tmp_path / "dataset.usda"
-    stage.write_text(text, "utf-8")
+    stage.write_text(tiny_text(kind, *SMALL[kind]), "utf-8")
     outputs = built(stage, tmp_path / "a"), built(stage, tmp_path / "b", "--device", "cuda")
     processor, device = outputs
     tables = [sorted(path.relative_to(out) for path in out.rglob("correspondences.*")) for out in outputs]

@@ -111,7 +111,7 @@ def test_status_says_built_stale_and_missing(out):
     assert status_of(edited).files[image(0)] == "missing"
 
 
-@pytest.mark.parametrize("path", ["../x", "/etc/x", "a//b", "a/./b", "manifest.json", "a\\b"])
+@pytest.mark.parametrize("path", ["../x", "/etc/x", "a//b", "a/./b", "manifest.json", "a\\b", "a\0b", ""])
 def test_no_file_lands_outside_the_folder(tmp_path, path):
     project = toy.project(tmp_path / "out")
     project.files[path] = b"x"

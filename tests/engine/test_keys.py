@@ -206,9 +206,10 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         assert loaded - libraries == set(), names
 
 
-def test_only_tasks_of_the_pipeline_are_accepted_by_default():
+@pytest.mark.parametrize("kind", ["toykit.tasks.lens", "os", "pipeline.cli", "pipeline.tasks.../os", "pipeline.tasks"])
+def test_only_tasks_of_the_pipeline_are_accepted_by_default(kind):
     with pytest.raises(UnknownKind):
-        TaskGraph().add("a", "toykit.tasks.lens", {})
+        TaskGraph().add("a", kind, {})
 
 
 def test_a_task_can_only_read_tasks_that_exist():

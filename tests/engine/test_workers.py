@@ -99,14 +99,6 @@ def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
     assert build(project, BuildOptions(jobs=2, timeout_s=2.0)).exit_code == 0
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
-    run(toy.project(tmp_path / "out").graph, store, BuildOptions(jobs=jobs))
-    assert "rendering" not in capfd.readouterr().out
-    logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
-    assert logs == ["rendering\n"] * 2
-
-
 def test_ended_workers_leave_nothing_in_the_store(tmp_path, cache):
     assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=2)).exit_code == 0
     assert not list((cache / "tmp").iterdir())

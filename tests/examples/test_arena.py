@@ -227,13 +227,6 @@ RESULTS = {
 }
 
 
-def test_tables_print_what_was_judged_and_nothing_for_what_was_not_found():
-    text = tables.tables(RESULTS)
-
-    assert "| Good     | +0.010 -0.020 |" in text and "| Good     | 0.020 0.010 +0.0 |" in text
-    assert "| Blind    | 0 % +3.0 |" in text and "| Blind    | -     |" in text
-
-
 @pytest.mark.parametrize("covariance_px2", [[[1e-4, 0.0], [0.0, 0.0]], [[1e-6, 5e-6], [5e-6, 1e-6]]])
 def test_a_spread_that_is_no_ellipse_has_no_correlation(covariance_px2):
     assert tables.spread({"spread_px2": covariance_px2}).split()[-1] == tables.NOTHING

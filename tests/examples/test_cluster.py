@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from stage_text import tiny_text
 
 ROOT = Path(__file__).parents[2]
 
@@ -14,14 +15,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
     """Six tasks on three levels: one frame, without position images."""
-    text = (ROOT / "tests/data/tiny_conventional/dataset.usda").read_text(encoding="utf-8")
-    for old, new in (
-        ("@../../../stages/", "@"),
-        ("endTimeCode = 2", "endTimeCode = 1"),
-        ('plen:truth:method = "moments"', 'plen:truth:method = "direct"'),
-    ):
-        assert old in text
-        text = text.replace(old, new)
+    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 1"), ('"moments"', '"direct"'))
     path = tmp_path_factory.mktemp("stage") / "few.usda"
     path.write_text(text, encoding="utf-8")
     return path

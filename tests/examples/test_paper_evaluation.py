@@ -98,11 +98,6 @@ def test_the_printed_mapping_alone_makes_a_trend():
         np.testing.assert_array_equal(bars.mapped(fine, int(k), "half-pixel"), fine)
 
 
-def test_the_mean_and_its_error_leave_out_what_is_missing():
-    assert bars.mean_and_error(np.array([1.0, np.nan, 2.0, 3.0])) == pytest.approx((2.0, np.sqrt(1 / 3)))
-    assert np.isnan(bars.mean_and_error(np.array([np.nan]))).all()
-
-
 def test_noisy_grids_pass_the_filters_of_a_build_as_often_as_those_of_the_formula():
     """Square grids with 0.03, 0.04 and 0.06 steps of noise: nearly all, two in three, one in ten."""
     random, count, noises = np.random.default_rng(5), 500, (0.03, 0.04, 0.06)

@@ -5,7 +5,6 @@ Every function does one row of the table, as in `catalogue`.
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,10 +13,9 @@ from pathlib import Path
 from faults.workbench import STAGE, Row, Workbench
 
 from pipeline.app.build import compile_once, steps_of
-from pipeline.engine.maintenance import check, collect
+from pipeline.engine.maintenance import check
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
-from pipeline.errors import EnvironmentFault
 from pipeline.jit import files
 from pipeline.jit.decorators import cache_folder
 
@@ -162,44 +160,6 @@ def _flipping(bench: Workbench, what: str, number: int) -> Callable[[], None]:
             store_module.copy = copy
 
     return arm
-
-
-def things_of_somebody_else(bench: Workbench) -> Row:
-    row = Row("R28", "files of others in the output folder and in the store: all are kept")
-    names = sorted([*bench.project.files, "manifest.json"])
-    for number in bench.some(len(names), 1):
-        name = names[number - 1]
-        for emptied in (False, True):
-            place = bench.new_place(built=True)
-            if emptied:
-                shutil.rmtree(place / "out")
-            (place / "out" / name).parent.mkdir(parents=True, exist_ok=True)
-            (place / "out" / name).write_text("years of work")
-            row.tried += 1
-            row.wrong += bench.build_in_fork(place) != 0
-            kept = place / "out" / f"{name}.kept1"
-            row.wrong += not kept.is_file() or kept.read_text() != "years of work"
-            kept.unlink(missing_ok=True)
-            bench.judge(row, place)
-    place = bench.new_place(built=True)
-    mine = [f"tmp/{socket.gethostname()}-backup-2026/f", "tmp/experiment/f", "quarantine/q", "notes.txt"]
-    for path in [place / "store" / name for name in mine]:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("years of work")
-        os.utime(path.parent, (0, 0))
-    row.wrong += bench.build_in_fork(place) != 0
-    collect(Store(place / "store"), 0)
-    row.tried += len(mine)
-    row.wrong += sum((place / "store" / name).read_text() != "years of work" for name in mine)
-    (place / "store/VERSION").unlink()
-    row.tried += 1
-    try:
-        Store(place / "store")  # it holds notes.txt, and does not say that it is a store
-        row.wrong += 1
-    except EnvironmentFault:
-        row.failed += 1
-    shutil.rmtree(place)
-    return row
 
 
 def _flipped(bench: Workbench, whole: bytes) -> bytes:

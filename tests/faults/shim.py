@@ -15,13 +15,7 @@ _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 
 class Shim:
-    """Counts steps below a folder, and acts at one of them.
-
-    Attributes
-    ----------
-    steps : int
-        Seen since it was armed.
-    """
+    """Counts steps below a folder since it was armed, and acts at one of them."""
 
     def __init__(self) -> None:
         self.steps, self._root, self._act = 0, None, None

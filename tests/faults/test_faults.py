@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-SLOW = ["--only", "1", "3", "7", "9", "14", "19", "21", "22", "23", "24"]
+SLOW = ["--only", "1", "3", "8", "11", "16", "18", "19", "20"]
 """Rows that take seconds each, and tests/engine does most of them with toy tasks: power failures, flipped bits,
-read-only stores, locks that do not reach, killed collectors, no memory, links in the place of folders, bits that flip
-at the last moment, files of others, and other libraries.
+locks that do not reach, killed collectors, no memory, links in the place of folders, bits that flip at the last moment,
+and other libraries.
 """
 
 

@@ -28,16 +28,8 @@ STAGE = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 
 @dataclass(slots=True)
 class Row:
-    """A line of the table.
-
-    Attributes
-    ----------
-    tried : int
-        Faults that were done.
-    failed : int
-        Builds that said so and ended with an error: that is right.
-    wrong, bad : int
-        Wrong results and damaged stores: both must be 0.
+    """A line of the table: faults that were done, builds that ended with an error that says so, which is right, and
+    wrong results and damaged stores, which both must be 0.
     """
 
     number: str
@@ -52,12 +44,7 @@ class Row:
 class Workbench:
     """A project whose right files are known, folders for faults, and a seeded source of chance.
 
-    Parameters
-    ----------
-    whole : bool
-        Every place of every fault; else a few spread over all of them.
-    soak_s : float
-        How long builders are killed at random.
+    It is `whole` if every place of every fault is tried, else a few; builders are killed at random for `soak_s`.
     """
 
     def __init__(self, folder: Path, *, whole: bool, soak_s: float = 3.0) -> None:
@@ -78,11 +65,8 @@ class Workbench:
         caller = Caller(on_event=on_event or silent)
         return build(self.at(place, out), BuildOptions(jobs=jobs), store=Store(place / "store"), caller=caller)
 
-    def build_in_fork(self, place: Path, act=None, meanwhile=None, out: str = "out", said: Path | None = None) -> int:
-        """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code.
-
-        What an error says goes to the file `said`.
-        """
+    def build_in_fork(self, place: Path, act=None, meanwhile=None, out: str = "out") -> int:
+        """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code."""
 
         def work() -> int:
             if act is not None:
@@ -92,8 +76,6 @@ class Workbench:
             try:
                 return self.build(place, out=out).exit_code
             except PipelineError as error:
-                if said is not None:
-                    said.write_text(str(error))
                 return error.exit_code
             except Exception:  # the command would say: this is a bug of ours
                 (self.folder / "unexpected.txt").write_text(traceback.format_exc())

@@ -151,18 +151,10 @@ _SHADERS = ("Paint/Surface", "Paint/Picture", "Paint/Turn", "Paint/Reader")
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene and the attributes that it is there for.
+    """A scene and the attributes that it is there for: edits of BASE by prim below /Scene and attribute.
 
-    Attributes
-    ----------
-    edits : dict
-        (prim below /Scene, attribute) -> value, on top of BASE.
-    kind, lamp : str
-        Prim types of "Board", with values of its own, and of "Lamp".
-    whole : tuple of str
-        Prims of which every property is tried, not the edited ones alone: ours, and of other prims USD's own.
-    responds : bool
-        Whether "Sensor" has PlenSensorResponseAPI.
+    `kind` and `lamp` are the types of "Board" and "Lamp". Of `whole` prims every property is tried, of other prims than
+    ours USD's own; `responds` gives "Sensor" its PlenSensorResponseAPI.
     """
 
     edits: dict[tuple[str, str], Any] = field(default_factory=dict)

@@ -54,7 +54,9 @@ def test_a_damaged_text_is_read_or_ends_in_problems_with_a_place(count, tmp_path
     for seed in range(count):
         path = tmp_path / f"damaged-{seed}.usda"
         path.write_text(damaged(whole, seed), errors="surrogateescape")
-        problems = load(path).problems
+        loaded = load(path)
+        problems = loaded.problems
+        assert (loaded.dataset is None) == bool(loaded.errors), seed
         assert all(problem.file and problem.line for problem in problems), seed
         assert all(str(problem).replace("\n", "").isprintable() for problem in problems), seed
         refused += any(problem.is_error for problem in problems)

@@ -71,7 +71,7 @@ GRAPHS = [
 
 
 @pytest.mark.parametrize("nodes", GRAPHS, ids=range(len(GRAPHS)))
-def test_no_line_passes_behind_a_box(nodes):
+def test_no_line_passes_behind_a_box_and_boxes_do_not_overlap(nodes):
     boxes, lines = drawn(nodes)
     t = np.linspace(0, 1, 200)[:, None]
     corners = np.array(list(boxes.values()))
@@ -81,12 +81,6 @@ def test_no_line_passes_behind_a_box(nodes):
         points = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
         inside = (points[:, None] > corners + 0.5) & (points[:, None] < corners + SIZE - 0.5)
         assert not inside.all(axis=2).any()
-
-
-@pytest.mark.parametrize("nodes", GRAPHS, ids=range(len(GRAPHS)))
-def test_boxes_do_not_overlap(nodes):
-    boxes, _ = drawn(nodes)
-
     for (x, y), (u, v) in combinations(boxes.values(), 2):
         assert abs(x - u) >= WIDTH or abs(y - v) >= HEIGHT
 

@@ -16,10 +16,8 @@ from builds import tiny
 
 from pipeline import cli
 from pipeline.app.reporting import report, report_of_build
-from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.errors import UsageError
 from pipeline.files.png import read_png, write_png
-from pipeline.optics.prescription import Prescription, Surface
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.optics import field_curvature, transfer
 from pipeline.report.page.parts import picture_of
@@ -151,16 +149,6 @@ def test_the_pinhole_of_the_residuals_is_opencvs():
     points = np.random.default_rng(1).uniform((-100, -100, 300), (100, 100, 500), (50, 3))
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), pinhole.matrix, distortion)
     np.testing.assert_allclose(pinhole.projected(points), theirs[:, 0], atol=1e-9)
-
-
-@pytest.fixture(scope="module")
-def ideal() -> Camera:
-    """An ideal thin lens of 50 mm with its stop of 10 mm, focused at 500 mm."""
-    lens = Surface(semi_diameter_mm=5.0, focal_length_mm=50.0, thickness_mm=0.0)
-    stop = Surface(semi_diameter_mm=5.0, is_stop=True)
-    sensor = Sensor(width_px=600, height_px=400, pitch_mm=0.01)
-    prescription = Prescription(surfaces=(lens, stop))
-    return Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=500 * 50 / 450)
 
 
 def test_spots_of_an_ideal_lens_are_discs_as_wide_as_similar_triangles_say(ideal):

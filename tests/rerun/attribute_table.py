@@ -32,14 +32,8 @@ DRAWN, PAINTED = TARGET | {"sheet"}, {"image", "sheet"}
 class Case:
     """A change of one attribute of one prim, and the kinds of tasks that depend on it.
 
-    Attributes
-    ----------
-    given : dict
-        (prim, attribute) -> value that holds before and after: what the attribute needs to mean something.
-    along : dict
-        The same, changed together with it, because the checks ask for it.
-    refused : bool
-        It is declared and not built yet: `check` must say so.
+    What it needs to mean something is `given` before and after; what the checks ask for is changed `along`. A `refused`
+    one is declared and not built yet.
     """
 
     at: str

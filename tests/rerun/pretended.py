@@ -13,14 +13,9 @@ from pipeline.scene.load import load
 
 
 class Pretended:
-    """A stage as it was when all its tasks were built.
+    """A stage as it was when all its tasks were built: the store has a record of each, with an output that is not real.
 
-    Parameters
-    ----------
-    path : Path
-        Read at once: the file may be edited afterwards.
-    store : Store
-        Gets a record of every task, with one output that is not there for real.
+    It is read at once: the file may be edited afterwards.
     """
 
     def __init__(self, path: Path, store: Store) -> None:

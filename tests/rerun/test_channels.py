@@ -5,20 +5,19 @@ import json
 import re
 from pathlib import Path
 
-import colour
 import numpy as np
 import OpenEXR
 import pytest
 from colour.io.fichet2021 import PATTERN_FICHET2021, match_groups_to_nm
 from PIL import Image
 from rerun.small_tiles import in_small_tiles
+from stage_text import edited, tiny_text, without_method
 
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verify import verify
 from pipeline.formats import is_pair
 
-DATA = Path(__file__).parents[1] / "data"
 TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
 """First, brightest and last wavelength of each channel [nm]."""
 
@@ -36,16 +35,14 @@ def channel(name: str, wavelengths: tuple[int, int, int]) -> str:
 
 def stage_at(folder: Path, tiny: str, channels: dict[str, tuple[int, int, int]]) -> Path:
     """A tiny dataset of the tests whose camera has channels, in a folder of its own."""
-    text = (DATA / f"tiny_{tiny}/dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
-    text = text.replace('            uniform token plen:truth:method = "moments"\n', "")
+    text = without_method(tiny_text(tiny))
     sensor, lens = '        over "Sensor"\n        {\n', '        over "Lens"\n        {\n'
     if lens not in text:
         text = text.replace(sensor, f"{lens}        }}\n\n{sensor}")
     text = text.replace(lens, f'{lens}            uniform token plen:indexSource = "catalogue"\n')
-    said = "".join(channel(name, wavelengths) for name, wavelengths in channels.items())
-    assert sensor in text
+    written = "".join(channel(name, wavelengths) for name, wavelengths in channels.items())
     path = folder / "dataset.usda"
-    path.write_text(text.replace(sensor, sensor + said), encoding="utf-8")
+    path.write_text(edited(text, (sensor, sensor + written)), encoding="utf-8")
     return path
 
 
@@ -209,14 +206,6 @@ def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_a
         assert match, name
         spectra[match_groups_to_nm(match[1], *match.group(3, 4))] = pixels
     assert_spectra(frame, spectra)
-
-
-@pytest.mark.heavy
-def test_colour_science_itself_reads_the_spectra(tmp_path: Path) -> None:
-    pytest.importorskip("OpenImageIO", reason="colour-science reads spectral images by OpenImageIO")
-    frame = spectral_frame(tmp_path)
-    nm, values = colour.read_spectral_image_Fichet2021(str(frame / "spectral.exr"))["T"]
-    assert_spectra(frame, dict(zip(nm, np.moveaxis(values, -1, 0), strict=True)))
 
 
 def spectral_frame(folder: Path) -> Path:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shorter import few
-from stage_text import without_method
+from stage_text import edited, tiny_text, without_method
 from typer.testing import CliRunner
 
 import pipeline
@@ -22,7 +22,6 @@ from pipeline.cli import app
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 
-DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}
 ONCE = {"focus", "parts", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
 """Tasks that a camera has one of, if it has rays."""
@@ -35,16 +34,12 @@ class Workshop:
 
     def __init__(self, folder: Path, tiny: str) -> None:
         self.stage = folder / "dataset.usda"
-        text = (DATA / tiny / "dataset.usda").read_text(encoding="utf-8")
-        # By search path: the copy does not lie beside the library.
-        self.stage.write_text(text.replace("@../../../stages/", "@"), encoding="utf-8")
+        self.stage.write_text(tiny_text(tiny), encoding="utf-8")
         self.out = folder / "out"
         self._known: set[str | None] = set()
 
     def edit(self, old: str, new: str) -> None:
-        text = self.stage.read_text(encoding="utf-8")
-        assert old in text, f"{old!r} is not in the stage"
-        self.stage.write_text(text.replace(old, new), encoding="utf-8")
+        self.stage.write_text(edited(self.stage.read_text(encoding="utf-8"), (old, new)), encoding="utf-8")
 
     def add(self, line: str) -> None:
         """A property more of the camera."""
@@ -75,12 +70,12 @@ class Workshop:
 
 @pytest.fixture
 def conventional(tmp_path, common_store, monkeypatch):
-    return _workshop(tmp_path, common_store, monkeypatch, "tiny_conventional")
+    return _workshop(tmp_path, common_store, monkeypatch, "conventional")
 
 
 @pytest.fixture
 def plenoptic(tmp_path, common_store, monkeypatch):
-    return _workshop(tmp_path, common_store, monkeypatch, "tiny_plenoptic")
+    return _workshop(tmp_path, common_store, monkeypatch, "plenoptic")
 
 
 def _workshop(tmp_path, common_store, monkeypatch, tiny):
@@ -270,13 +265,10 @@ def test_a_frame_that_is_dropped_leaves_no_file(conventional):
 @pytest.mark.heavy
 @pytest.mark.parametrize("tiny", ["conventional", "plenoptic"])
 def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path, request):
-    """Built here in one process, and from nothing by two workers of another one with other settings.
-
-    The short sibling, of keys, is in test_attributes.py.
-    """
+    """Built here in one process, and from nothing by two workers of another one with other settings."""
     here, folder = request.getfixturevalue(tiny), tmp_path / "elsewhere"
     folder.mkdir()
-    there = Workshop(folder, f"tiny_{tiny}")
+    there = Workshop(folder, tiny)
     environment = {**os.environ, "LC_ALL": "C", "TZ": "Asia/Kathmandu", "PYTHONHASHSEED": "12345"}
     environment["PIPELINE_CACHE"] = str(folder / "store")
     command = [sys.executable, "-m", "pipeline.cli", "build", "dataset.usda", "-o", "out", "-j", "2", "-q"]
@@ -295,30 +287,3 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
     assert conventional.run() == Counter({"image": 2, "truth": 2} | dict.fromkeys({*ONCE, "sheet"}, 1))
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
-
-
-@pytest.mark.heavy
-def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothing(plenoptic):
-    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it.
-
-    Quick siblings: the table of attributes, and the camera of a request in tests/scene/test_reading.py.
-    """
-    asked = (
-        "uniform double plen:camera:focusDistance = 420\n"
-        "            uniform double plen:camera:sensorDistance = None\n"
-        '            uniform token plen:camera:stopMatch = "microlenses"\n'
-    )
-    first = "float horizontalAperture = 14.4\n"
-    plenoptic.edit(first, f"{first}            {asked}")
-    ran = plenoptic.run()
-    assert ran["focus"] == ran["white"] == ran["first_order"] == 1
-    figures = json.loads((plenoptic.out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
-    request = {"focus_distance_mm": 420, "focus_type": 1, "stop_match": "microlenses"}
-    assert figures["focus_request"] == {**request, "focus_groups": [], "group_shift_mm": None}
-    assert figures["mla"]["types"][1]["focus_distance_mm"] == pytest.approx(420, rel=0, abs=1e-9)
-    assert figures["mla"]["f_number_mismatch"] == pytest.approx(1, rel=1e-12)
-    assert figures["sensor_distance_mm"] > 125
-    table = (plenoptic.out / "frames/0001/Rig.Camera/correspondences.csv").read_text(encoding="utf-8")
-    assert repr(figures["lens"]["stop_diameter_mm"]) in table
-    plenoptic.edit(f"            {asked}", "")
-    assert plenoptic.run() == Counter()

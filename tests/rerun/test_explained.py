@@ -12,8 +12,13 @@ from rerun.pretended import Pretended
 
 from pipeline.engine.store.store import Store
 
-ALL = [pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}") for n, cases in CASES.items() for c in cases if c.kinds]
-SHORT = {"plen:squareSize of One", "plen:apertureShape of A/Lens/Stop"}
+QUICK = {("plen:squareSize", "One"), ("plen:apertureShape", STOP)}
+ALL = [
+    pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}", marks=[pytest.mark.heavy] * ((n, c.at) not in QUICK))
+    for n, cases in CASES.items()
+    for c in cases
+    if c.kinds
+]
 FOR_THE_CHECKS = {
     (LENS, "plen:wavelength"): (A, "plen:camera:wavelength"),
     (A, "plen:image:exposure"): (A, "plen:image:whiteLevel"),
@@ -38,7 +43,8 @@ def built(tmp_path_factory):
     return of
 
 
-def every_attribute_edit_is_named(built, name, case):
+@pytest.mark.parametrize(("name", "case"), ALL)
+def test_every_attribute_of_the_table_is_named_with_its_line_by_all_tasks_that_it_reruns(built, name, case):
     before, path = built(case.given)
     changed = {**case.along, (case.at, name): case.value}
     tasks = before.planned(write(path, {**case.given, **changed}))
@@ -56,14 +62,3 @@ def _line(path, edit):
     """The text at the place that an edit names."""
     assert Path(edit.file).name == path.name
     return path.read_text(encoding="utf-8").splitlines()[edit.line - 1]
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("name", "case"), ALL)
-def test_every_attribute_of_the_table_is_named_with_its_line_by_all_tasks_that_it_reruns(built, name, case):
-    every_attribute_edit_is_named(built, name, case)
-
-
-@pytest.mark.parametrize(("name", "case"), [param for param in ALL if param.id in SHORT])
-def test_some_attributes_of_the_table_are_named_with_their_lines(built, name, case):
-    every_attribute_edit_is_named(built, name, case)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from rerun.pretended import Pretended, project_of
+from stage_text import edited
 
 from pipeline.app.why import with_edits
 from pipeline.engine.planning.explain import describe_task
@@ -38,11 +39,7 @@ class Desk:
         self.before = Pretended(self.stage, Store(folder / "store"))
 
     def edit(self, file: Path, *changes: tuple[str, str]) -> None:
-        text = file.read_text(encoding="utf-8")
-        for old, new in changes:
-            assert old in text, f"{old!r} is not in {file.name}"
-            text = text.replace(old, new, 1)
-        file.write_text(text, encoding="utf-8")
+        file.write_text(edited(file.read_text(encoding="utf-8"), *changes), encoding="utf-8")
 
     def line(self, file: Path, words: str) -> int:
         """The number of the only line with these words."""

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stage_text import tiny_text
 
 import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
-
-STAGE = Path(__file__).parents[1] / "data/tiny_plenoptic/dataset.usda"
 
 SQUARE = """
         over "Microlenses"
@@ -52,10 +51,9 @@ PIXELS = """
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """The microlenses and the output folder of a tiny rig with them."""
     folder = tmp_path_factory.mktemp("rig")
-    text = STAGE.read_text(encoding="utf-8").replace(
-        '\n        over "Sensor"', request.param + '\n        over "Sensor"'
-    )
-    text = text.replace("\n            uniform int2 plen:resolution", PIXELS)
+    sensor = '\n        over "Sensor"'
+    pixels = ("\n            uniform int2 plen:resolution", PIXELS)
+    text = tiny_text("plenoptic", (sensor, request.param + sensor), pixels)
     (folder / "dataset.usda").write_text(text, encoding="utf-8")
     result = pipeline.build(folder / "dataset.usda", folder / "out", jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]

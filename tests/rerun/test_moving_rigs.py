@@ -1,11 +1,11 @@
 """A rig that moves over a standing board: moving it by T is moving the board by the inverse of T."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from stage_text import tiny_text
 from tolerances import SAME_GEOMETRY_PX
 
 import pipeline
@@ -14,7 +14,6 @@ from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 from pipeline.frames import inverse, rigid
 
-TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 PLACES = {
     1: ((0.3, -0.2, -434.4), (0, 0, 5)),
     2: ((0.6, 0.4, -432.0), (3, 25, 10)),
@@ -41,10 +40,8 @@ def moves(poses: dict[int, np.ndarray]) -> str:
 
 def stage_of(rig: dict[int, np.ndarray], board: dict[int, np.ndarray]) -> str:
     """The tiny dataset with three frames and poses in the world of the rig and of the board."""
-    text = (
-        TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@").replace("endTimeCode = 2", "endTimeCode = 3")
-    )
-    text = text.replace('"moments"', '"direct"').replace("plen:image:samples = 64", "plen:image:samples = 16")
+    samples = ("plen:image:samples = 64", "plen:image:samples = 16")
+    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 3"), ('"moments"', '"direct"'), samples)
     before, _, rest = text.partition("        quatd xformOp:orient.timeSamples")
     end = rest.partition('["xformOp:translate", "xformOp:orient"]\n')[2]
     text = before + moves(board) + end

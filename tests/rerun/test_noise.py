@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from stage_text import edited, tiny_text
 
 import pipeline
 from pipeline.app.build import Result
 from pipeline.engine.events import Done
 from pipeline.graph import adding, tiles
 
-TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 IMAGES = ("image", "white")
 LAMP = """    def SphereLight "Lamp"
     {
@@ -27,15 +27,11 @@ LAMP = """    def SphereLight "Lamp"
 
 def stage_with(noise: float, folder: Path, *, lit: bool = False) -> Path:
     """The tiny dataset with a noise that is asked for, and with a lamp."""
-    text = TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@")
-    old = "uniform int plen:image:samples = 64"
-    assert old in text
-    text = text.replace(
-        old, f"uniform int plen:image:samples = 16\n            uniform double plen:image:noise = {noise}"
-    )
-    text = text.replace("endTimeCode = 2", "endTimeCode = 1")
+    samples = "uniform int plen:image:samples = "
+    noisy = f"{samples}16\n            uniform double plen:image:noise = {noise}"
+    text = tiny_text("conventional", (f"{samples}64", noisy), ("endTimeCode = 2", "endTimeCode = 1"))
     if lit:
-        text = text.replace('    def PlenCheckerboard "Board"', LAMP + '    def PlenCheckerboard "Board"')
+        text = edited(text, ('    def PlenCheckerboard "Board"', LAMP + '    def PlenCheckerboard "Board"'))
     folder.mkdir(exist_ok=True)
     (folder / "dataset.usda").write_text(text, encoding="utf-8")
     return folder / "dataset.usda"

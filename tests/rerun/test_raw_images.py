@@ -8,6 +8,7 @@ import pytest
 import rawpy
 from laws.rigs import facing
 from naive import polar
+from stage_text import edited, tiny_text
 
 import pipeline
 from pipeline.app.verify import wrong_files
@@ -25,7 +26,6 @@ from pipeline.scene.load import load
 from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose
 
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 RAW = ("raw.tiff", "raw.dng", "raw.png")
 EXPOSED = """            uniform token plen:image:exposure = "level"
             uniform double plen:image:exposureTime = 0.02
@@ -63,7 +63,7 @@ def stage(tmp_path, common_store, monkeypatch):
     """The tiny dataset; `PIPELINE_CACHE` is the store of this test run."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     path = tmp_path / "dataset.usda"
-    path.write_text(TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@"), encoding="utf-8")
+    path.write_text(tiny_text("conventional"), encoding="utf-8")
     return path
 
 
@@ -118,16 +118,14 @@ def test_a_flat_white_target_has_the_noise_of_its_sensor_and_no_pattern_of_rays(
     768 pixels of 8,000 electrons know it to 0.2 %; four samples of rays left 9 %. And white.exr has the light of
     textbook rays.
     """
-    text = exposed(stage).read_text(encoding="utf-8")
-    for old, new in (
+    text = edited(
+        exposed(stage).read_text(encoding="utf-8"),
         ("plen:squareSize = 1.4", "plen:squareSize = 40"),
         ("1: (0, 0, -434.4)", "1: (20, 40, -434.4)"),
         ("2: (0.3, -0.2, -432)", "2: (20, 40, -432)"),
         ("plen:image:samples = 64", "plen:image:samples = 4"),
         ("plen:response:prnu = 0.01", "plen:response:prnu = 0"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
+    )
     stage.write_text(text, encoding="utf-8")
     built(stage, tmp_path / "out")
     frames = [read_tiff(tmp_path / f"out/frames/{frame}/Rig.Camera/raw.tiff")[0] for frame in ("0001", "0002")]

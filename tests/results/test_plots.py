@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.errors import UsageError
 from pipeline.files.png import write_png
-from pipeline.optics.prescription import Prescription, Surface
 from pipeline.results.notebook import html_table
 from pipeline.results.rows import Backdrop, with_backdrop
 
@@ -29,13 +27,8 @@ def closed_figures():
 
 
 @pytest.fixture(scope="module")
-def ideal():
-    """An ideal thin lens of 50 mm with its stop of 10 mm, focused at 500 mm."""
-    lens = Surface(semi_diameter_mm=5.0, focal_length_mm=50.0, thickness_mm=0.0)
-    stop = Surface(semi_diameter_mm=5.0, is_stop=True)
-    sensor = Sensor(width_px=600, height_px=400, pitch_mm=0.01)
-    camera = Camera(prescription=Prescription(surfaces=(lens, stop)), sensor=sensor, sensor_distance_mm=500 * 50 / 450)
-    return pipeline.ready(camera)
+def ready_ideal(ideal):
+    return pipeline.ready(ideal)
 
 
 def crosses(axes) -> np.ndarray:
@@ -95,15 +88,15 @@ def test_what_cannot_be_plotted_is_named(plenoptic_build, monkeypatch):
         rows.plot(1)
 
 
-def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ideal):
+def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ready_ideal):
     """Object points are in focus: all rays of a colour end at one point, which is as far from the axis as its place."""
-    axes = ideal.plot()
+    axes = ready_ideal.plot()
     rays = [line for line in axes.lines if line.get_linewidth() == 0.6]
     ends = {}
     for line in rays:
         x, y = line.get_data()
         ends.setdefault(line.get_color(), []).append(y[-1])
-        assert x[-1] == ideal.camera.sensor_distance_mm
+        assert x[-1] == ready_ideal.camera.sensor_distance_mm
         assert np.abs(np.interp(0, x, y)) < 5 + 1e-9
     heights = sorted(abs(np.mean(found)) for found in ends.values())
     assert [len(found) for found in ends.values()] == [7, 7, 7]
@@ -111,11 +104,11 @@ def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ideal):
     np.testing.assert_allclose(heights, [0, 1.4, 2.0], atol=1e-9)
 
 
-def test_spots_are_drawn_to_scale(ideal):
+def test_spots_are_drawn_to_scale(ready_ideal):
     """At the near end of the depth of field a disc, whose radius similar triangles state."""
-    diagram = ideal.spots()
+    diagram = ready_ideal.spots()
     z_mm = diagram.rows[0][0].distance_mm
-    radius_px = 5.0 * abs(z_mm - 500) / 500 * ideal.camera.sensor_distance_mm / z_mm / 0.01
+    radius_px = 5.0 * abs(z_mm - 500) / 500 * ready_ideal.camera.sensor_distance_mm / z_mm / 0.01
     axes = diagram.plot()
     x, y = np.array(axes[0, 0].lines[0].get_data())
     assert np.hypot(x, y).max() == pytest.approx(radius_px, rel=0.02)
@@ -128,12 +121,12 @@ def test_spots_are_drawn_to_scale(ideal):
     assert float(re.search(r"mm: ([\d.]+) px rms", picture)[1]) == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
 
 
-def test_notebooks_show_figures_rows_and_images(plenoptic_build, ideal):
+def test_notebooks_show_figures_rows_and_images(plenoptic_build, ready_ideal):
     output = pipeline.open_output(plenoptic_build)
     shown = output._repr_html_()
     assert f"<td>{len(output.correspondences)}</td>" in shown and "<td>48 x 40</td>" in shown
     rows = output.correspondences._repr_html_()
     assert rows.count("<tr>") == 9 and f"{output.correspondences.x_px[0]:.6g}" in rows
-    assert "<td>50 mm</td>" in ideal._repr_html_() and "<svg" in ideal._repr_html_()
+    assert "<td>50 mm</td>" in ready_ideal._repr_html_() and "<svg" in ready_ideal._repr_html_()
     assert output.view(1)._repr_png_()[:4] == b"\x89PNG"
     assert "<b>" not in html_table(("a<b>",), [("<b>",)], "<b>")

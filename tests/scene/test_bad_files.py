@@ -78,18 +78,6 @@ def test_a_missing_file_is_a_problem_and_not_a_traceback():
     assert problem.hint and problem.hint.startswith("searched: ., ")
 
 
-@pytest.mark.parametrize("step", [20, pytest.param(1, marks=pytest.mark.heavy)])
-def test_a_stage_that_lacks_any_one_line_is_read_or_refused_but_never_a_traceback(tmp_path, step):
-    lines = load("tests/data/tiny_plenoptic/dataset.usda").flattened.splitlines(keepends=True)
-    path = tmp_path / "dataset.usda"
-    for left_out in range(0, len(lines), step):
-        path.write_text("".join(lines[:left_out] + lines[left_out + 1 :]))
-
-        loaded = load(path)
-
-        assert (loaded.dataset is None) == bool(loaded.errors)
-
-
 def report(stages: dict[str, Loaded]) -> str:
     """All messages, under the names of their files."""
     texts = [

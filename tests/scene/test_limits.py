@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from stage_text import tiny_text
 
 from pipeline.errors import UsageError
 from pipeline.limits import Limits, limits
@@ -13,13 +14,9 @@ TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 PLENOPTIC = TINY.parents[1] / "tiny_plenoptic/dataset.usda"
 
 
-def stage(folder: Path, *edits: tuple[str, str], source: Path = TINY) -> Path:
+def stage(folder: Path, *edits: tuple[str, str], kind: str = "conventional") -> Path:
     """The tiny dataset with texts replaced; the library is found by search path."""
-    text = source.read_text().replace("../../../stages/", "")
-    for old, new in edits:
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "dataset.usda").write_text(text)
+    (folder / "dataset.usda").write_text(tiny_text(kind, *edits))
     return folder / "dataset.usda"
 
 
@@ -59,7 +56,7 @@ def test_a_lattice_is_counted_before_it_is_made(tmp_path):
     array = (
         'over "Microlenses"\n{\nuniform double plen:width = 100000\nuniform double plen:height = 1\n}\nover "Sensor"'
     )
-    found = only(stage(tmp_path, ('over "Sensor"', array), source=PLENOPTIC))
+    found = only(stage(tmp_path, ('over "Sensor"', array), kind="plenoptic"))
     assert (found.code, found.at) == ("over-limit", "/TinyPlenoptic/Rig/Microlenses.plen:width")
 
 

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from stage_text import edited, tiny_text
 
 from pipeline.app.build import build
 from pipeline.scene.load import load
@@ -19,11 +20,7 @@ def check(tmp_path):
     """Warnings of the tiny dataset over eight frames, with other poses in some and other text."""
 
     def warnings(poses: dict[int, tuple[str, str]], *replaced: tuple[str, str]) -> list[str]:
-        text = (
-            TINY.read_text(encoding="utf-8")
-            .replace("../../../stages/", "")
-            .replace("endTimeCode = 2", "endTimeCode = 8")
-        )
+        text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 8"))
         start, end = text.index("        quatd xformOp:orient"), text.index("        uniform token[] xformOpOrder")
         usual = "(1, 0, 0, 0)", "(0, 0, -434.4)"
         both = [poses.get(number, usual) for number in range(1, 9)]
@@ -33,10 +30,7 @@ def check(tmp_path):
             f"{text[:start]}        quatd xformOp:orient.timeSamples = {{\n{turns}        }}\n"
             f"        double3 xformOp:translate.timeSamples = {{\n{places}        }}\n{text[end:]}"
         )
-        for old, new in replaced:
-            assert old in text
-            text = text.replace(old, new)
-        (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
+        (tmp_path / "dataset.usda").write_text(edited(text, *replaced), encoding="utf-8")
         assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask for it
         return [
             str(problem).split(": ", 3)[3].split(" [")[0]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shorter import few
+from stage_text import edited
 
 import pipeline
 from pipeline.app.build import build, project
@@ -69,12 +70,8 @@ def stage(tmp_path):
     """The stage of two poses, with changes of its text."""
 
     def write(*changes: tuple[str, str]) -> Path:
-        text = TWO_POSES
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
         path = tmp_path / "dataset.usda"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(edited(TWO_POSES, *changes), encoding="utf-8")
         return path
 
     return write
@@ -126,10 +123,7 @@ def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
     """Of the library: 8 x 5 squares of 6 mm and a margin of one."""
     delivered = project(stage(("targets/checkerboard_4x7", "targets/charuco_8x5"))).files["dataset.usda"].decode()
     changes = [("metersPerUnit = 0.001", "metersPerUnit = 1"), ("-430", "-0.43"), ("(-1, 0.5, -400)", "(0, 0, -0.4)")]
-    for old, new in changes:
-        assert old in delivered
-        delivered = delivered.replace(old, new)
-    (tmp_path / "metres.usda").write_text(delivered, encoding="utf-8")
+    (tmp_path / "metres.usda").write_text(edited(delivered, *changes), encoding="utf-8")
     viewed, _ = seen(tmp_path / "metres.usda", tmp_path)
 
     assert viewed["errors"] == []
