@@ -59,14 +59,6 @@ def test_a_signal_in_the_first_second_ends_without_a_word(tmp_path):
         assert code in (-number, 128 + number) and log == "" and seconds < BOUND_S
 
 
-def test_little_is_imported_before_the_command_answers_signals_itself():
-    """Until then Python answers Ctrl-C, with a traceback: each import of ours makes that time longer."""
-    code = "import sys; before = set(sys.modules); import pipeline.__main__; print(*set(sys.modules) - before)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert {name for name in loaded if name.startswith("pipeline.")} == {"pipeline.__main__"}
-    assert not {"importlib", "platform", "re", "typing", "pathlib"} & set(loaded)
-
-
 def test_nohup_is_respected(command, stage, tmp_path):
     process = command(
         "build",

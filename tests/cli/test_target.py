@@ -7,6 +7,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "stages/targets"
+TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 
 
 def test_the_page_says_what_a_target_is(run):

@@ -62,12 +62,6 @@ def test_a_touched_file_with_the_same_bytes_stays(out):
     assert toy.snapshot(out) == before
 
 
-def test_files_no_longer_made_go_and_their_folders_too(out):
-    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
-    assert result.delivery.removed == ("frames/0001/cam/image.txt",)
-    assert not (out / "frames" / "0001").exists() and (out / "frames" / "0000").exists()
-
-
 def test_foreign_files_stay_with_a_warning(out):
     (out / "notes.txt").write_text("mine")
     (out / "frames" / "0001" / "mine.txt").write_text("mine")

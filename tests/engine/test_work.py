@@ -1,6 +1,5 @@
 """Tally of the work of kernels: times of loading and of calls do not mix; threads are apart."""
 
-import threading
 import time
 
 from pipeline.jit.work import calling, loading, work
@@ -22,15 +21,3 @@ def test_time_to_load_is_no_time_of_the_kernel():
     done = work().since(before)
     assert 0.01 <= done.kernels["k"].seconds < 0.03 and done.kernels["k"].calls == 1
     assert 0.04 <= done.loading_s < 0.06
-
-
-def test_each_thread_has_its_own():
-    def other():
-        with calling("elsewhere"):
-            pass
-
-    before = work().copy()
-    thread = threading.Thread(target=other)
-    thread.start()
-    thread.join()
-    assert "elsewhere" not in work().since(before).to_plain()["kernels"]

@@ -2,8 +2,6 @@
 
 import json
 import os
-import re
-import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -16,11 +14,9 @@ from stage_text import edited, tiny_text, without_method
 from typer.testing import CliRunner
 
 import pipeline
-from pipeline.app.show import show
 from pipeline.app.verify import verify
 from pipeline.cli import app
 from pipeline.files.exr import read_exr
-from pipeline.files.tables import read_table
 
 RAYS = {"rays_tile", "rays"}
 ONCE = {"focus", "parts", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
@@ -164,59 +160,6 @@ def test_moving_rig_and_board_together_never_touches_rays(conventional):
     assert not RAYS & set(conventional.run())
 
 
-DECENTRED = """over "Lens"
-        {
-            def PlenLensGroup "Front"
-            {
-                uniform double2 plen:decentre = (0.1, -0.05)
-                uniform token[] plen:surfaces = ["S1", "S2"]
-                uniform double2 plen:tilt = (0, 0.2)
-            }
-        }
-
-        over "Sensor\""""
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
-def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of_the_centred_lens(name, request):
-    """Everything of the camera runs anew; undoing it reruns nothing. Rows move by what the page of `show` states.
-
-    Of camera.json only the pinhole is traced, and moves. Quick siblings: the table of attributes, laws of displacement.
-    """
-    workshop = request.getfixturevalue(name)
-    before, (figures, pinhole) = _rows(workshop), _figures(workshop)
-    workshop.edit('over "Sensor"', DECENTRED)
-    ran = workshop.run()
-    assert ran["focus"] == ran["white"] == 1 and ran["truth"] == ran["image"] == 2
-    assert ran["rays"] == (name == "conventional")
-    assert _figures(workshop)[0] == figures and _figures(workshop)[1] != pinhole
-    after, page = _rows(workshop), "\n".join(show(workshop.stage)[0].page())
-    boresight = [float(x) for x in re.search(r"image of the axis moves by +\((\S+), (\S+)\) px", page).groups()]
-    shared = sorted(before.keys() & after.keys())
-    assert len(shared) >= 6
-    if name == "conventional":
-        moves = np.array([after[key] for key in shared]) - [before[key] for key in shared]
-        np.testing.assert_allclose(moves, np.tile(boresight, (len(shared), 1)), rtol=0, atol=0.02)
-    assert np.hypot(*boresight) > 0.2
-    workshop.edit(DECENTRED, 'over "Sensor"')
-    assert workshop.run() == Counter()
-
-
-def _figures(workshop: Workshop) -> tuple[dict, dict]:
-    """What camera.json says of the centred lens, and of the pinhole."""
-    figures = json.loads((workshop.out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
-    return figures, figures.pop("pinhole")
-
-
-def _rows(workshop: Workshop) -> dict[tuple[float, ...], tuple[float, float]]:
-    """Positions of the first frame by point and microlens."""
-    table = read_table(workshop.out / "frames/0001/Rig.Camera/correspondences.csv")
-    names = ("point_id", "microlens_k", "microlens_l", "x_px", "y_px")
-    columns = [np.nan_to_num(table.numbers(column)).tolist() for column in names]
-    return {(point, k, l): (x, y) for point, k, l, x, y in zip(*columns, strict=True)}
-
-
 def test_rays_that_are_asked_for_are_one_more_product_and_no_row_knows_of_them(plenoptic):
     """The same J_near and J_far that `moments` needs: from there they come from the store."""
     assert not (plenoptic.out / "cameras/Rig.Camera/rays.exr").exists()
@@ -278,12 +221,3 @@ def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tin
     assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
     machine = str(tmp_path).encode()
     assert [name for name, data in outs[0].items() if machine in data] == []
-
-
-@pytest.mark.heavy
-def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch):
-    before = {name: data for name, (_, data) in _facts(conventional.out).items()}
-    shutil.rmtree(conventional.out)
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
-    assert conventional.run() == Counter({"image": 2, "truth": 2} | dict.fromkeys({*ONCE, "sheet"}, 1))
-    assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before

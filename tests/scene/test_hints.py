@@ -6,7 +6,6 @@ import pytest
 from stage_text import head
 
 from pipeline.scene.load import load
-from pipeline.spelling import did_you_mean
 
 TINY = Path(__file__).resolve().parents[1] / "data/tiny_conventional"
 HEAD = head("Mine") + 'def PlenDataset "Mine"\n{\n'
@@ -83,21 +82,6 @@ def test_operations_in_no_order_are_one_problem_with_one_order_that_holds_all(tm
     listed = problems(tmp_path, f'    def Xform "A"\n    {{\n{body}    }}\n')
     (problem,) = (problem for problem in listed if "xform" in problem.code)
     assert '["xformOp:translate", "xformOp:rotateXYZ"]' in problem.hint and "last one acts first" in problem.hint
-
-
-@pytest.mark.parametrize(
-    ("name", "choices", "meant"),
-    [
-        ("plen:image:bits", ["plen:image:fNumbers", "plen:image:samples"], None),
-        ("plen:image:grain", ["plen:image:samples", "plen:image:fNumbers"], None),
-        ("plen:camera:wavelengths", ["plen:camera:wavelength"], "plen:camera:wavelength"),
-        ("radius", ["plen:radius", "plen:radii"], "plen:radius"),
-        ("plen:raduis", ["plen:radius", "plen:rows"], "plen:radius"),
-        ("x" * 100_000, ["x" * 99_999], None),
-    ],
-)
-def test_only_a_near_name_is_suggested(name, choices, meant):
-    assert did_you_mean(name, choices) == (meant and f'did you mean "{meant}"?')
 
 
 def test_a_misspelt_value_is_not_reported_as_missing_too(tmp_path):
