@@ -33,16 +33,5 @@ def test_the_share_of_the_limit_is_that_of_rays_times_surfaces():
     assert any(line.split() == ["image", "2", "6.00", "75%", "2e+06", "3.3e+05", "1.00", "GB"] for line in told)
 
 
-def test_calls_that_tasks_in_company_share_are_told_as_whole_numbers():
-    shared = [
-        ("image", {**made(1.0), "kernels": {"trace": dict(COST, calls=calls)}}) for calls in (999.9, 1000.05, 1000)
-    ]
-    told = lines(profile(shared), limit_per_s=1e9)
-    assert next(line.split()[1] for line in told if line.startswith("trace")) == "3,000"
-
-
-COST = {"seconds": 0.1, "rays": 0, "crossings": 0}
-
-
 def test_nothing_that_ran_is_no_division_by_zero():
     assert len(lines(profile([]), 1e8)) == 5

@@ -97,14 +97,11 @@ def codes(folder: Path, type_name: str, references: str, text: str = "") -> list
     return [problem.code for problem in load(path).errors]
 
 
-@pytest.mark.parametrize("references", [f"{TRIPLET}, {GAUSS}", f"{GAUSS}, {TRIPLET}"])
-def test_two_lenses_in_one_are_one_mistake(tmp_path, references):
-    assert codes(tmp_path, "PlenLens", references) == ["merged"]
-
-
-@pytest.mark.parametrize("references", [f"{SMALL}, {LARGE}", f"{LARGE}, {SMALL}"])
-def test_what_replaces_all_is_no_mistake(tmp_path, references):
-    assert codes(tmp_path, "PlenSensor", references) == []
+@pytest.mark.parametrize(
+    ("kind", "one", "other", "expected"), [("PlenLens", TRIPLET, GAUSS, ["merged"]), ("PlenSensor", SMALL, LARGE, [])]
+)
+def test_two_lenses_in_one_are_one_mistake_and_what_replaces_all_is_none(tmp_path, kind, one, other, expected):
+    assert codes(tmp_path, kind, f"{one}, {other}") == codes(tmp_path, kind, f"{other}, {one}") == expected
 
 
 def test_what_is_kept_of_a_sensor_is_told(tmp_path):
