@@ -43,13 +43,11 @@ def test_kernels_are_known_by_all_sources_that_they_reach(package):
 
 
 def twice(x):
-    """What is compiled here."""
     return 2.0 * x
 
 
 @pytest.fixture
 def said(monkeypatch):
-    """Warnings of this test."""
     monkeypatch.setattr(files, "_warned", texts := set())
     return texts
 

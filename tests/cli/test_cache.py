@@ -11,7 +11,6 @@ from pipeline.engine.store.store import Store
 
 @pytest.fixture
 def pipeline(cache, in_this_process):
-    """The command with a store of its own."""
     return in_this_process
 
 

@@ -37,7 +37,6 @@ def test_figures_are_said_once_and_what_they_are() -> None:
 
 
 def certificate(passed: bool | None) -> dict[str, Any]:
-    """Of a camera, as the manifest has it."""
     head = {"claim_px": 1e-3, "rows": 64, "of": 100, **FIGURES, "own_sigma_px": 1e-5}
     reason = None if passed else "a row differs"
     return {**head, "by_distance_from_cell_edge": [], "by_kind": [], "passed": passed, "reason": reason}

@@ -10,7 +10,6 @@ POSES = {"project": {"poses": [[[float(number)]] for number in range(300)]}}
 
 @pytest.fixture
 def many(stage):
-    """A stage with 300 frames."""
     return stage(**POSES)
 
 

@@ -20,7 +20,6 @@ def verbs(command=ROOT, path=()):
 
 
 def words(text):
-    """Text without frames and line breaks."""
     return " ".join("".join(" " if letter in "│╭╮╰╯─" else letter for letter in text).split())
 
 

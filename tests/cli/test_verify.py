@@ -92,7 +92,6 @@ def stage_of(folder, *lines, text=None):
 
 @pytest.fixture
 def out(built, tmp_path):
-    """A copy to change."""
     return shutil.copytree(built, tmp_path / "copy")
 
 

@@ -25,8 +25,6 @@ from pipeline.errors import UsageError
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem as the stage checker reports it."""
-
     severity: str
     text: str
 
@@ -35,16 +33,13 @@ class Problem:
 
     @property
     def is_error(self) -> bool:
-        """Whether it prevents a build."""
         return self.severity == "error"
 
     def to_dict(self) -> dict[str, str]:
-        """Plain data."""
         return {"severity": self.severity, "message": self.text}
 
 
 def load(path, allow_roots=(), *, look=False):
-    """Problems of a stage."""
     if not path.exists():
         raise UsageError(f"{path} does not exist")
     facts = json.loads(path.read_text())
@@ -53,7 +48,6 @@ def load(path, allow_roots=(), *, look=False):
 
 
 def note_on_viewers(path, *, write):
-    """What viewers miss in a stage."""
     return
 
 
@@ -69,7 +63,6 @@ def project(path, out=None, allow_roots=(), preview=False):
 
 
 def build_with(path, out, options, on_event=silent):
-    """Build a stage."""
     place = engine_of(options.engine) if options.engine else None
     caller = Caller(on_event=on_event, prepare=compiling if Path("compiling").exists() else None)
     return session.build(project(path, out, options.allow_roots), options, engine=place, caller=caller)

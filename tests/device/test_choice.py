@@ -36,7 +36,6 @@ def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path,
 
 
 def device_of(params):
-    """The device that a task's rays are traced on."""
     return params["device"] if "device" in params else params["exposure"]["device"]
 
 
@@ -72,7 +71,6 @@ def test_a_lens_that_float32_would_change_is_refused(monkeypatch):
 
 
 def image_rays(camera):
-    """Rays of images of a camera, for the device of a key."""
     return ImageRays(SM_90, camera, Samples(sobol_bits(4), 1, 0.05), no_diffraction())
 
 

@@ -11,7 +11,6 @@ from pipeline.engine.store.store import Store
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
-    """Every test has a store of its own."""
     folder = tmp_path / "store"
     monkeypatch.setenv("PIPELINE_CACHE", str(folder))
     return folder
@@ -19,7 +18,6 @@ def cache(tmp_path, monkeypatch):
 
 @pytest.fixture
 def store(cache):
-    """The store that builds of this test use."""
     return Store(cache)
 
 

@@ -32,7 +32,6 @@ def test_without_the_extra_the_engine_says_what_to_install(monkeypatch):
 
 @pytest.fixture
 def extra():
-    """What follows needs the library."""
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 
 
@@ -71,7 +70,6 @@ class Cluster:
 
 @pytest.fixture
 def cluster(tmp_path, kit, extra):
-    """Two workers with one thread each."""
     cluster = Cluster(tmp_path, kit)
     yield cluster
     cluster.stop()

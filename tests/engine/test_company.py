@@ -27,7 +27,6 @@ def ran(folder: Path) -> list[str]:
 
 
 def texts(outcome, store) -> dict[str, str]:
-    """Output of each task that has one."""
     return {n: store.read(r.outputs["shared.txt"].sha256).decode() for n, r in outcome.records.items()}
 
 

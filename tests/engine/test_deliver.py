@@ -23,7 +23,6 @@ from pipeline.errors import UsageError
 
 @pytest.fixture
 def out(tmp_path):
-    """A finished build of the toy project."""
     build(toy.project(tmp_path / "out"), ALONE)
     return tmp_path / "out"
 

@@ -26,7 +26,6 @@ KEY = "ab" * 32
 
 @pytest.fixture
 def record(store):
-    """A record with one blob."""
     entry = store.put_bytes(b"some bytes")
     return store.put_record(toy.record(KEY, **{"a.txt": entry}))
 
@@ -71,7 +70,6 @@ def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeyp
 
 
 def failing(error):
-    """A call of the system that fails."""
 
     def fail(*arguments, **options):
         raise OSError(error, os.strerror(error))

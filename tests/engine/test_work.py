@@ -6,7 +6,6 @@ from pipeline.jit.work import calling, loading, work
 
 
 def busy(seconds):
-    """Take processor time of this thread."""
     end = time.thread_time() + seconds
     while time.thread_time() < end:
         pass

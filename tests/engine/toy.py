@@ -13,7 +13,6 @@ POSES = ([[1.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]])
 
 
 def graph_of(*tasks) -> TaskGraph:
-    """Graph of (name, kind, params[, reads])."""
     graph = TaskGraph(("toykit.tasks",))
     for name, kind, params, *reads in tasks:
         module = f"faulty:{kind}" if kind in FAULTY else kind
@@ -49,7 +48,6 @@ def bare(graph: TaskGraph, out: Path) -> Project:
 
 
 def snapshot(folder: Path) -> dict[str, tuple[bytes, int, int]]:
-    """Bytes, mtime and inode of every file."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return {
         path.relative_to(folder).as_posix(): (path.read_bytes(), path.stat().st_mtime_ns, path.stat().st_ino)
@@ -58,12 +56,10 @@ def snapshot(folder: Path) -> dict[str, tuple[bytes, int, int]]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Bytes of every file."""
     return {name: facts[0] for name, facts in snapshot(folder).items()}
 
 
 def executed(result) -> set[str]:
-    """Names of the tasks that ran."""
     return {task.name for task in result.tasks if task.state == "executed"}
 
 

@@ -13,7 +13,6 @@ from pipeline.files.tables import read_table
 
 @pytest.fixture(scope="module")
 def frame(tmp_path_factory, common_store):
-    """The folder of the frame."""
     out = tmp_path_factory.mktemp("columns")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PIPELINE_CACHE", str(common_store))

@@ -29,7 +29,6 @@ ENDS_A_COMMAND = {"|", "||", "&", "&&", ";", ">", "<"}
 
 
 def name_of(page: Path) -> str:
-    """A short test id."""
     return page.relative_to(ROOT).as_posix()
 
 

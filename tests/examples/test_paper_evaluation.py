@@ -161,6 +161,5 @@ def test_the_committed_table_says_what_the_page_says():
 
 
 def table(file: Path) -> list[dict[str, str]]:
-    """The rows of a results.csv."""
     with file.open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))

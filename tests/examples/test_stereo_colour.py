@@ -11,7 +11,6 @@ OF_TRUTH = {"truth", "certificate"}
 
 
 def tasks_of(folder: Path, text: str) -> dict[str, tuple[str, object]]:
-    """Kind and parameters of all tasks of a stage."""
     folder.mkdir()
     stage = folder / "dataset.usda"
     stage.write_text(text, encoding="utf-8")

@@ -21,7 +21,6 @@ from faults.workbench import Row, Workbench  # noqa: E402
 
 
 def main() -> int:
-    """Run all faults."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--only", metavar="N", type=int, nargs="*", help="numbers of rows, from 0")

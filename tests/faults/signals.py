@@ -41,7 +41,6 @@ def ended(process: subprocess.Popen, *numbers: int) -> tuple[int, str, float]:
 
 @contextlib.contextmanager
 def held_by_another(store: Path, key: str) -> Iterator[int]:
-    """A process that holds the lock of a key."""
     holder = subprocess.Popen([sys.executable, "-c", _HOLD, str(store), key], stdout=subprocess.PIPE)
     try:
         holder.stdout.readline()

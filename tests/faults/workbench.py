@@ -57,7 +57,6 @@ class Workbench:
         self.right = toy.contents(folder / "right" / "out")
 
     def at(self, place: Path, out: str = "out") -> Project:
-        """The project with its output folder below a place."""
         return dataclasses.replace(self.project, out=place / out)
 
     def build(self, place: Path, *, jobs: int = 1, on_event=None, out: str = "out"):
@@ -91,7 +90,6 @@ class Workbench:
         return found
 
     def new_place(self, *, built: bool = False) -> Path:
-        """An empty folder, or one with a finished build."""
         place = Path(tempfile.mkdtemp(dir=self.folder))
         if built:
             shutil.copytree(self.folder / "right", place, dirs_exist_ok=True, symlinks=True)
@@ -118,12 +116,10 @@ class Workbench:
         shutil.rmtree(place)
 
     def differs(self, place: Path, out: str = "out") -> bool:
-        """Whether the output folder of a place holds anything else than the right files."""
         return toy.contents(place / out) != self.right
 
     @functools.cached_property
     def steps_of_a_build(self) -> int:
-        """How many steps a cold build takes."""
         place = self.new_place()
         self.shim.arm(place)
         self.build(place)
@@ -133,6 +129,5 @@ class Workbench:
 
 
 def entries(place: Path) -> list[Path]:
-    """All records and blobs of a store."""
     tables = (place / "store" / "ac", place / "store" / "cas")
     return [path for table in tables for path in sorted(table.rglob("*")) if path.is_file()]

@@ -164,7 +164,6 @@ class Scene:
     lamp: str = "RectLight"
 
     def stage(self) -> Usd.Stage:
-        """The scene, in memory."""
         layer = Sdf.Layer.CreateAnonymous(".usda")
         layer.ImportFromString(BASE)
         board = layer.GetPrimAtPath("/Scene/Board")

@@ -65,7 +65,6 @@ class Attempt:
     value: Any
 
     def text(self) -> str:
-        """The stage, as usda."""
         stage = SCENES[self.scene].stage()
         if self.type_name == "metadata":
             return _with_metadata(stage, self.name, self.value)
@@ -192,7 +191,6 @@ def _tokens(kind: str, tokens: Any) -> list[Any]:
 
 
 def type_of(definition: Usd.PrimDefinition, name: str) -> str:
-    """Type of an attribute of a schema; empty for a relationship."""
     attribute = definition.GetAttributeDefinition(name)
     return str(attribute.GetTypeName()) if attribute else ""
 

@@ -25,7 +25,6 @@ pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory, common_store) -> tuple[Path, Path]:
-    """An output folder, and the page about it."""
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
     return out, report(out)
 
@@ -51,7 +50,6 @@ def at_the_images(tab, page: Path) -> None:
 
 @pytest.fixture
 def tab(program, page):
-    """The page in a browser, at its images."""
     with chromium.browser(program) as tab:
         at_the_images(tab, page[1])
         yield tab

@@ -19,15 +19,12 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 @dataclass
 class Node:
-    """A node with a name."""
-
     name: str
     reads: list[str] = field(default_factory=list)
     colour: str = "#fff"
 
     @property
     def label(self) -> tuple[str, str]:
-        """Name and nothing."""
         return self.name, ""
 
 
@@ -42,7 +39,6 @@ def random_graph(seed: int, count: int, back: int = 0) -> list[Node]:
 
 
 def tasks(stage: Path) -> list[Node]:
-    """Every task of a dataset."""
     graph = project(stage).graph
     return [Node(name, list(graph.sources(name))) for name in graph]
 

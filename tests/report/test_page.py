@@ -32,7 +32,6 @@ ASSETS = ROOT / "pipeline/report/page/assets"
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory, common_store):
-    """A plenoptic output folder and its report."""
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PIPELINE_CACHE", str(common_store))

@@ -11,7 +11,6 @@ STAGE = (Path(__file__).parents[1] / "data/every_attribute.usda").read_text(enco
 
 
 def path_of(at: str) -> str:
-    """Path of a prim that the table names from the root prim on."""
     return f"/Scene/{at}".rstrip("/")
 
 

@@ -36,7 +36,6 @@ class Pretended:
 
 
 def project_of(path: Path) -> Project:
-    """The project of a stage that passes the checks."""
     loaded = load(path)
     assert loaded.errors == [], [str(problem) for problem in loaded.errors]
     return project_from(loaded, path, Path("build"))

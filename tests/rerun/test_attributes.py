@@ -67,7 +67,6 @@ class _Bench:
 
 
 def reruns(before: dict[str, str], after: dict[str, str]) -> set[str]:
-    """Names of the tasks whose results are not there yet."""
     return {name for name, key in after.items() if key not in before.values()}
 
 

@@ -209,7 +209,6 @@ def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_a
 
 
 def spectral_frame(folder: Path) -> Path:
-    """Folder of a built frame of a sensor whose channels have one wavelength each."""
     stage = stage_at(folder, "conventional", TRIANGLE)
     text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
     stage.write_text(text.replace("plen:image:samples = 64", "plen:image:samples = 16"), encoding="utf-8")

@@ -45,7 +45,6 @@ class Workshop:
         )
 
     def use_method(self, method: str) -> None:
-        """Author another method."""
         self.stage.write_text(without_method(self.stage.read_text(encoding="utf-8")), encoding="utf-8")
         self.add(f'uniform token plen:truth:method = "{method}"')
 

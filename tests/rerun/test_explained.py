@@ -59,6 +59,5 @@ def test_every_attribute_of_the_table_is_named_with_its_line_by_all_tasks_that_i
 
 
 def _line(path, edit):
-    """The text at the place that an edit names."""
     assert Path(edit.file).name == path.name
     return path.read_text(encoding="utf-8").splitlines()[edit.line - 1]

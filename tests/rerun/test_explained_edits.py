@@ -42,13 +42,11 @@ class Desk:
         file.write_text(edited(file.read_text(encoding="utf-8"), *changes), encoding="utf-8")
 
     def line(self, file: Path, words: str) -> int:
-        """The number of the only line with these words."""
         lines = file.read_text(encoding="utf-8").splitlines()
         (number,) = (number for number, line in enumerate(lines, 1) if words in line)
         return number
 
     def edits(self, name: str) -> list[str]:
-        """What the plan says of a task."""
         (task,) = (task for task in self.before.planned(self.stage) if task.name == name)
         return [line.strip() for line in list(describe_task(task))[1:]]
 

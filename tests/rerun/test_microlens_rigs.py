@@ -49,7 +49,6 @@ PIXELS = """
     ids=["square discs", "refractive columns, tilted"],
 )
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """The microlenses and the output folder of a tiny rig with them."""
     folder = tmp_path_factory.mktemp("rig")
     sensor = '\n        over "Sensor"'
     pixels = ("\n            uniform int2 plen:resolution", PIXELS)

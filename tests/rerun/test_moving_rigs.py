@@ -25,7 +25,6 @@ STOOD = rigid(Rotation.from_euler("xyz", [20, 60, -35], degrees=True).as_matrix(
 
 
 def moves(poses: dict[int, np.ndarray]) -> str:
-    """Time samples of a prim."""
     turns = {
         frame: Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True).tolist() for frame, pose in poses.items()
     }

@@ -68,7 +68,6 @@ def stage(tmp_path, common_store, monkeypatch):
 
 
 def exposed(stage: Path) -> Path:
-    """The stage with raw images."""
     text = stage.read_text(encoding="utf-8")
     text = text.replace("            uniform int plen:image:samples", EXPOSED)
     stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
@@ -76,7 +75,6 @@ def exposed(stage: Path) -> Path:
 
 
 def built(stage: Path, out: Path) -> tuple[dict[str, bytes], Counter]:
-    """Files of a build but the manifest, and its tasks by kind."""
     result = pipeline.build(stage, out, jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]
     files = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}

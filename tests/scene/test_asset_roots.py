@@ -57,7 +57,6 @@ def places(tmp_path):
 
 
 def package(path, text):
-    """A package with one layer, in.usda."""
     member = path.parent / "in.usda"
     member.write_text(text)
     with Sdf.ZipFileWriter.CreateNew(str(path)) as archive:
@@ -66,7 +65,6 @@ def package(path, text):
 
 
 def stage(folder, asset, arc="reference"):
-    """A stage that names an asset."""
     more, body = ARCS[arc]
     path = folder / "s.usda"
     path.write_text((HEAD.format(more=more) + body).format(asset=f"@{asset}@"))

@@ -67,7 +67,6 @@ def require_nothing(file: str, loaded: Loaded) -> None:
 
 
 def announced(file: str) -> list[str]:
-    """The codes that a file says it gives."""
     return re.search(r"^# expect: (.*)$", (ROOT / file).read_text(), re.MULTILINE)[1].split()
 
 
@@ -79,7 +78,6 @@ def test_a_missing_file_is_a_problem_and_not_a_traceback():
 
 
 def report(stages: dict[str, Loaded]) -> str:
-    """All messages, under the names of their files."""
     texts = [
         f"## {Path(file).name}\n" + "".join(f"{problem}\n" for problem in loaded.problems)
         for file, loaded in stages.items()

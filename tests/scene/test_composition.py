@@ -91,7 +91,6 @@ FILTER = """    uniform token[] plen:surfaceOrder = ["Front", "S1", "S2", "S3", 
 
 
 def codes(folder: Path, type_name: str, references: str, text: str = "") -> list[str]:
-    """Codes of the problems of a part."""
     path = folder / "part.usda"
     path.write_text(head("Part") + PART.format(type=type_name, references=references, text=text))
     return [problem.code for problem in load(path).errors]

@@ -60,7 +60,6 @@ over "TinyConventional"
 
 
 def read(path):
-    """The only camera of a dataset."""
     (entry,) = open_dataset(path, [ROOT]).cameras
     return entry
 

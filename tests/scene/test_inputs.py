@@ -44,7 +44,6 @@ def with_picture(folder: Path, scene: str, file: str) -> Path:
 
 
 def the_error(folder: Path, path: Path, allow: tuple[str, ...] = ()) -> Problem:
-    """The only error of a stage; it has a place."""
     (error,) = load(path, allow, look=True).errors
     assert error.file and error.line and error.at
     return error

@@ -18,7 +18,6 @@ ALL = [*LIBRARY, *EXAMPLES, *TINY]
 
 
 def name_of(path):
-    """A short test id."""
     return path.relative_to(ROOT).as_posix()
 
 

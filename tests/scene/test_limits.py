@@ -21,7 +21,6 @@ def stage(folder: Path, *edits: tuple[str, str], kind: str = "conventional") -> 
 
 
 def only(path: Path):
-    """The one problem of a stage."""
     (found,) = load(path).problems
     return found
 

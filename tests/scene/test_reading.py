@@ -99,7 +99,6 @@ def board(arm="", pose=""):
 
 
 def translate(x, y, z):
-    """A pose without rotation."""
     return f'double3 xformOp:translate = ({x}, {y}, {z})\nuniform token[] xformOpOrder = ["xformOp:translate"]'
 
 
