@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from pipeline import formats
-from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose
+from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose, positions
 from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
 from pipeline.exports.noise import Noise
-from pipeline.exports.sights import positions
 from pipeline.files.jsonfile import write_json
 from pipeline.formats import Board, Centre, Convention, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
@@ -64,10 +63,7 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
 
 
 def converted(material: Material, convention: Convention) -> Material:
-    """A material as a format counts it.
-
-    Raises ExportError: microlenses cannot be numbered as the format does it.
-    """
+    """A material as a format counts it; ExportError if microlenses cannot be numbered as the format does it."""
     if convention.centre is Centre.ROWS:
         material = _by_rows(material)
     grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}

@@ -51,10 +51,9 @@ def scene_of(out: Path) -> Scene:
 
 
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
-    """Write a build in several formats, each into a folder of its name; all or nothing of a format.
+    """Write a build in several formats, each into a folder of its name, which are returned; all or nothing of a format.
 
     `formats`: names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
-    Returns list of Path: the folders.
     Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there.
     """
     asked = _asked(formats, folder, request or Request())

@@ -3,16 +3,23 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import Sightings
-from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Grid, Material, Observations, Scene
+from pipeline.exports.material import (
+    CameraRays,
+    ExportCamera,
+    ExportTarget,
+    ExportView,
+    Grid,
+    Material,
+    Observations,
+    Scene,
+)
 from pipeline.exports.micro_images import MicroImages
 from pipeline.exports.ray_patches import Sight
 from pipeline.exports.row_pinhole import row_pinhole
-from pipeline.exports.sights import CameraRays
 from pipeline.formats import EXACT, OURS, ExportError
 from pipeline.frames import apply
 from pipeline.results.output import Output
@@ -23,9 +30,6 @@ _REGULAR_MM = 1e-9
 """Deviation of nominal points from a grid [mm]: rounding of sums, nothing else."""
 POSITIONS = {EXACT: "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "centroid": "centroid_x_px"}
 """Which position of a point is exported -> its column; CONVENTIONS.md, Other positions of the same point."""
-
-
-_Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
 
 
 def gather(
@@ -79,15 +83,11 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
         if name not in known:
             hint = did_you_mean(name, known) or f"it has {', '.join(known)}"
             raise ExportError(f"the build has no camera and no target {name!r}", hint=hint)
-    cameras = _named(material.cameras, names)
-    targets = _named(material.targets, names)
+    cameras = tuple(camera for camera in material.cameras if camera.name in names) or material.cameras
+    targets = tuple(target for target in material.targets if target.name in names) or material.targets
     kept = {camera.name for camera in cameras} | {target.name for target in targets}
     views = tuple(view for view in material.views if {view.camera, view.target} <= kept)
     return replace(material, cameras=cameras, targets=targets, views=views)
-
-
-def _named(all_: tuple[_Named, ...], names: tuple[str, ...]) -> tuple[_Named, ...]:
-    return tuple(thing for thing in all_ if thing.name in names) or all_
 
 
 def grid_of(nominal: np.ndarray) -> Grid | None:

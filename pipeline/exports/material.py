@@ -5,19 +5,74 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from pipeline.exports.micro_images import GridMesh, MicroImages
-from pipeline.exports.sights import CameraRays
-from pipeline.formats import ExportError
+from pipeline.exports.ray_patches import Sight, rows_of_rays
+from pipeline.formats import Convention, ExportError, ImageAxes, Origin
 from pipeline.frames import apply, inverse
 from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
+_FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
+"""Number of the centre of the top-left pixel [px]; of other origins it depends on the image."""
+
+
+def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int, int]) -> np.ndarray:
+    """Image positions of ours as a format counts them, (..., 2) [px, or 1]."""
+    upwards = convention.axes is ImageAxes.X_UP
+    if convention.origin is Origin.SHARE:
+        shares = (places_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
+        shifted = np.stack([shares[..., 0], 1 - shares[..., 1]], axis=-1) if upwards else shares
+    elif convention.origin is Origin.IMAGE_CENTRE:
+        shifted = (places_px - (np.array(size_px) - 1) / 2) * (1, -1 if upwards else 1)
+    else:
+        shifted = (places_px + _FIRST_PIXEL[convention.origin]) * (1, -1 if upwards else 1)
+    return shifted[..., ::-1] if convention.axes is ImageAxes.Y_X else shifted
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraRays:
+    """A camera made ready when its rays are asked for, and its positions as a format counts them."""
+
+    built: BuiltCamera = field(repr=False)
+    ready: Callable[[], Sight] = field(repr=False)
+    convention: Convention
+
+    @cached_property
+    def sight(self) -> Sight:
+        """The camera made ready, in our conventions."""
+        return self.ready()
+
+    def band(self, first: int, end: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Rays (rows, w, 6) of the pixels of some rows, and the microlenses (rows, w, 2) of a plenoptic camera.
+
+        Origin [mm] and direction, vision frame, the top-left pixel first; NaN where no light leaves. Rays are traced
+        behind microlenses, else by patches.
+        """
+        width, _ = self.built.size_px
+        if not self.built.is_plenoptic:
+            near_mm, far_mm = map(float, self.built.record["near_far_mm"])
+            return np.concatenate(rows_of_rays(self.sight, width, (first, end), (near_mm, far_mm)), axis=-1), None
+        y, x = np.mgrid[first:end, 0:width].reshape(2, -1).astype(float)
+        rays = self.sight.rays(x, y)
+        assert rays.microlens is not None
+        lines = np.concatenate([rays.origin_mm, rays.direction], axis=1)
+        return lines.reshape(end - first, width, 6), rays.microlens.reshape(end - first, width, 2)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Positions of the centres of the first and of the last pixel, (2, 2)."""
+        return self.positions(np.array([[0.0, 0.0], np.array(self.built.size_px) - 1.0]))
+
+    def positions(self, places_px: np.ndarray) -> np.ndarray:
+        """Image positions (..., 2) of ours as the format counts them."""
+        return positions(places_px, self.convention, self.built.size_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,10 +107,7 @@ class ExportCamera:
 
     @property
     def model(self) -> BuiltPinhole:
-        """The pinhole, of formats that cannot do without one.
-
-        Raises ExportError: none fits.
-        """
+        """The pinhole, of formats that cannot do without one; ExportError if none fits."""
         if self.pinhole is None:
             raise ExportError(
                 f"no pinhole fits {self.name}, and this format describes a camera by one",
@@ -88,10 +140,7 @@ class Grid:
 
     @property
     def square_mm(self) -> float:
-        """Side of its cells, of formats that know squares alone.
-
-        Raises ExportError: they are no squares.
-        """
+        """Side of its cells, of formats that know squares alone; ExportError if they are no squares."""
         if self.step_mm is None:
             raise ExportError("this format knows boards with square cells, and columns and rows differ here")
         return self.step_mm
@@ -187,10 +236,7 @@ class Material:
 
     @property
     def only_target(self) -> ExportTarget:
-        """The target, of formats that know one.
-
-        Raises ExportError: there are several.
-        """
+        """The target, of formats that know one; ExportError if there are several."""
         if len(self.targets) != 1:
             names = ", ".join(target.name for target in self.targets)
             raise ExportError(
@@ -201,10 +247,7 @@ class Material:
 
     @property
     def board(self) -> Grid:
-        """Grid of the only target.
-
-        Raises ExportError: there are several, or its points form no regular grid.
-        """
+        """Grid of the only target; ExportError if there are several, or its points form no regular grid."""
         target = self.only_target
         if target.grid is None:
             raise ExportError(
@@ -214,10 +257,7 @@ class Material:
         return target.grid
 
     def between(self, first: ExportCamera, second: ExportCamera) -> np.ndarray:
-        """The pose second_from_first, (4, 4).
-
-        Raises ExportError: it is not the same in all frames, or unknown.
-        """
+        """The pose second_from_first, (4, 4); ExportError if it is not the same in all frames, or unknown."""
         if first.name == second.name:
             return np.eye(4)
         poses = [

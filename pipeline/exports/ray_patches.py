@@ -33,7 +33,7 @@ _JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np
 
 
 class Sight(Protocol):
-    """A camera made ready, as `sight.ready_camera.ReadyCamera` is."""
+    """A camera made ready, as `results.ready_camera.ReadyCamera` is."""
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike) -> PixelRays:
         """Rays of image positions."""

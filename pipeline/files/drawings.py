@@ -17,11 +17,9 @@ _POINTS_PER_MM = 72 / 25.4
 
 
 def write_drawing(path: Path, drawing: str | bytes) -> None:
-    """Write a drawing, SVG (text without the comment) or PDF (bytes with it); an earlier drawing of ours is
-    replaced.
+    """Write a drawing, SVG (text without the comment) or PDF (bytes with it), in place of an earlier one of ours.
 
     Raises UsageError: the name belongs to a link or to a file that is not one of our drawings.
-    Raises OSError: the path cannot be written: it is a folder, or its folder does not exist.
     """
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:
@@ -30,11 +28,7 @@ def write_drawing(path: Path, drawing: str | bytes) -> None:
 
 
 def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
-    """A PDF file.
-
-    `pages`: sequence of (float, float, str), width and height [mm], and drawing operators in millimetres from the lower
-        left corner; `/F1` is Helvetica.
-    """
+    """A PDF file of pages: width and height [mm], drawing operators in mm from the lower left; `/F1` is Helvetica."""
     first = 4
     kids = " ".join(f"{first + 2 * i} 0 R" for i in range(len(pages)))
     objects = [

@@ -69,10 +69,7 @@ class Part:
 
 
 def write_exr(path: str | Path, parts: list[Part]) -> None:
-    """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
-
-    `path`: in a folder that exists.
-    """
+    """Write parts, which may differ in size, to a file of any name in a folder that exists. Same parts, same bytes."""
     names = [part.name for part in parts]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"{path}: an EXR file needs parts with different names, not {names}")
@@ -92,11 +89,7 @@ def write_exr(path: str | Path, parts: list[Part]) -> None:
 
 
 def read_exr(path: str | Path) -> dict[str, Part]:
-    """Read a file that `write_exr` wrote.
-
-    Returns dict of str to Part: parts by name, in the order of the file.
-    Raises DamagedFile: if it is truncated, altered, or not from `write_exr`.
-    """
+    """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if it is cut, altered or not of it."""
     path = Path(path)
     with path.open("rb"):  # a missing or unreadable file is an error of the system, not damage
         pass

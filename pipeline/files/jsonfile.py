@@ -18,9 +18,8 @@ _WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 def write_json(path: str | Path, obj: Any) -> None:
     """Write plain values, UTF-8, with a final line feed.
 
-    `obj`: dict, list, tuple, array, str, number, bool or None, floats are written by `repr`; infinities as the strings
-        "inf" and "-inf", which `float` reads, because JSON has no word for them; NaN and other types are refused with
-        the place where they stand.
+    Floats are written by `repr`; infinities as the strings "inf" and "-inf", which `float` reads, because JSON has no
+    word for them; NaN and other types than plain ones and arrays are refused with the place where they stand.
     """
     Path(path).write_bytes(json_bytes(obj))
 

@@ -38,9 +38,8 @@ def read_npy(path: str | Path) -> np.ndarray:
 
 
 class StackedRows:
-    """Arrays in several files written by `write_npy`, alike but for their number of rows, read as one.
+    """Arrays in files written by `write_npy`, from the top, alike but for their number of rows, read as one.
 
-    `paths`: files from the top. Only headers are read now.
     Raises DamagedFile: as `read_npy`.
     """
 

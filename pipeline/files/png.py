@@ -33,9 +33,8 @@ def png_bytes(image: np.ndarray) -> bytes:
 
 
 def read_png(path: str | Path) -> np.ndarray:
-    """Read an image written by `write_png`.
+    """Read an image written by `write_png`, (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16.
 
-    Returns (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16.
     Raises DamagedFile: if it is not a PNG file, pixels are lost or altered, or they are of another kind.
     """
     data = Path(path).read_bytes()
@@ -53,10 +52,7 @@ def read_png(path: str | Path) -> np.ndarray:
 
 
 def png_size(path: str | Path) -> tuple[int, int]:
-    """Width and height in px, from the header alone.
-
-    Raises DamagedFile: if it is not a PNG file.
-    """
+    """Width and height in px, from the header alone; DamagedFile if it is not a PNG file."""
     with Path(path).open("rb") as file:
         return _size(path, file.read(24))
 

@@ -34,9 +34,8 @@ def write_table(
 ) -> None:
     """Write columns of equal length, UTF-8, lines ending in a line feed.
 
-    `header_lines`: iterable of str, comment lines, without "#".
-    `columns`: mapping of str to sequence, columns in order. Floats are written by `repr`, so that they read back
-        exactly; None, NaN and "" leave the cell empty; booleans become 1 and 0; text is quoted only if it must be.
+    Header lines become comments. Floats are written by `repr`, so that they read back exactly; None, NaN and "" leave
+    the cell empty; booleans become 1 and 0; text is quoted only if it must be.
     """
     comments = [f"# {line}".rstrip() for line in header_lines]
     if broken := [line for line in comments if "\n" in line or "\r" in line]:

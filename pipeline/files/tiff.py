@@ -57,11 +57,9 @@ def write_tiff(
 ) -> None:
     """Write a plane of digital numbers band by band; the same pixels, the same bytes.
 
-    `shape`: (int, int), height and width [px].
+    `shape`: height and width [px].
     `rows`: called for one band after the other, from the top.
     `about`: meaning of the numbers as plain values: the description.
-    `photometric`: kind of the pixels, as TIFF numbers it.
-    `more`: sequence of Tag, further tags.
     """
     height, width = shape
     if 2 * height * width > _LARGEST_BYTES:
@@ -102,11 +100,9 @@ def _text(about: dict[str, Any]) -> str:
 
 
 def read_tiff(path: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """Digital numbers and description of a file that `write_tiff` or `write_dng` wrote.
+    """Digital numbers (h, w) uint16 and description of a file that `write_tiff` or `write_dng` wrote.
 
-    Returns (h, w) uint16.
-    Returns dict.
-    Raises DamagedFile: if it is truncated, altered, or not from `write_tiff`.
+    Raises DamagedFile: it is truncated, altered, or not from these.
     """
     data = Path(path).read_bytes()
     try:

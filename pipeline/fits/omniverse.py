@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.sights import positions
+from pipeline.exports.material import positions
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera

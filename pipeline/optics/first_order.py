@@ -4,11 +4,13 @@ Positions are vision z, counted from the aperture stop and positive towards the 
 Matrices act on (height, index times slope); Hecht, Optics, chapter "Analytical ray tracing".
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+from pipeline.optics.printed import PrintedSurface
 
 _LEAST_POWER_PER_MM = 1e-9
 """Power below which a lens has no focus [1/mm]: a focal length of a thousand kilometres."""
@@ -89,6 +91,23 @@ def first_order(prescription: Prescription) -> FirstOrder:
         entrance_pupil=_entrance_pupil(prescription, surfaces[:stop]),
         exit_pupil=exit_pupil(prescription),
     )
+
+
+def paraxial_ray(
+    surfaces: Sequence[Surface | PrintedSurface], height: float, slope: float
+) -> tuple[list[float], float]:
+    """Heights at all surfaces of a ray that comes from air to the first vertex, and its slope behind the last one.
+
+    The slope counts times the index.
+    """
+    heights, index = list[float](), 1.0
+    for i, surface in enumerate(surfaces):
+        if i:
+            height += surfaces[i - 1].thickness_mm * slope / index
+        heights.append(height)
+        slope -= surface.power_per_mm(index) * height
+        index = surface.index
+    return heights, slope
 
 
 def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:

@@ -86,13 +86,7 @@ def new_packet():
 
 @unit
 def trace_packet(table, packet, count):
-    """Trace the first `count` rays of a packet through all surfaces, in place; z ends on the last surface.
-
-    Parameters
-    ----------
-    table : (n, columns) float64
-        Table from `optics.table`.
-    """
+    """Trace the first `count` rays of a packet through all surfaces of a table, in place; z ends on the last one."""
     for k in range(table.shape[0]):
         row, posed = table[k], table[k, POSE] > 0.0
         if posed:

@@ -121,20 +121,15 @@ class Surface:
             )
 
     def power_per_mm(self, index_in_front: float) -> float:
-        """Refracting power near the axis: what it takes from index times slope, per height."""
+        """Refracting power near the axis, an r^2 term counted: what it takes from index times slope, per height."""
         if self.focal_length_mm is not None:
             return 1 / self.focal_length_mm
-        return (self.index - index_in_front) * self.vertex_curvature_per_mm
+        return (self.index - index_in_front) * (self.curvature_per_mm + 2 * sum(self.even_coefficients[:1]))
 
     @property
     def curvature_per_mm(self) -> float:
         """1 / radius, 0 for a plane."""
         return 0.0 if math.isinf(self.radius_mm) else 1.0 / self.radius_mm
-
-    @property
-    def vertex_curvature_per_mm(self) -> float:
-        """Curvature that rays near the axis meet: the r^2 term of an asphere bends the vertex, too."""
-        return self.curvature_per_mm + 2 * sum(self.even_coefficients[:1])
 
     @property
     def aperture(self) -> str:

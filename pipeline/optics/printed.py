@@ -71,13 +71,7 @@ class NotRepresentable(PrescriptionError):
 
 
 def prescription_of(lens: PrintedLens) -> Prescription:
-    """The lens as it is traced.
-
-    Raises
-    ------
-    PrescriptionError
-        The lens cannot exist, or cannot be represented; it names all surfaces that are to blame.
-    """
+    """The lens as it is traced; a PrescriptionError that names all surfaces that are to blame if it cannot be."""
     wrong = [
         f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_representable(surface)
     ]

@@ -72,10 +72,7 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
 
 def _table(prescription: Prescription, sign: float) -> np.ndarray:
-    """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's.
-
-    Vision z points against it: positions, curvatures and coefficients change sign.
-    """
+    """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
     rows, in_front = [], 1.0
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex_mm, motion in placed:

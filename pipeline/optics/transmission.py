@@ -50,11 +50,7 @@ class Coating:
             raise PrescriptionError("a coating is a reflectance, one for each of its angles, or films")
 
     def passed(self, before: float, behind: float, cosine: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Share of light that passes, polarised across the plane of incidence and in it, (2, n).
-
-        `before`, `behind`: refractive indices of the media.
-        `cosine`: cosines of the angles of incidence, before the surface.
-        """
+        """Share of light that passes, polarised across the plane of incidence and in it, (2, n), by indices."""
         if self.films:
             return _through_films(self.films, before, behind, _lateral(before, cosine))
         if not self.angles_deg:
@@ -210,9 +206,7 @@ def steepest_deg(
 
 
 class _Met(NamedTuple):
-    """Rays at a surface: its row, the way there, directions before and behind, which pass, cosines of the angles of
-    incidence, and the indices before and behind.
-    """
+    """Rays at a surface: its row, the way there, directions before and behind it, and cosines of their incidence."""
 
     row: np.ndarray
     way_mm: np.ndarray

@@ -36,72 +36,34 @@ class LensEntry:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CameraEntry:
-    """A camera of the dataset.
+    """A camera of the dataset."""
 
-    Attributes
-    ----------
-    name : str
-        Path of the camera prim below the dataset's root with "/" replaced by ".": it appears in every table.
-    prim_path : str
-        Path of the camera on the composed stage, for messages.
-    file, line : str or None, int or None
-        Place of its definition, for messages.
-    lens_name : str
-        `plen:name` of the lens, or its prim name; for reports only.
-    index_source : str
-        Source of the refractive indices: `printed`, or `catalogue` with the media from the scene to the sensor.
-    asked : Camera or FocusRequest
-        Statement of the stage: a camera, or a request for a focus, which `camera` fulfils.
-    truth : TruthSettings
-        Method and filters of the ground truth.
-    image_samples : int
-        Rays per pixel of the image, or of the first pass over it.
-    image_noise : float or None
-        Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass.
-    bounces : int
-        Reflections between surfaces in images of a lit dataset.
-    extent : str
-        Extent of position images for method `image`: `tiles` around the points, or `full`.
-    delivers_rays : bool
-        Whether rays.exr is delivered even if no method needs it.
-    f_numbers : tuple of float
-        F-numbers of further white images, in the order of the stage.
-    diffraction : bool
-        Whether images show it.
-    channels : tuple of Channel
-        Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
-    channel : Channel or None
-        The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one.
-    colorimetry : tuple of Colorimetry
-        The channels red, green and blue beside the standard observer, in the light of the dataset and in daylight.
-    response : SensorResponse or None
-        Response of the sensor, from photons to digital numbers; None where the stage states none.
-    irradiation : Irradiation or None
-        Light of each frame; None: there are no raw images.
-    """
-
-    name: str
-    prim_path: str
-    lens_name: str
-    index_source: str
+    name: str  # path of its prim below the dataset's root with "/" replaced by ".": it appears in every table
+    prim_path: str  # on the composed stage, for messages
+    lens_name: str  # `plen:name` of the lens, or its prim name; for reports only
+    index_source: str  # `printed`, or `catalogue` with the media from the scene to the sensor
     wavelength_nm: float
     weight: str
     footprint: str
-    asked: Camera | FocusRequest
+    asked: Camera | FocusRequest  # statement of the stage: a camera, or a request for a focus, which `camera` fulfils
     sampling: Sampling
     truth: TruthSettings
-    image_samples: int
+    image_samples: int  # rays per pixel of the image, or of the first pass over it
+    # Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass
     image_noise: float | None = None
-    bounces: int = 2
-    extent: str = "tiles"
-    delivers_rays: bool = False
-    f_numbers: tuple[float, ...] = ()
-    diffraction: bool = False
-    channels: tuple[Channel, ...] = ()
+    bounces: int = 2  # reflections between surfaces in images of a lit dataset
+    extent: str = "tiles"  # of position images for method `image`: `tiles` around the points, or `full`
+    delivers_rays: bool = False  # whether rays.exr is delivered even if no method needs it
+    f_numbers: tuple[float, ...] = ()  # of further white images, in the order of the stage
+    diffraction: bool = False  # whether images show it
+    channels: tuple[Channel, ...] = ()  # in the order of the stage; none: its light has the one wavelength
+    # The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one
     channel: Channel | None = None
+    # The channels red, green and blue beside the standard observer, in the light of the dataset and in daylight
     colorimetry: tuple[Colorimetry, ...] = ()
-    response: SensorResponse | None = None
-    irradiation: Irradiation | None = None
+    response: SensorResponse | None = None  # from photons to digital numbers; None where the stage states none
+    irradiation: Irradiation | None = None  # light of each frame; None: there are no raw images
+    # Place of its definition, for messages
     file: str | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
 
@@ -232,38 +194,22 @@ class AskedExports:
 class Dataset:
     """All facts of a stage that a build needs.
 
-    Attributes
-    ----------
-    stage_name : str
-        Name of the default prim, which identifies the dataset without a path of the machine.
-    seed : int
-        Seed of all random numbers.
-    background : float
-        Relative radiance where there is neither a target nor an occluder.
-    lamps : tuple of LampEntry
-        With any, everything is lit by them; without, targets glow.
-    pictures : tuple of PictureEntry
-        Pictures that its prims name, whether lamps light it or not.
-    exports : AskedExports
-        Files of other programs that a build writes.
-    meters_per_unit, up_axis : float, str
-        Of the stage, for layers that a build writes for viewers; lengths of all records are in mm.
-    sources : dict
-        Paths of the properties, and of whole prims, from which values were read, by part: `cameras/Rig.Camera`,
-        `targets/Board`, `occluders`, `lamps`, `exports`, `poses/cameras/Rig.Camera`, `poses/targets/Board`,
-        `poses/occluders`, `poses/lamps`, and `dataset` for the rest.
+    `sources` has the paths of the properties, and of whole prims, from which values were read, by part:
+    `cameras/Rig.Camera`, `targets/Board`, `occluders`, `lamps`, `exports`, `poses/cameras/Rig.Camera`,
+    `poses/targets/Board`, `poses/occluders`, `poses/lamps`, and `dataset` for the rest.
     """
 
-    stage_name: str
-    seed: int
-    background: float
+    stage_name: str  # name of the default prim, which identifies the dataset without a path of the machine
+    seed: int  # of all random numbers
+    background: float  # relative radiance where there is neither a target nor an occluder
     cameras: tuple[CameraEntry, ...]
     targets: tuple[TargetEntry, ...]
     frames: tuple[Frame, ...]
     occluders: tuple[OccluderEntry, ...] = ()
-    lamps: tuple[LampEntry, ...] = ()
-    pictures: tuple[PictureEntry, ...] = ()
+    lamps: tuple[LampEntry, ...] = ()  # with any, everything is lit by them; without, targets glow
+    pictures: tuple[PictureEntry, ...] = ()  # that its prims name, whether lamps light it or not
     exports: AskedExports = field(default_factory=AskedExports)
+    # Of the stage, for layers that a build writes for viewers; lengths of all records are in mm
     meters_per_unit: float = 0.001
     up_axis: str = "Y"
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)

@@ -211,7 +211,12 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     prims = ordered_surfaces(lens)
     if not prims:
         return
-    yield from _check_stop(lens, prims)
+    stops = [prim.GetName() for prim in prims if read(prim, "plen:isStop")]
+    if not stops:
+        hint = "write uniform bool plen:isStop = 1 on one of its surfaces"
+        yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
+    elif len(stops) > 1:
+        yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
     surfaces = dict[Usd.Prim, Surface]()
     for prim in prims:
         try:
@@ -224,7 +229,11 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
                 place = prim.GetAttribute(attribute) if attribute else prim
                 yield problem(place, error.code, error.what, hint=error.hint)
         else:
-            yield from _check_steep(prim, surfaces[prim])
+            sag, radius_mm = surfaces[prim].sag_mm(surfaces[prim].semi_diameter_mm), surfaces[prim].semi_diameter_mm
+            if not abs(sag) <= _STEEPEST * radius_mm:
+                message = f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {radius_mm:g} mm"
+                hint = "are conic and coefficients those of millimetres, and in the right order?"
+                yield problem(prim, "sag", message, hint=hint)
     for front, behind in pairwise(prims):
         if front in surfaces and behind in surfaces:
             yield from _check_gap(front, behind, surfaces[front], surfaces[behind])
@@ -272,24 +281,6 @@ def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
     for name in sorted(set(children) - set(names)):
         message = f'surface "{name}" is missing in "plen:surfaceOrder"'
         yield problem(lens.GetChild(name), "surface-order", message)
-
-
-def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
-    stops = [prim.GetName() for prim in prims if read(prim, "plen:isStop")]
-    if not stops:
-        hint = "write uniform bool plen:isStop = 1 on one of its surfaces"
-        yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
-    elif len(stops) > 1:
-        yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
-
-
-def _check_steep(prim: Usd.Prim, surface: Surface) -> Iterator[Problem]:
-    """A problem if an asphere is impossible: its sag at the rim is larger than that of any real one."""
-    sag, radius_mm = surface.sag_mm(surface.semi_diameter_mm), surface.semi_diameter_mm
-    if not abs(sag) <= _STEEPEST * radius_mm:
-        message = f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {radius_mm:g} mm"
-        hint = "are conic and coefficients those of millimetres, and in the right order?"
-        yield problem(prim, "sag", message, hint=hint)
 
 
 def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surface) -> Iterator[Problem]:

@@ -9,6 +9,7 @@ from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
 from pipeline.optics.glass.errors import GlassError, OutOfRange
+from pipeline.optics.printed import D_LINE_NM
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read
 
@@ -29,10 +30,6 @@ _OPTIONAL = {
     "type_period": "plen:typePeriod",
 }
 
-_D_LINE_NM = 587.56
-"""Wavelength at which an array without a camera is checked [nm]: the helium d line, for which catalogues state
-indices.
-"""
 _ANY_DISTANCE_MM = 1.0
 """Distance from the sensor of an array without a camera [mm]: no check of an array alone depends on it."""
 _NOMINAL = 0.01
@@ -90,7 +87,7 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
     if parts or array.GetPath() in wrong:
         return
     try:
-        record = read_microlenses(array, _ANY_DISTANCE_MM, _D_LINE_NM)
+        record = read_microlenses(array, _ANY_DISTANCE_MM, D_LINE_NM)
         element_tables(record)
     except GlassError as error:
         yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)

@@ -2,12 +2,12 @@
 
 import base64
 import hashlib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
@@ -16,7 +16,7 @@ from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, having, read_once
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
@@ -36,14 +36,9 @@ class PictureFile:
     most: float
 
 
-@contextmanager
-def reading_below(roots: Iterable[Path]) -> Iterator[None]:
+def reading_below(roots: Iterable[Path]) -> AbstractContextManager[Any]:
     """Context in which pictures are read, from these folders alone."""
-    token = _ROOTS.set(tuple(roots))
-    try:
-        yield
-    finally:
-        _ROOTS.reset(token)
+    return having(_ROOTS, tuple(roots))
 
 
 def picture_name(shader: UsdShade.Shader, space: str) -> str:
@@ -74,9 +69,7 @@ def read_pictures(stage: Usd.Stage) -> dict[Sdf.Path, PictureEntry]:
 
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
-    """Attributes of a prim, or behind one of a texture, that name pictures, with the colour space: whether anything
-    is made of them or not, because a delivered stage names all of them.
-    """
+    """Attributes of a prim, or behind one of a texture, that name pictures, used or not, with the colour space."""
     if is_in_preview(prim):
         return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":

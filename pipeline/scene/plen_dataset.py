@@ -208,11 +208,7 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
-    """One warning per type of prim that is in the stage of a dataset but has no effect on its images.
-
-    Previews of targets, prims with the purposes guide and proxy, and prims invisible in all frames are left out, and
-    targets of our relationships, of which problems are reported elsewhere.
-    """
+    """One warning per type of prim that viewers show and that has no effect on images of a dataset."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     relationships = [

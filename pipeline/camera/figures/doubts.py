@@ -151,15 +151,11 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
 
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
-    """Whether any ray from a point of the film leaves the lens.
-
-    Of a grid over the rear surface, and because the stop may be narrower than its meshes, of finer and finer grids
-    about the ray that comes nearest to the stop's centre.
-    """
+    """Whether any ray from a point of the film leaves the lens."""
     table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, _GRID)
     opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
-    for _ in range(_ZOOMS):
+    for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: ever finer ones about the ray nearest to its centre
         starts, way = np.tile(start, (len(grid), 1)), _unit(grid - start)
         if traced(table, starts, way)[2].any():
             return True

@@ -105,10 +105,7 @@ def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
 
 
 def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of chief rays in the scene, (n, 3), and where they cross vision z `object_mm`, (n, 2); no edge blocks.
-
-    At infinity slopes stand for the crossings.
-    """
+    """Directions of chief rays in the scene, (n, 3), and crossings with vision z `object_mm`, at infinity slopes."""
     table = unbounded(tracer.table)
     position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
     slopes = chief_slopes(table, tracer.stop_row, position)

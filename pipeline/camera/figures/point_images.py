@@ -21,7 +21,7 @@ from pipeline.camera.wave.spread import (
     transfer,
     transfer_of_rays,
 )
-from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
+from pipeline.camera.wave.wavefront import View, wavefront
 from pipeline.records.shapes import Float64
 
 FIELDS = (0.0, 0.7, 1.0)
@@ -92,7 +92,13 @@ def point_images(
     Raises CameraError: no light arrives at the position, or blur is far wider than diffraction.
     """
     rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
-    places = _places(rig) if at_px is None else [_named(rig, at_px)]
+    if at_px is None:
+        places = _places(rig)
+    elif rig.in_image(np.array([at_px]))[0]:
+        position = rig.tracer.positions_mm(*at_px)
+        places = [("as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan))]
+    else:
+        raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
     return [
         _point_image(rig, place, _seen(focused or camera, view, rig, object_mm), wavelength_nm)
         for place, view in places
@@ -105,13 +111,6 @@ def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View
         lattice = rig.tracer.lattice
         object_mm = foci(camera)[0 if lattice is None else int(lattice.type[view.microlens])].focus_distance_mm
     return View(view.position_mm, view.microlens, object_mm)
-
-
-def _named(rig: Rig, at_px: tuple[float, float]) -> tuple[str, View]:
-    position = rig.tracer.positions_mm(*at_px)
-    if not rig.in_image(np.array([at_px]))[0]:
-        raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
-    return "as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan)
 
 
 def _places(rig: Rig) -> list[tuple[str, View]]:
@@ -140,7 +139,10 @@ def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> Poin
     limit = 2 * front.semi_axes[0, 0] / front.wavelength_mm
     per_mm = np.linspace(0, min(limit, 1 / pitch_mm), FREQUENCIES)
     moved_mm = saddle_of_light(front, pitch_mm) - saddle_of_rays(front, pitch_mm)
-    picture, edge_mm = _picture(front, radius_mm)
+    reach_mm = float(np.hypot(*front.crossings_mm[front.share > 0].T).max())
+    half_mm = max(_RADII * radius_mm, _SPOT * reach_mm)
+    cells = np.linspace(half_mm, -half_mm, _CELLS)  # the image is the vision frame turned by 180 degrees
+    light = intensity(front, cells, cells)
     return PointImage(
         place=place,
         x_px=rig.tracer.pixels_at(view.position_mm[None])[0],
@@ -157,15 +159,6 @@ def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> Poin
         sagittal=np.abs(transfer(front, per_mm, across)),
         perfect=np.abs(transfer(front.perfect(), per_mm, radial)),
         geometric=np.abs(transfer_of_rays(front, per_mm, radial)),
-        picture=picture,
-        picture_um=1e3 * edge_mm,
+        picture=light / light.max(),
+        picture_um=1e3 * (2 * half_mm),
     )
-
-
-def _picture(front: Wavefront, radius_mm: float) -> tuple[np.ndarray, float]:
-    """The light around the image position as it is seen in the image, and the edge of the picture [mm]."""
-    reach_mm = float(np.hypot(*front.crossings_mm[front.share > 0].T).max())
-    half = max(_RADII * radius_mm, _SPOT * reach_mm)
-    places = np.linspace(half, -half, _CELLS)  # the image is the vision frame turned by 180 degrees
-    light = intensity(front, places, places)
-    return light / light.max(), 2 * half

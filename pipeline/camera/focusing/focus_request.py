@@ -21,7 +21,7 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import PipelineError
-from pipeline.optics.first_order import FirstOrder, first_order
+from pipeline.optics.first_order import FirstOrder, first_order, paraxial_ray
 from pipeline.optics.prescription import Prescription, PrescriptionError, least_gap_mm
 
 _LONGEST = 10.0
@@ -112,17 +112,11 @@ def _moving(prescription: Prescription, names: tuple[str, ...]) -> list[bool]:
 
 def _miss(lens: Prescription, object_mm: float, image_mm: float) -> float:
     """Height at the image plane of a paraxial ray from the axial object point; it vanishes where both are conjugate."""
-    surfaces, vertices = lens.surfaces, lens.vertices_from_stop_mm
+    vertices = lens.vertices_from_stop_mm
     # Of unit height or slope, whichever is the smaller number: infinity is no special case.
     before = object_mm + vertices[0]
-    height, slope = (1.0, 1.0 / before) if before else (0.0, 1.0)
-    index = 1.0
-    for i, surface in enumerate(surfaces):
-        if i:
-            height += surfaces[i - 1].thickness_mm * slope / index
-        slope -= surface.power_per_mm(index) * height
-        index = surface.index
-    return height + (image_mm - vertices[-1]) * slope
+    heights, slope = paraxial_ray(lens.surfaces, *((1.0, 1.0 / before) if before else (0.0, 1.0)))
+    return heights[-1] + (image_mm - vertices[-1]) * slope
 
 
 def _bisected(miss: Callable[[float], float], low: float, high: float) -> float:

@@ -114,10 +114,7 @@ def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
 
 
 def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Movement of the pupil's image per distance of the point in the aperture, and its reach; 0: dark.
-
-    From the sampling bounds, turned round as for `MicroImages.reach_mm`.
-    """
+    """Movement of the pupil's image per distance of the point in the aperture, and its reach by its bounds; 0: dark."""
     some = tracer.arrays.microlenses[rows]
     polygons = outlines_around(tracer.arrays, some[:, [column.OUTLINE_X, column.OUTLINE_Y]])
     by_start, by_aim = some[:, column.BY_START], some[:, column.BY_AIM]

@@ -63,11 +63,7 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
 
 
 def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> tuple[str, str]:
-    """Meaning of the column semi_ap, and what decides it.
-
-    `lens`: with the numbers of the column as its semi-diameters.
-    `f_number`: f-number that the file states.
-    """
+    """Meaning of the column semi_ap, whose numbers are semi-diameters of `lens`, and what decides it."""
     by_shape = None if is_possible(lens.surfaces) else "diameter"
     by_stop = next((meaning for meaning in _FACTOR if _has_f_number(scaled(lens, meaning), f_number)), None)
     if by_shape and by_stop in (by_shape, None):

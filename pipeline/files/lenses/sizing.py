@@ -9,8 +9,7 @@ from itertools import pairwise, zip_longest
 from pathlib import Path
 
 from pipeline.files.lenses.text import UnreadableLens
-from pipeline.optics.clear_apertures import Field, with_clear_apertures
-from pipeline.optics.first_order import first_order
+from pipeline.optics.first_order import first_order, paraxial_ray
 from pipeline.optics.prescription import PrescriptionError, Surface, least_gap_mm
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, prescription_of
 
@@ -18,6 +17,15 @@ _TOUCH_MM = 1e-9
 """Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
 _SAME = 1e-6
 """Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """An object point at infinity: its angle, and which part of the pupil's semi-diameter it loses above and below."""
+
+    angle_deg: float
+    upper: float = 0.0
+    lower: float = 0.0
 
 
 @dataclass(slots=True)
@@ -51,9 +59,7 @@ class Beam:
 
 
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
-    """The lens with all semi-diameters known: as printed, or as large as the beam of the file requires, which is
-    then reported.
-    """
+    """The lens with all semi-diameters known: as printed, or as the beam of the file requires, which is reported."""
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
         ignored = Lost(what="vignetting factors; only semi-diameters block rays")
@@ -77,6 +83,36 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         f" (entrance pupil {wide_mm:g} mm, half field {max(abs(seen.angle_deg) for seen in fields):g} degrees)"
     )
     return replace(open_lens, lost=(*open_lens.lost, Lost(what=what)))
+
+
+def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
+    """The lens with each unknown semi-diameter filled in: the largest height of a rim ray of any field.
+
+    At the stop it is the height of the axial rim ray. Paraxial: a real ray at the edge of a fast lens passes somewhat
+    further out. The object is at infinity; the beam through the entrance pupil along the axis counts besides `fields`.
+
+    Raises PrescriptionError: there is not one stop, or it stands in a focus of what is before it.
+    """
+    stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
+    if len(stops) != 1:
+        raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {len(stops)}")
+    parallel, oblique = (paraxial_ray(lens.surfaces, *start)[0] for start in ((1.0, 0.0), (0.0, 1.0)))
+    if not parallel[stops[0]]:
+        raise PrescriptionError(
+            "the entrance pupil lies at infinity, and its diameter opens no stop", hint="state the stop's semi-diameter"
+        )
+    # A chief ray starts where it will pass the centre of the stop.
+    start = -oblique[stops[0]] / parallel[stops[0]]
+    surfaces = []
+    for surface, a, b in zip(lens.surfaces, parallel, oblique, strict=True):
+        rim, chief = a * entrance_pupil_mm / 2, a * start + b
+        heights = [abs(rim)]
+        for seen in () if surface.is_stop else fields:
+            centre = chief * math.tan(math.radians(seen.angle_deg))
+            heights += [abs(centre + rim * (1 - seen.upper)), abs(centre - rim * (1 - seen.lower))]
+        known = surface.semi_diameter_mm is not None
+        surfaces.append(surface if known else replace(surface, semi_diameter_mm=max(heights)))
+    return replace(lens, surfaces=tuple(surfaces))
 
 
 def is_possible(surfaces: Sequence[PrintedSurface]) -> bool:
@@ -109,14 +145,10 @@ def efl_mm(lens: PrintedLens) -> float:
 
 
 def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_ring: bool) -> PrintedLens:
-    """The lens with the stop that the system aperture requires, to first order; a difference from the file is
-    reported.
+    """The lens with the stop that the system aperture requires, to first order; a difference is reported.
 
     Lens design programs launch rays into the entrance pupil of the system aperture and print at the stop the size
     that they draw. A hard ring there blocks rays outside it: if it is smaller, it remains.
-
-    `lens`: the lens, with all semi-diameters known.
-    `has_ring`: whether the semi-diameter of the stop is a hard ring.
     """
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1 or not beam.is_known:

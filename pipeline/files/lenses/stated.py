@@ -95,10 +95,8 @@ def axial_blur_mm(lens: PrintedLens, computed: FirstOrder) -> float:
 def _through_spheres(
     surfaces: tuple[PrintedSurface, ...], heights_mm: Float64[np.ndarray, "rays"]
 ) -> tuple[Float64[np.ndarray, "rays"], Float64[np.ndarray, "rays"]] | None:
-    """Heights and slopes at the last vertex of rays parallel to the axis; None if one misses or is totally reflected.
-
-    Snell's law in the plane: Spencer and Murty, J. Opt. Soc. Am. 52 (1962) 672.
-    """
+    """Heights and slopes at the last vertex of rays parallel to the axis; None if one misses or is reflected."""
+    # Snell's law in the plane: Spencer and Murty, J. Opt. Soc. Am. 52 (1962) 672.
     y, z, dy, dz = heights_mm.copy(), np.zeros(len(heights_mm)), np.zeros(len(heights_mm)), np.ones(len(heights_mm))
     index, step_mm = 1.0, 0.0
     for surface in surfaces:

@@ -250,12 +250,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
 
 
 def _medium(system: _System, place: int, row: _Row) -> Medium:
-    """Index, Abbe number and name: those of the file for a model glass, those of the catalogue for a named one that
-    it knows.
-
-    Numbers beside a named glass may be left over or placeholders; without a catalogue they cannot be recognised as
-    left over.
-    """
+    """Index, Abbe number and name: of the catalogue for a glass that it knows: numbers beside it may be left over."""
     if not row.glass:
         return AIR
     name, kind = row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")

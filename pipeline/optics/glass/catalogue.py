@@ -56,7 +56,10 @@ def near_names(name: str) -> list[Glass]:
     exact = _named(bare)
     if exact:
         return exact
-    close = [glass for match in _close(bare, _rows_by_name()) for glass in _named(match)]
+    names = list(_rows_by_name())
+    prefixed = [known for known in names if known.endswith("-" + bare)]  # N-BK7 for BK7
+    spelt_nearly = difflib.get_close_matches(bare, names, n=_NEAR_NAMES, cutoff=0.6)
+    close = [glass for known in dict.fromkeys([*prefixed, *spelt_nearly]) for glass in _named(known)]
     return ([glass for glass in close if glass.vendor == vendor] or close)[:_NEAR_NAMES]
 
 
@@ -102,15 +105,6 @@ def _rows_by_name() -> dict[str, list[int]]:
 
 def _named(bare: str) -> list[Glass]:
     return [_glass(number) for number in _rows_by_name().get(bare.casefold(), ())]
-
-
-def _close(bare: str, names: Iterable[str]) -> list[str]:
-    """Names that end like it (N-BK7 for BK7), then names that are spelt nearly so."""
-    names = list(names)
-    prefixed = [name for name in names if name.endswith("-" + bare)]
-    return prefixed + [
-        name for name in difflib.get_close_matches(bare, names, n=_NEAR_NAMES, cutoff=0.6) if name not in prefixed
-    ]
 
 
 @cache

@@ -39,8 +39,6 @@ class Constant:
 class Sellmeier:
     """n^2 = 1 + constant + sum of b w^2 / (w^2 - c) over terms (b, c); c is the squared resonance [um^2].
 
-    References
-    ----------
     Schott, Technical Information TIE-29, "Refractive Index and Dispersion".
     """
 
@@ -84,8 +82,6 @@ class NormalLine:
     n(w) = n_d + (n_d - 1) / V_d * [f2 + (-0.0154391 + 0.160210 / V_d) g4 + (0.0000962216 + 0.0685038 / V_d) g6]
     with f_k(w) = w^-k - d^-k, f2 scaled to 1 between F and C, and g_k(w) = f_k less its part along f2.
 
-    Notes
-    -----
     The four coefficients are a least-squares fit to 1,583 glasses of the catalogue from 400 to 700 nm. The largest
     error over that band is 1.8e-4 for the median glass, below 5e-4 for 95 per cent of them, 1.3e-3 at worst (a
     Cauchy formula through the same two numbers: 9e-4, 8e-3, 3e-2). Glasses off the normal line are the worst.

@@ -88,11 +88,7 @@ def _conditions_of(prim: Usd.Prim) -> dict[str, list[Condition]]:
 
 
 def _is_written(prim: Usd.Prim, name: str) -> bool:
-    """Whether a stage sets a property to something.
-
-    A relationship without targets, an empty text or array, and the fallback count as not set: a stage writes them to
-    cancel an opinion of a weaker file.
-    """
+    """Whether a stage sets a property to something: what is empty, or the fallback, cancels that of a weaker file."""
     rule = rule_of(prim, name)
     if rule is None:
         return bool(target_paths(prim.GetRelationship(name)))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from pxr import Usd, UsdGeom, UsdSkel
 
@@ -44,7 +43,8 @@ class Fans:
 def fans(mesh: UsdGeom.Mesh) -> Fans:
     """The triangles of a mesh: n - 2 of a face with n corners, none of a hole; ValueError if the faces contradict."""
     take(mesh.GetPath())
-    points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
+    attributes, earliest = map(mesh.GetPrim().GetAttribute, SHAPE), Usd.TimeCode.EarliestTime()
+    points, counts, indices, holes = (plain(attribute.Get(earliest) or ()) for attribute in attributes)
     if sum(counts) != len(indices) or min(counts, default=3) < 3:
         raise ValueError("faceVertexCounts do not fit faceVertexIndices")
     holes, corners, faces, start = frozenset(holes), [], [], 0
@@ -56,10 +56,6 @@ def fans(mesh: UsdGeom.Mesh) -> Fans:
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         corners = [(a, c, b) for a, b, c in corners]
     return Fans(points, indices, corners, faces)
-
-
-def _value(mesh: UsdGeom.Mesh, name: str) -> Any:
-    return plain(mesh.GetPrim().GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) or ())
 
 
 def check_skin(prim: Usd.Prim) -> Iterator[Problem]:

@@ -4,7 +4,7 @@ import functools
 import math
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
@@ -38,24 +38,23 @@ LENS_DISTORTION_NAMES = "omni:lensdistortion:"
 
 
 @contextmanager
-def unchanging() -> Iterator[None]:
+def having(variable: ContextVar[Any], value: R) -> Iterator[R]:
+    """Context in which a variable has a value."""
+    token = variable.set(value)
+    try:
+        yield value
+    finally:
+        variable.reset(token)
+
+
+def unchanging() -> AbstractContextManager[Any]:
     """Context in which no stage changes: a reader with `read_once` gives its first answer again."""
-    token = _ANSWERS.set({})
-    try:
-        yield
-    finally:
-        _ANSWERS.reset(token)
+    return having(_ANSWERS, {})
 
 
-@contextmanager
-def taking() -> Iterator[set[str]]:
+def taking() -> AbstractContextManager[set[str]]:
     """Context that collects the paths of the properties from which readers take values, and of whole prims."""
-    taken = set[str]()
-    token = _TAKEN.set(taken)
-    try:
-        yield taken
-    finally:
-        _TAKEN.reset(token)
+    return having(_TAKEN, set[str]())
 
 
 def take(*paths: str | Sdf.Path) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
-from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.files.exr import read_exr
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Reads
 
@@ -47,21 +46,19 @@ def write(material: Material, folder: Path) -> None:
 
 
 class _Grid:
-    """Micro-images by row and column, and where their light is sampled.
-
-    `steps`: (s,) int64, offsets of the views from the centres, along x and along y [px].
-    `centres`: (rows, columns, 2) float64, NaN where there is no micro-image. The format counts pixels as we do.
-    """
+    """Micro-images by row and column, and where their light is sampled; the format counts pixels as we do."""
 
     def __init__(self, camera: ExportCamera) -> None:
         images, mesh = camera.array
         assert camera.built.micro_images is not None
         self.shifted = _SHIFTED[mesh.layout]
-        self.centres = _table(mesh, images)
+        column, row = images.microlenses.T
+        self.centres = np.full((mesh.rows, mesh.columns, 2), np.nan)  # NaN where there is no micro-image
+        self.centres[row, column] = images.centres
         reach = int(np.floor(camera.built.micro_images.radius_px.min()))
         if reach < 1:
             raise ExportError(f"micro-images of {camera.name} are smaller than three pixels, and have no views")
-        self.steps = np.arange(-reach, reach + 1)
+        self.steps = np.arange(-reach, reach + 1)  # offsets of the views from the centres, along x and along y [px]
 
     def views(self, path: Path) -> np.ndarray:
         """Views of an image, (v, u, rows, columns) float32, with a last axis of channels if it has several."""
@@ -77,14 +74,6 @@ class _Grid:
         there = self.centres + np.array([x_px, y_px])
         view = np.stack([bilinear(channel, there) for channel in pixels], axis=-1)
         return view if self.shifted is None else _unshifted(view, self.shifted)
-
-
-def _table(mesh: GridMesh, images: MicroImages) -> np.ndarray:
-    """Centres by row and column, (rows, columns, 2); NaN where there is none."""
-    column, row = images.microlenses.T
-    table = np.full((mesh.rows, mesh.columns, 2), np.nan)
-    table[row, column] = images.centres
-    return table
 
 
 def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:

@@ -91,10 +91,7 @@ def _pair(name: str, units: str, values: Iterable[object], keys: tuple[str, str]
 
 
 def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
-    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d.
-
-    An end is inf where it reaches the front focal point of the main lens.
-    """
+    """Depth of field of each type as virtual depths; an end at the front focal point of the main lens is inf."""
     record, model = camera.built.record, thin_lens_of(camera)
     lens, types = record["lens"], record["mla"]["types"]
     front, ends = lens["principal_planes_mm"][0], []
