@@ -11,6 +11,11 @@ def few(quick: Iterable[Any], *others: Any) -> list[Any]:
     return [*quick, *(pytest.param(value, marks=pytest.mark.heavy) for value in others)]
 
 
+def few_cases(quick: Iterable[tuple[Any, ...]], *others: tuple[Any, ...]) -> list[Any]:
+    """The same of several arguments."""
+    return [*quick, *(pytest.param(*case, marks=pytest.mark.heavy) for case in others)]
+
+
 def one_in(count: int, values: Iterable[Any]) -> list[Any]:
     """The same of a long list: one of so many is always tried."""
     return [

@@ -4,8 +4,21 @@ import json
 
 import pytest
 from exports.maps import PinholeSight, SlantedScene
+from exports.pretended import Scene, write_build
 
 from pipeline.exports import export
+from pipeline.results.output import open_output
+
+
+@pytest.fixture(scope="session")
+def out(tmp_path_factory):
+    """Output folder of pinholes before a board, which no test changes."""
+    return write_build(tmp_path_factory.mktemp("pretended") / "out", Scene())
+
+
+@pytest.fixture(scope="session")
+def output(out):
+    return open_output(out)
 
 
 @pytest.fixture(autouse=True)

@@ -32,8 +32,6 @@ FITTED_PX = 1e-6
 
 @dataclass(frozen=True)
 class Files:
-    """The content of a folder."""
-
     centres: list[tuple]
     features: list[tuple]
     camera: dict
@@ -65,7 +63,6 @@ def read(folder: Path) -> Files:
 
 
 def matrix(columns: list[list[float]]) -> np.ndarray:
-    """A matrix from the list of its columns."""
     return np.array(columns, float).T
 
 

@@ -31,7 +31,6 @@ def undistorted(pixels: np.ndarray) -> np.ndarray:
 
 
 def point() -> np.ndarray:
-    """The point that the pixel sees, from the centre of projection."""
     return np.append(undistorted(np.array([PIXEL]))[0], 1) * Z_MM
 
 
@@ -56,8 +55,6 @@ PLANE, EDGE_MM = (np.array([0.3, -0.2, 1.0]), 410.0), 50.0
 
 
 class SlantedScene:
-    """A half plane before the camera."""
-
     def distance_mm(self, frame, camera, origin_mm, direction):
         assert (frame, camera) == (1, "Left")
         along = (PLANE[1] - origin_mm @ PLANE[0]) / (direction @ PLANE[0])
@@ -65,12 +62,10 @@ class SlantedScene:
 
 
 def gathered(output: Output) -> Material:
-    """The content of a pretended build."""
     return gather(output, lambda name: PinholeSight(), SlantedScene)
 
 
 def write_small_build(folder: Path) -> Path:
-    """What a build would write of it, as far as maps read that."""
     write_camera(folder / "cameras/Left", SIZE_PX, F_PX, CENTRE_PX, DISTORTION)
     view = folder / "frames/0001/Left"
     view.mkdir(parents=True)

@@ -25,7 +25,6 @@ NAME = "Rig.Camera"
 
 
 def nearest(scene: PlenopticScene, place: np.ndarray) -> int:
-    """The micro-image whose centre is at a place."""
     off = np.linalg.norm(scene.array.centre_px - place, axis=1)
     assert off.min() < FITTED_PX, f"no micro-image at {place}, the next one is {off.min()} px away"
     return int(off.argmin())
@@ -152,5 +151,4 @@ def check_lightfield(folder: Path, scene: PlenopticScene) -> None:
 
 
 def slope(places: np.ndarray, frame: int) -> np.ndarray:
-    """Light of the pretended image at places (..., 2)."""
     return places[..., 0] / 1000 + places[..., 1] / 100 + frame

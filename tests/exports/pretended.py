@@ -54,8 +54,6 @@ def _first_pose() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scene:
-    """Cameras before a board: all that readers may find in the exported files."""
-
     rig: dict = field(
         default_factory=lambda: {
             "Left": np.eye(4),

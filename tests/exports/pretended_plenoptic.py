@@ -86,8 +86,6 @@ def blur_px(image_mm: np.ndarray, focal_mm: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PlenopticScene:
-    """The camera before a board."""
-
     layout: str = "hexagonal"
     array: Array = field(init=False)
     poses: dict = field(init=False)
@@ -137,7 +135,6 @@ def slope_image(frame: int) -> np.ndarray:
 
 
 def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
-    """What a build would write."""
     name = "Rig.Camera"
     place = folder / "cameras" / name
     place.mkdir(parents=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exports.pretended import Scene, write_build
+from exports.pretended import Scene, write_build, write_manifest
 from typer.testing import CliRunner
 
 from pipeline import cli
@@ -19,14 +19,8 @@ from pipeline.results.output import open_output
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    return write_build(tmp_path_factory.mktemp("pretended") / "out", Scene())
-
-
 @pytest.fixture
 def command(tmp_path, monkeypatch, capsys):
-    """Run the command in an empty folder: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
@@ -100,8 +94,6 @@ def test_parquet_holds_the_remarks(out, tmp_path):
 
 
 def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path):
-    from exports.pretended import write_manifest
-
     out = write_build(tmp_path / "out", Scene())
     for table in out.rglob("correspondences.csv"):
         comment, head, *rows = table.read_text().splitlines()
@@ -126,8 +118,6 @@ def test_cameras_of_the_other_kind_are_refused(command, plenoptic_build):
 
 
 def test_cameras_that_move_against_each_other_are_no_rig(tmp_path):
-    from exports.pretended import write_manifest
-
     out = write_build(tmp_path / "out", Scene())
     file = out / "frames/0002/Right/poses.json"
     poses = json.loads(file.read_text())

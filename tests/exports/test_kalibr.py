@@ -7,7 +7,7 @@ import pytest
 import yaml
 from exports.maps import CHECKS as MAPS
 from exports.maps import gathered
-from exports.pretended import Scene, write_build
+from exports.pretended import Scene, write_build, write_manifest
 
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
@@ -20,13 +20,7 @@ from pipeline.targets.patterns.aprilgrid import AprilGrid
 TAG_MM, SPACING = 20.0, 0.3
 
 
-@pytest.fixture(scope="module")
-def output(tmp_path_factory):
-    return open_output(write_build(tmp_path_factory.mktemp("kalibr") / "out", Scene()))
-
-
 def aprilgrid(output):
-    """The material of a build in which the board is an AprilGrid of 4 x 3 tags, nothing of it seen."""
     pattern = AprilGrid(columns=4, rows=3, tag_mm=TAG_MM, spacing=SPACING)
     places = np.pad(pattern.marks().xy_mm, [(0, 0), (0, 1)])
     material = gathered(output)
@@ -60,8 +54,6 @@ def test_points_of_an_aprilgrid_count_from_the_lower_left(output):
 
 
 def test_a_frame_in_which_nothing_is_seen_is_exported(tmp_path):
-    from exports.pretended import write_manifest
-
     out = write_build(tmp_path / "out", Scene())
     for table in out.rglob("correspondences.csv"):
         head = table.read_text().splitlines()[:2]

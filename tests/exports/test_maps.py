@@ -1,17 +1,22 @@
-"""Rays, ST maps and lookup tables through their readers: a pinhole that is known, and real lenses."""
+"""Pinholes before a board, rays and ST maps through programs that read them: the half-pixel law. Maps of real lenses.
+`test_programs` and `test_mrcal` have formats whose programs not everybody has.
+"""
 
 import numpy as np
 import pytest
 from exports.flipping import flips, require_notice
-from exports.maps import CHECKS, channels, write_small_build
+from exports.maps import CHECKS, channels, lit_rays, write_small_build
+from exports.pretended import CORNER_PX, Scene
+from exports.readers import CHECKS as BOARD_CHECKS
 
 import pipeline
 from pipeline.exports.export import export
+from pipeline.exports.ray_patches import rows_of_rays
 from pipeline.results.output import open_output
 
 
 @pytest.fixture(scope="module")
-def output(tmp_path_factory):
+def small(tmp_path_factory):
     return open_output(write_small_build(tmp_path_factory.mktemp("pretended") / "out"))
 
 
@@ -25,23 +30,38 @@ def plenoptic(plenoptic_build):
     return open_output(plenoptic_build)
 
 
-@pytest.mark.parametrize("name", CHECKS)
-def test_its_reader_gets_back_every_number(output, name, tmp_path):
-    (folder,) = export(output, [name], tmp_path)
-    CHECKS[name](folder)
+def test_point_0_is_seen_in_the_middle_of_a_pixel():
+    np.testing.assert_allclose(Scene().pixels("Left", 1)[0], CORNER_PX, rtol=0, atol=1e-9)
 
 
-UNSEEN = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
-"""This camera has no microlenses, and maps know no board."""
+@pytest.fixture
+def judged(name, request):
+    """A build that a format knows, and the check of its export."""
+    if name in CHECKS:
+        return request.getfixturevalue("small"), CHECKS[name]
+    return request.getfixturevalue("output"), lambda folder: BOARD_CHECKS[name](folder, Scene())
 
 
-@pytest.mark.parametrize(("name", "field", "other"), list(flips(CHECKS, UNSEEN)))
-def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path, monkeypatch):
-    require_notice(CHECKS[name], output, name, {field: other}, tmp_path, monkeypatch)
+@pytest.mark.parametrize("name", [*BOARD_CHECKS, *CHECKS])
+def test_its_reader_gets_back_every_number(judged, name, tmp_path):
+    built, check = judged
+    (folder,) = export(built, [name], tmp_path)
+    check(folder)
+
+
+UNSEEN = (("*", "centre"), ("*", "microlenses"))
+"""All centres of cameras before a board are one, and no camera here has microlenses."""
+UNSEEN_BY_MAPS = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
+"""Maps know no board."""
+
+
+@pytest.mark.parametrize(("name", "field", "other"), [*flips(BOARD_CHECKS, UNSEEN), *flips(CHECKS, UNSEEN_BY_MAPS)])
+def test_a_flip_of_a_convention_is_noticed(judged, name, field, other, tmp_path, monkeypatch):
+    built, check = judged
+    require_notice(check, built, name, {field: other}, tmp_path, monkeypatch)
 
 
 def some_pixels(output) -> np.ndarray:
-    """Row and column of every seventh pixel."""
     width, height = output.camera.size_px
     return np.stack(np.divmod(np.arange(0, width * height, 7), width))
 
@@ -81,14 +101,14 @@ def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
         assert (numbers == data["microlenses"]).all()
 
 
-def test_bands_do_not_show(output, tmp_path, monkeypatch):
+def test_bands_do_not_show(small, tmp_path, monkeypatch):
     from pipeline.exports import ray_patches
     from pipeline.exports.writers.maps import traced
 
     monkeypatch.setattr(ray_patches, "EDGE_PX", 16)
-    (whole,) = export(output, ["rays"], tmp_path / "a")
+    (whole,) = export(small, ["rays"], tmp_path / "a")
     monkeypatch.setattr(traced, "AT_ONCE", 100)
-    (bands,) = export(output, ["rays"], tmp_path / "b")
+    (bands,) = export(small, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name
 
@@ -129,3 +149,86 @@ def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, t
     identity = np.stack([(x + 0.5) / width, 1 - (y + 0.5) / height], axis=1)
     np.testing.assert_allclose(undistort[y, x] + distort[y, x], 2 * identity, rtol=0, atol=1e-5)
     assert np.abs(distort[y, x] - identity).max() > 1e-6
+
+
+PLANES_MM = (400.0, 500.0)
+
+
+class Counting:
+    def __init__(self, rays):
+        self.traced, self._rays = 0, rays
+
+    def rays(self, x_px, y_px):
+        self.traced += len(x_px)
+        return self._rays(np.asarray(x_px, float), np.asarray(y_px, float))
+
+
+def made_up(bend):
+    """Rays through the centre of the stop whose slopes are those of a pinhole of 200 px, and a bend (n, 2)."""
+
+    def rays(x, y):
+        slope = np.stack([x - 60, y - 50], axis=1) / 200 + bend(x, y)
+        ahead = np.column_stack([slope, np.ones(len(x))])
+        return lit_rays(x, y, np.where(np.isnan(ahead[:, :1]), np.nan, np.zeros((len(x), 3))), ahead)
+
+    return rays
+
+
+def crossings(origin, direction, z_mm):
+    return origin + (z_mm - origin[..., 2:]) / direction[..., 2:] * direction
+
+
+def largest_px(rays, size, traced):
+    """Largest difference of all pixels on both planes, in pixels of the pinhole of 200 px; NaN must be where NaN is."""
+    width, height = size
+    origin, direction = rows_of_rays(traced, width, (0, height), PLANES_MM)
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    exact, worst = rays(x.astype(float), y.astype(float)), 0.0
+    for z_mm in PLANES_MM:
+        off = crossings(origin, direction, z_mm).reshape(-1, 3) - exact.at_distance(z_mm)
+        assert (np.isnan(off[:, 0]) == np.isnan(exact.direction[:, 0])).all()
+        worst = max(worst, float(np.nanmax(np.linalg.norm(off, axis=1))) * 200 / z_mm)
+    return worst
+
+
+BENDS = {
+    "smooth": lambda x, y: 0.02 * np.stack([np.sin(x / 80) * np.cos(y / 90), np.exp(-(x + y) / 300)], axis=1),
+    # The mean ray has a kink where an edge begins to vignette: here the circle of radius 55 px about (60, 50).
+    "kink": lambda x, y: 1e-5 * np.maximum(np.hypot(x - 60, y - 50) - 55, 0)[:, None] * np.ones(2),
+    "dark": lambda x, y: np.where(np.hypot(x - 60, y - 50) < 70, 0.0, np.nan)[:, None] * np.ones(2),
+}
+
+
+@pytest.mark.parametrize(("bend", "most_traced"), [("smooth", 0.07), ("kink", 1.0), ("dark", 1.0)])
+def test_patches_agree_with_rays_traced_one_by_one(bend, most_traced):
+    """Smooth rays by one traced in fourteen at most; a kink and an end of the light by as many as it takes."""
+    rays, size = made_up(BENDS[bend]), (131, 100)
+    traced = Counting(rays)
+    assert largest_px(rays, size, traced) < 2e-9
+    assert traced.traced < most_traced * size[0] * size[1]
+
+
+def test_a_real_lens_that_vignettes():
+    """A singlet with a far stop: corners of its image lose light by the rim of the lens."""
+    singlet = pipeline.Prescription(
+        surfaces=(
+            pipeline.Surface(radius_mm=50.0, thickness_mm=6.0, semi_diameter_mm=9.0, index=1.5168),
+            pipeline.Surface(radius_mm=-50.0, thickness_mm=14.0, semi_diameter_mm=9.0),
+            pipeline.Surface(semi_diameter_mm=4.0, is_stop=True),
+        )
+    )
+    sensor = pipeline.Sensor(width_px=160, height_px=64, pitch_mm=0.1)
+    camera = pipeline.ready(pipeline.Camera(prescription=singlet, sensor=sensor, sensor_distance_mm=38.0))
+    light = camera.rays([80.0, 1.0], [32.0, 1.0]).hit_fraction
+    assert light[1] < 0.95 * light[0]
+    traced = Counting(camera.rays)
+    origin, direction = rows_of_rays(traced, 160, (0, 64), camera.planes_mm)
+    y, x = np.divmod(np.arange(0, 160 * 64, 11), 160)
+    exact = camera.rays(x.astype(float), y.astype(float))
+    ahead = camera.rays(x + 0.1, y.astype(float))
+    for z_mm in camera.planes_mm:
+        off = crossings(origin[y, x], direction[y, x], z_mm) - exact.at_distance(z_mm)
+        px_per_mm = 0.1 / np.linalg.norm(ahead.at_distance(z_mm) - exact.at_distance(z_mm), axis=1)
+        allowed_px = 1e-8 + 2 * np.hypot(*exact.error_px.T).max()
+        assert (np.linalg.norm(off, axis=1) * px_per_mm).max() < allowed_px
+    assert traced.traced < 160 * 64

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exports.maps import SlantedScene, gathered
-from exports.pretended import Scene, write_build
 from scipy import stats
 
 from pipeline.exports.export import Request, export
@@ -18,13 +17,7 @@ from pipeline.results.output import open_output
 COUNT = 40_000
 
 
-@pytest.fixture(scope="module")
-def output(tmp_path_factory):
-    return open_output(write_build(tmp_path_factory.mktemp("pretended") / "out", Scene()))
-
-
 def many(ids: np.ndarray, camera: str = "A") -> Material:
-    """One view with an observation of each id at (0, 0)."""
     n = len(ids)
     found = Observations(rows=np.arange(n), ids=ids, positions=np.zeros((n, 2)), microlenses=None, rho_px=np.zeros(n))
     view = ExportView(

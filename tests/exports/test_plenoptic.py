@@ -8,6 +8,7 @@ import pytest
 from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
 from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
+from exports.pretended import write_manifest
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.exports.export import Request, export
@@ -104,8 +105,6 @@ def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, pl
 
 @pytest.mark.parametrize("scene", ARRAYS, indirect=True)
 def test_rows_without_a_blur_radius_are_corners_alone(tmp_path, scene):
-    from exports.pretended import write_manifest
-
     out = write_plenoptic_build(tmp_path / "out", scene)
     table = out / "frames/0001/Rig.Camera/correspondences.csv"
     *lines, last = table.read_text().splitlines()
@@ -118,8 +117,6 @@ def test_rows_without_a_blur_radius_are_corners_alone(tmp_path, scene):
 
 
 def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
-    from exports.pretended import write_manifest
-
     out = write_plenoptic_build(tmp_path / "out", PlenopticScene())
     table = out / "cameras/Rig.Camera/micro_images.csv"
     head, first, second, *rows = table.read_text().splitlines()
@@ -144,7 +141,6 @@ def test_noise_moves_observations_and_no_centre(output, tmp_path):
 
 
 def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, plenoptic_build):
-    """There the main lens makes no image, so there is no virtual depth."""
     with pytest.raises(ExportError, match="up to the focal point"):
         export(open_output(plenoptic_build), ["raytrix"], tmp_path / "exports")
 

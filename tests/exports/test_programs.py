@@ -34,7 +34,6 @@ def clone(name: str) -> Path:
 
 
 def exported(name: str, folder: Path, scene: Scene | PlenopticScene) -> Path:
-    """Folder of an export of a scene."""
     write = write_build if isinstance(scene, Scene) else write_plenoptic_build
     return export(open_output(write(folder / "out", scene)), [name], folder)[0]
 

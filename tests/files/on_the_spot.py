@@ -17,21 +17,18 @@ LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
 
 
 def read(reader: Callable[..., Any], folder: Path, name: str, text: str | bytes, **options: Any) -> Any:
-    """Give a file to a reader."""
     path = folder / name
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return reader(path, **options)
 
 
 def refused(reader: Callable[..., Any], folder: Path, name: str, text: str | bytes, **options: Any) -> str:
-    """What is said about a file that cannot be read."""
     with pytest.raises(UnreadableLens) as error:
         read(reader, folder, name, text, **options)
     return str(error.value).replace(f"{folder}/", "")
 
 
 def stage_prescription(path: Path) -> Prescription:
-    """The lens of a stage."""
     stage = Usd.Stage.Open(path.as_posix())
     return read_prescription(stage.GetDefaultPrim())
 

@@ -67,7 +67,6 @@ def test_a_part_that_gives_other_rows_than_it_was_asked_for_is_an_error(tmp_path
 
 
 def test_damage_is_noticed_where_it_is_read(tmp_path: Path) -> None:
-    """Half of a file, and a flipped bit in every part of the compressed pixels of its first row of tiles."""
     path = tmp_path / "x"
     write_exr(path, parts())
     whole = path.read_bytes()

@@ -26,7 +26,6 @@ read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_sp
 
 
 def said(lens: PrintedLens) -> str:
-    """All remarks about a lens."""
     return "\n".join(lost.what for lost in lens.lost)
 
 
@@ -166,7 +165,6 @@ ppmm\t3
 
 
 def bench(constants: str = "", terms: str = "1e-6\t2e-9", radius: str = "50") -> str:
-    """A text of the Optical Bench with one asphere, a stop and a cover glass."""
     return BENCH.format(constants=constants, terms=terms, radius=radius)
 
 

@@ -53,7 +53,6 @@ def test_a_table_without_rows_keeps_its_columns(tmp_path: Path) -> None:
 
 
 def test_numpy_reads_it(tmp_path: Path) -> None:
-    """As a user would, without this project."""
     write_table(tmp_path / "t", ["a comment"], {"x": [0.1, None], "k": [1, 2], "name": ["a", "b"]})
     read = np.genfromtxt(tmp_path / "t", delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
     assert read["x"][0] == 0.1

@@ -6,7 +6,6 @@ import rawpy
 import tifffile
 from PIL import Image
 
-from pipeline.files.damaged import DamagedFile
 from pipeline.files.tiff import Negative, mapped, read_tiff, write_dng, write_tiff
 
 ABOUT = {"black_level_dn": 64.25, "filters": ["mono"]}
@@ -33,25 +32,6 @@ def test_a_tiff_is_what_another_program_reads(tmp_path):
     np.testing.assert_array_equal(pixels, NUMBERS)
     assert about == ABOUT
     np.testing.assert_array_equal(mapped(tmp_path / "raw.tiff"), NUMBERS)
-
-
-def test_damage_anywhere_is_known(tmp_path):
-    """Any bit but those of tags that no reader of ours asks."""
-    path, small = tmp_path / "raw.tiff", NUMBERS[:3, :4]
-    write_tiff(path, small.shape, lambda first, end: small[first:end], {"seed": 1})
-    whole = path.read_bytes()
-    for size in range(0, len(whole), 7):
-        path.write_bytes(whole[:size])
-        with pytest.raises(DamagedFile):
-            read_tiff(path)
-    for place in range(len(whole)):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
-        try:
-            pixels, about = read_tiff(path)
-        except DamagedFile:
-            continue
-        np.testing.assert_array_equal(pixels, small)
-        assert about == {"seed": 1}
 
 
 def test_an_image_that_no_tiff_holds_is_refused_before_it_is_made(tmp_path):

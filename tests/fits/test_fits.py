@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from exports.maps import lit_rays
 from laws import rigs
-from laws.ideal_lens import thin
+from laws.rigs import thin
 
 import pipeline
 from pipeline.camera.figures.equivalent_pinhole import pinhole

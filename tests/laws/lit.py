@@ -34,7 +34,6 @@ def lamp(
     radiance: tuple[float, float, float] = (1.0, 1.0, 1.0),
     texture: str = "",
 ) -> PlacedLamp:
-    """A lamp of a kind at a pose vision_from_lamp."""
     plain = to_plain(Lamp(kind=kind, radiance=radiance, size=size, texture=texture))
     return PlacedLamp(lamp=plain, vision_from_lamp=(np.eye(4) if pose is None else pose).tolist())
 

@@ -1,4 +1,4 @@
-"""Lenses, cameras and position images for proofs, built in code: no stage is read.
+"""Lenses, apertures, cameras and position images for proofs, built in code: no stage is read.
 
 The Tronnier double Gauss 100 mm f/2 is US patent 2,673,491, as printed in Smith, Modern Lens Design, p. 312; radii,
 indices n_d and apertures as in the scene collection of pbrt-v4.
@@ -13,6 +13,9 @@ import numpy as np
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.spectrum import Channel, SpectralNode
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.records import Acceptance
 from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records.plain import to_plain
@@ -159,3 +162,88 @@ def ray_grid(
         micro_images(MicroImageTables(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
     return RayFile(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))
+
+
+F_MM = 49.9
+
+
+def thin(focal_mm: float = F_MM, semi_mm: float = 6.0) -> Prescription:
+    return Prescription(surfaces=(Surface(focal_length_mm=focal_mm, semi_diameter_mm=semi_mm, is_stop=True),))
+
+
+NEAR_MM, FAR_MM, PIXEL_MM = 374.36, 494.36, 0.005
+
+
+POINT_MM = np.array([7.0, 4.0])
+
+
+def fast(stop_semi_mm: float) -> Camera:
+    sensor = Sensor(width_px=4000, height_px=3000, pitch_mm=PIXEL_MM)
+    return bare(tronnier(stop_semi_mm), sensor, 131.81, (NEAR_MM, FAR_MM))
+
+
+def acceptance_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> Acceptance:
+    return Acceptance(float(power), math.radians(half_deg), math.radians(roll_deg), False)
+
+
+def behind_a_hole(array: MicrolensArray, size_px: int = 60, pitch_mm: float = 0.02, **pixels: object) -> Tracer:
+    """Microlenses, and no main lens."""
+    sensor = Sensor(width_px=size_px, height_px=size_px, pitch_mm=pitch_mm, **pixels)
+    return Tracer(
+        Camera(
+            prescription=hole(500.0),
+            sensor=sensor,
+            sensor_distance_mm=20.0,
+            microlenses=array,
+            near_mm=100.0,
+            far_mm=200.0,
+        )
+    )
+
+
+HEXAGON = {"blades": 6, "aperture_rotation_deg": 30.0}
+"""Six blades, turned by 30 deg; 10 mm across corners."""
+
+
+def inside(shape: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Which points of the lens frame lie in an aperture of semi-diameter 5 mm, from angles instead of edges."""
+    r, angle = np.hypot(x, y), np.degrees(np.arctan2(y, x))
+    if shape == "ring":
+        return (r >= 2.0) & (r <= 5.0)
+    if shape == "rectangle":
+        turned = np.radians(angle - 20.0)
+        return (np.abs(r * np.cos(turned)) <= 4.0) & (np.abs(r * np.sin(turned)) <= 2.5) & (r <= 5.0)
+    blades, corner = (6, 30.0) if shape == "hexagon" else (3, 0.0)
+    from_middle = np.radians((angle - corner) % (360.0 / blades) - 180.0 / blades)
+    return r * np.cos(from_middle) <= 5.0 * math.cos(math.pi / blades)
+
+
+D_NM, F_NM, C_NM = 587.56, 486.13, 656.27
+"""Wavelengths at which glasses are stated [nm]: the lines of helium and hydrogen."""
+ABBE = {1.67: 47.2, 1.699: 30.1, 1.603: 38.0, 1.658: 57.3, 1.717: 47.9}
+"""Abbe numbers of the glasses of the Tronnier double Gauss, by index."""
+
+
+def index_at(index: float, wavelength_nm: float) -> float:
+    """n = n_d + b (1 / lambda^2 - 1 / lambda_d^2), with b from the Abbe number."""
+    if index == 1.0:
+        return 1.0
+    b = (index - 1) / ABBE[index] / (F_NM**-2 - C_NM**-2)
+    return index + b * (wavelength_nm**-2 - D_NM**-2)
+
+
+def node(camera: Camera, wavelength_nm: float, weight: float = 1.0) -> SpectralNode:
+    """A wavelength with the indices of the camera's glasses there."""
+    indices = tuple(index_at(surface.index, wavelength_nm) for surface in camera.prescription.surfaces)
+    return SpectralNode(wavelength_nm=wavelength_nm, weight=weight, indices=indices)
+
+
+def in_light(camera: Camera, light: dict[float, float]) -> Camera:
+    """The camera in a light of some wavelengths [nm] with their shares."""
+    nodes = tuple(node(camera, nm, share) for nm, share in light.items())
+    mean = sum(nm * share for nm, share in light.items())
+    return camera.in_light(Channel(name="", middle=node(camera, mean), nodes=nodes))
+
+
+def at(camera: Camera, wavelength_nm: float) -> Camera:
+    return camera.at(node(camera, wavelength_nm))

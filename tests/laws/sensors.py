@@ -39,12 +39,10 @@ REAL = SensorResponse(
 
 
 def having(response: SensorResponse, **values: Any) -> SensorResponse:
-    """The same sensor with some other parameters."""
     return dataclasses.replace(response, **values)
 
 
 def shot(frame: int = 1, exposure_time_s: float = 0.1, seed: int = 3, camera: str = "Rig.Camera") -> Shot:
-    """An exposure."""
     return Shot(seed=seed, camera=camera, frame=frame, exposure_time_s=exposure_time_s)
 
 

@@ -1,19 +1,24 @@
 """Correspondences by `direct`, and J by quadrature, of cameras that laws are about."""
 
+import dataclasses
+
 import numpy as np
+from laws import rigs
 
 from pipeline.camera.integrating.quadrature import INTEGRATED, edges
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging.judges import Rows
 from pipeline.truth.planes import tangent_planes
+from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.rows import Correspondences, Solutions
 from pipeline.truth.settings import TruthSettings
 
@@ -31,7 +36,6 @@ def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float =
 
 
 def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
-    """Rows for a judge, all of one kind."""
     return Rows(planes[rows.point], rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
 
 
@@ -53,3 +57,39 @@ def by_quadrature(camera: Camera, positions: np.ndarray, planes: np.ndarray, nod
     )
     assert (status == INTEGRATED).all()
     return moments
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    rig: Rig
+    target: Target
+    pose: np.ndarray
+    planes: np.ndarray
+    solutions: Solutions
+
+    @property
+    def j_px(self) -> np.ndarray:
+        return self.solutions.xy_px
+
+
+def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
+    tracer = Tracer(camera)
+    rig = Rig.of(tracer)
+    points = target.points()
+    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    solved = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05)
+    return Case(rig, target, pose, planes, solved.solutions)
+
+
+def board(square_mm: float = 1.5, white: float = 1.0, black: float = 0.0) -> Target:
+    return Target(Checkerboard(columns=2, rows=1, square_mm=square_mm, white=white, black=black))
+
+
+def off_axis(stop_semi_mm: float, pitch_mm: float = 0.005) -> Camera:
+    """The double Gauss before a large sensor, near focus at 434 mm."""
+    sensor = Sensor(width_px=4001, height_px=4001, pitch_mm=pitch_mm)
+    return rigs.bare(rigs.tronnier(stop_semi_mm), sensor, 131.81, (400.0, 480.0))
+
+
+def saddles(case: Case) -> np.ndarray:
+    return column_set("saddle", case.rig, case.target, case.pose, case.planes, case.solutions).x_px

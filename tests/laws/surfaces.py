@@ -48,18 +48,28 @@ def oblique(count: int, half_mm: float, slope: float, z_mm: float) -> tuple[np.n
     return position, way / np.linalg.norm(way, axis=1, keepdims=True)
 
 
+def traced(table: np.ndarray, position: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
+    """Positions, directions and flags behind the last surface, by the kernels."""
+    rays = [np.array(position), np.array(direction), np.ones(len(position))]
+    trace_rays(table, *rays)
+    return rays
+
+
 def assert_returned(lens: Prescription, start: np.ndarray, way: np.ndarray, atol: float) -> int:
     """Rays towards the scene, turned round and sent back by the other table, end where they began; how many passed."""
-    position, direction, alive = start.copy(), way.copy(), np.ones(len(start))
-    trace_rays(towards_scene(lens), position, direction, alive)
+    position, direction, alive = traced(towards_scene(lens), start, way)
     kept, turn = alive > 0, VISION_FROM_CAMERA[:3, :3]
     # Some millimetres further on, so that the first surface is met anew, wherever it is tilted to.
     back, homeward = (position + 3 * direction)[kept] @ turn.T, -direction[kept] @ turn.T
-    alive = np.ones(len(back))
-    trace_rays(towards_sensor(lens), back, homeward, alive)
+    back, homeward, alive = traced(towards_sensor(lens), back, homeward)
     assert alive.all()
     back, homeward = back @ turn.T, homeward @ turn.T
     np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=atol)
     arrival = back + ((start[kept, 2] - back[:, 2]) / homeward[:, 2])[:, None] * homeward
     np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=atol)
     return int(kept.sum())
+
+
+def orders(errors: list[float]) -> np.ndarray:
+    """Observed orders of convergence of errors whose step halves each time."""
+    return np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.holes import acceptance_of, behind_a_hole
+from laws.rigs import acceptance_of, behind_a_hole
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
 from pipeline.camera.focusing.depth_of_field import foci
@@ -30,7 +30,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 
 
 def counted(layout: str, columns: int, rows: int, **more: object) -> MicrolensArray:
-    """One focal length, unless said otherwise."""
     more = {"pitch_mm": 0.02, "focal_lengths_mm": (0.04,), **more}
     return MicrolensArray(layout=layout, columns=columns, rows=rows, distance_mm=0.04, **more)
 
@@ -94,7 +93,6 @@ def test_a_type_table_can_say_what_the_rule_says() -> None:
     ],
 )
 def test_arrays_that_cannot_exist_are_refused(wrong: dict[str, object]) -> None:
-    """By the record, for programs that read no stage."""
     with pytest.raises(CameraError):
         counted(**{"layout": "hexagonal", "columns": 9, "rows": 9, **wrong})
 
@@ -142,7 +140,7 @@ def test_a_disc_weighs_pi_sine_squared_and_from_aside_what_many_edges_weigh() ->
         assert narrow == pytest.approx(wide / 4, rel=0.01)
 
 
-@pytest.mark.parametrize("power", [0.5, 1.0, 3.0, 17.0])
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 3.0, 17.0])
 def test_a_cosine_acceptance_has_lambert_integrals(power: float) -> None:
     """2 pi (1 - cos^(n + 2)) / (n + 2) over a cone: polygons of ever more sides converge to it by the fourth."""
     cosine = 4.0 / 5.0
@@ -172,15 +170,16 @@ def test_a_cone_takes_what_lies_in_it(aside: float) -> None:
 )
 @pytest.mark.parametrize("disc_mm", [None, 0.8])
 @pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize(("layout", "area"), [("square", 1.0), ("hexagonal", math.sqrt(3) / 2)])
 def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_weight(
-    weight: str, disc_mm: float | None, pixels: dict[str, object]
+    layout: str, area: float, weight: str, disc_mm: float | None, pixels: dict[str, object]
 ) -> None:
-    """Hit fraction 1 from anywhere in a square cell, of cells and discs, whatever the pixels take; by area, without
+    """Hit fraction 1 from anywhere in a cell, of cells and discs, whatever the pixels take; by area, without
     acceptance, it is their area.
     """
     aperture = {"aperture": "disc", "disc_diameter_mm": disc_mm} if disc_mm else {}
     array = MicrolensArray(
-        layout="square", pitch_mm=1.0, focal_lengths_mm=(3.0,), columns=3, rows=3, distance_mm=1.5, **aperture
+        layout=layout, pitch_mm=1.0, focal_lengths_mm=(3.0,), columns=3, rows=3, distance_mm=1.5, **aperture
     )
     tracer = Tracer(dataclasses.replace(behind_a_hole(array, **pixels).camera, weight=weight))
     positions = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
@@ -191,7 +190,7 @@ def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_weight(
     cut = 5.0 if disc_mm or "acceptance_half_angle_deg" in pixels else 1.0
     np.testing.assert_allclose(found[:, WEIGHT] / found[:, FREE_WEIGHT], 1.0, rtol=0, atol=cut * STRATIFIED)
     if weight == "area" and not pixels:
-        assert found[:, FREE_WEIGHT] == pytest.approx(math.pi * 0.16 if disc_mm else 1.0, rel=1e-12)
+        assert found[:, FREE_WEIGHT] == pytest.approx(math.pi * 0.16 if disc_mm else area, rel=1e-12)
 
 
 def through(array: MicrolensArray, heights: np.ndarray) -> np.ndarray:

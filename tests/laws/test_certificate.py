@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.solving import judged_rows, rig_of, solved
+from shorter import few_cases
 
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -20,7 +21,6 @@ CLAIM_PX = 1e-4
 
 
 def by_direct() -> tuple[Rig, Rows]:
-    """A camera at f/2 before a board out of focus, and its rows."""
     rig, board, pose = (
         rig_of(rigs.conventional(17.1)),
         Checkerboard(columns=2, rows=1, square_mm=1.4),
@@ -69,14 +69,7 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
     assert np.abs(apart / sigma).max() < 5
 
 
-@pytest.mark.parametrize(
-    ("moved_px", "passed"),
-    [
-        (4e-4, True),
-        (1.6e-3, False),
-        *(pytest.param(*case, marks=pytest.mark.heavy) for case in ((0.0, True), (3e-2, False))),
-    ],
-)
+@pytest.mark.parametrize(("moved_px", "passed"), few_cases([(4e-4, True), (1.6e-3, False)], (0.0, True), (3e-2, False)))
 def test_an_error_of_more_than_the_claim_is_seen_although_rows_begin_with_few_rays(
     moved_px: float, passed: bool
 ) -> None:

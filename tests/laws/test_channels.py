@@ -1,27 +1,34 @@
 """Claim: the truth of a colour channel is that of all its wavelengths together, each refracted by its own indices."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from colour.characterisation import SDS_COLOURCHECKERS
 from laws import rigs
-from laws.column_cases import board, case_of, saddles
-from laws.dispersion import at, in_light
-from laws.solving import rig_of, solved
+from laws.lit import lamp, looked
+from laws.rigs import at, in_light
+from laws.solving import board, case_of, off_axis, rig_of, saddles, solved
 from naive import polar
-from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, SADDLE_PX, SIGMAS
+from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, LIT_ERRORS, SADDLE_PX, SIGMAS
 
 import pipeline
 from pipeline.camera.integrals import Bundles, integrals, random_integrals
 from pipeline.camera.parts.camera import Camera, Sensor
-from pipeline.camera.parts.spectrum import Channel, SpectralNode
+from pipeline.camera.parts.spectrum import Channel, SpectralNode, alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.render.glow import TargetLight
+from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.imaging import in_all, pictures_in_lights, white_parts
+from pipeline.render.lighting.lit_scene import LitView
+from pipeline.render.lighting.records import Lighting
+from pipeline.render.spectral.nodes import gauss_nodes, points_of, slices_of
+from pipeline.render.spectral.prints import Print, Spectrum
+from pipeline.render.spectral.spectra import illuminant, reflectance
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -34,23 +41,17 @@ RED = {600.0: 0.3, 640.0: 0.5, 680.0: 0.2}
 BLUE = {430.0: 0.25, 460.0: 0.5, 500.0: 0.25}
 
 
-def lens(stop_semi_mm: float = 8.0, size_px: int = 4001, pitch_mm: float = 0.005) -> Camera:
-    """The double Gauss before a large sensor, near focus at 434 mm."""
-    sensor = Sensor(width_px=size_px, height_px=size_px, pitch_mm=pitch_mm)
-    return rigs.bare(rigs.tronnier(stop_semi_mm), sensor, 131.81, (400.0, 480.0))
-
-
 def test_red_and_blue_differ_as_textbook_rays_of_all_wavelengths_say() -> None:
     """J of a channel at a solution, from polar grids of textbook rays at each of its wavelengths, is the point."""
     pattern, pose, places = Checkerboard(columns=2, rows=1, square_mm=6.0), rigs.facing(436.0, 12.0, 24.0, 9.0), []
     for light in (RED, BLUE):
-        camera = in_light(lens(), light)
+        camera = in_light(off_axis(8.0), light)
         rig = rig_of(camera)
         found = solved(rig, pattern, pose).solutions
         x = found.xy_px[0]
         places.append(x)
         start = rig.tracer.positions_mm(*x[:, None])[0]
-        parts = [polar.mean_hit(at(lens(), nm), start, pose, directions=2048) for nm in light]
+        parts = [polar.mean_hit(at(off_axis(8.0), nm), start, pose, directions=2048) for nm in light]
         weight = np.array([share * w for share, (_, w) in zip(light.values(), parts, strict=True)])
         j = weight @ np.array([hit for hit, _ in parts]) / weight.sum()
         missed_mm = np.abs(j - pattern.points_mm()[found.point[0], :2])
@@ -58,36 +59,30 @@ def test_red_and_blue_differ_as_textbook_rays_of_all_wavelengths_say() -> None:
     assert np.hypot(*(places[0] - places[1])) > 0.3
 
 
-def test_random_rays_judge_channels_as_quadrature_does() -> None:
-    camera, pose = in_light(lens(), RED), rigs.facing(436.0, 12.0, 24.0, 9.0)
+def test_random_rays_judge_channels_as_quadrature_does_also_in_a_notebook() -> None:
+    camera, pose = in_light(off_axis(8.0), RED), rigs.facing(436.0, 12.0, 24.0, 9.0)
     tracer, plane = Tracer(camera), target_plane(pose)
     bundle = Bundles(np.array([[3300.0, 2300.0]]), np.array([NO_MICROLENS]), np.stack([plane, plane])[None])
     exact, random = integrals(tracer, bundle, 2), random_integrals(tracer, bundle, 1 << 16)
     apart = np.abs(exact.moments[0, :2] - random.moments[0, :2])
     assert (apart < SIGMAS * random.error_mm[0] + exact.error_mm[0]).all()
     assert exact.moments[0, WEIGHT] == pytest.approx(random.moments[0, WEIGHT], rel=1e-4)
-
-
-def test_the_bundle_of_a_channel_in_a_notebook_has_its_j() -> None:
-    """Random rays of all wavelengths, against quadrature."""
-    camera, plane = in_light(lens(), RED), parallel_planes(436.0, 446.0)
-    bundle = Bundles(np.array([[3300.0, 2300.0]]), np.array([NO_MICROLENS]), plane[None])
-    exact = integrals(Tracer(camera), bundle, 2).moments[0, :2]
-    found = pipeline.bundle(camera, 3300.0, 2300.0, samples=1 << 16)
-    assert found.mean_at(436.0) == pytest.approx(exact, abs=2e-5)  # a blur of some 0.1 mm, scrambled Sobol points
+    shown = Bundles(bundle.x_px, bundle.microlens, parallel_planes(436.0, 446.0)[None])
+    mean = pipeline.bundle(camera, 3300.0, 2300.0, samples=1 << 16).mean_at(436.0)
+    expected = integrals(tracer, shown, 2).moments[0, :2]
+    assert mean == pytest.approx(expected, abs=2e-5)  # a blur of some 0.1 mm, scrambled Sobol points
 
 
 def test_a_channel_of_one_wavelength_is_the_camera_in_that_light() -> None:
-    assert in_light(lens(), {640.0: 1.0}) == at(lens(), 640.0)
+    assert in_light(off_axis(8.0), {640.0: 1.0}) == at(off_axis(8.0), 640.0)
 
 
 def test_a_split_wavelength_changes_nothing() -> None:
-    """A light of twice the same wavelength is that wavelength."""
     board_, pose = Checkerboard(columns=2, rows=1, square_mm=6.0), rigs.facing(436.0, 12.0, 24.0, 9.0)
-    middle = in_light(lens(), {550.0: 1.0, 550.0000001: 1e-9}).spectrum[0]
+    middle = in_light(off_axis(8.0), {550.0: 1.0, 550.0000001: 1e-9}).spectrum[0]
     halves = tuple(SpectralNode(wavelength_nm=550.0, weight=w, indices=middle.indices) for w in (0.25, 0.75))
-    split = lens().in_light(Channel(name="", middle=middle, nodes=halves))
-    both = [solved(rig_of(camera), board_, pose) for camera in (split, at(lens(), 550.0))]
+    split = off_axis(8.0).in_light(Channel(name="", middle=middle, nodes=halves))
+    both = [solved(rig_of(camera), board_, pose) for camera in (split, at(off_axis(8.0), 550.0))]
     np.testing.assert_allclose(both[0].solutions.x_px, both[1].solutions.x_px, rtol=0, atol=1e-9)
     np.testing.assert_allclose(both[0].blur_px2, both[1].blur_px2, rtol=1e-9)
     np.testing.assert_allclose(both[0].hit_fraction, both[1].hit_fraction, rtol=1e-12)
@@ -129,7 +124,7 @@ def test_the_centroid_of_a_channel_is_that_of_the_light_of_its_wavelengths() -> 
         Target(CircleGrid(columns=2, rows=1, spacing_mm=8.0, diameter_mm=3.0)),
         rigs.facing(436.0, 12.0, 24.0),
     )
-    whole = case_of(in_light(lens(4.5), RED), target, pose)
+    whole = case_of(in_light(off_axis(4.5), RED), target, pose)
     point = int(whole.solutions.point[0])
 
     def found(rig: Rig) -> np.ndarray:
@@ -148,15 +143,14 @@ def test_the_centroid_of_a_channel_is_that_of_the_light_of_its_wavelengths() -> 
 def test_the_saddle_of_a_channel_lies_between_those_of_its_wavelengths(light: dict[float, float]) -> None:
     """Wavelengths so near to each other that images of a corner differ by a shift: the mean of the shifts."""
     target, pose = board(6.0), rigs.facing(436.0, 12.0, 24.0)
-    joined = saddles(case_of(in_light(lens(4.5), light), target, pose))[0]
-    alone = np.array([saddles(case_of(at(lens(4.5), nm), target, pose))[0] for nm in light])
+    joined = saddles(case_of(in_light(off_axis(4.5), light), target, pose))[0]
+    alone = np.array([saddles(case_of(at(off_axis(4.5), nm), target, pose))[0] for nm in light])
     spread = np.ptp(alone, axis=0).max()
     assert spread > 20 * SADDLE_PX
     assert joined == pytest.approx(np.array(list(light.values())) @ alone, abs=0.05 * spread + SADDLE_PX)
 
 
 def small(stop_semi_mm: float = 4.5) -> Camera:
-    """Few coarse pixels."""
     return rigs.conventional(stop_semi_mm, 24, 18, 0.2)
 
 
@@ -194,7 +188,7 @@ def test_images_of_wavelengths_add_by_share_and_reference_bundle() -> None:
 
 def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light() -> None:
     """An edge through the bundle, before the board, which hides a little more of one colour than of the other."""
-    camera, pose = in_light(lens(), {430.0: 0.6, 680.0: 0.4}), rigs.facing(436.0)
+    camera, pose = in_light(off_axis(8.0), {430.0: 0.6, 680.0: 0.4}), rigs.facing(436.0)
     x_px, behind = np.array([[3300.0, 2300.0]]), np.array([NO_MICROLENS])
     plane, target = target_plane(pose), Target(Checkerboard(columns=2, rows=1, square_mm=6.0))
     bundle = Bundles(x_px, behind, np.stack([plane, plane])[None])
@@ -208,3 +202,63 @@ def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light()
     weight = [light.share * integrals(light.tracer, bundle, 2).moments[:, WEIGHT] for light in rig.tracer.lights]
     assert np.ptp(alone) > 5e-4  # else the test would show nothing
     assert joined == pytest.approx(np.average(alone, axis=0, weights=weight), abs=2e-5)
+
+
+BOARD = Target(Checkerboard(columns=2, rows=1, square_mm=40.0))
+LOW, HIGH = 500.0, 600.0
+"""Ends of a flat response [nm]."""
+PRINT = Print(
+    ink=Spectrum(wavelengths_nm=(LOW, HIGH), reflectance=(0.3, 0.1)),
+    paper=Spectrum(wavelengths_nm=(LOW, HIGH), reflectance=(0.2, 0.8)),
+)
+
+
+def mean_nm() -> float:
+    return (HIGH**3 - LOW**3) / 3 / ((HIGH**2 - LOW**2) / 2)
+
+
+def test_a_channel_is_the_integral_of_light_reflectance_and_response() -> None:
+    """A reflectance that is linear over a flat response, in light of equal energy, is that at the mean wavelength."""
+    points = points_of((np.array([LOW, HIGH]), np.ones(2)), illuminant("E"), counts_photons=True)
+    light = dict(zip(*(values.tolist() for values in gauss_nodes(points, 5)), strict=True))
+    sensor = Sensor(width_px=4, height_px=2, pitch_mm=0.4)
+    camera = in_light(rigs.bare(rigs.tronnier(4.5), sensor, 131.81, (400.0, 480.0)), light)
+    # The middle of the sensor sees the column of squares in the middle: black above, white below, or the other way.
+    colours = PRINT.colours(BOARD, slices_of(points, np.array(list(light.values()))))
+    views = [GlowingView([(BOARD, rigs.facing(434.4, y_mm=20.0 * s))], 0.0, (), [colours]) for s in (1, -1)]
+    rig = Rig.of(Tracer(camera))
+    white = white_parts(rig, 64)
+    images = pictures_in_lights(rig, 64, views, white)
+    whole = np.average(white[0], axis=-1, weights=list(light.values()))
+    expected = sorted(np.interp(mean_nm(), one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
+    found = sorted((images / whole).mean(axis=(1, 2)))
+    np.testing.assert_allclose(found, expected, rtol=1e-3)  # bundles of the wavelengths differ by less
+
+
+def test_below_an_even_sky_ink_and_paper_have_the_radiance_of_their_reflectance() -> None:
+    """The radiance of a matt surface below a sky of 1 is its reflectance, here at two wavelengths."""
+    wavelengths, lighting = (520.0, 590.0), Lighting(lamps=(lamp("dome"),), coats=(None,), bounces=0)
+    lights = tuple(map(alone, wavelengths))
+    view = LitView([(BOARD, rigs.facing(434.4))], [], lighting, {}, 0.0, lights, [PRINT.colours(BOARD, lights)])
+    for number, nm in enumerate(wavelengths):
+        found = sorted(looked(view.in_light(number), (0.0, y, 434.4)) for y in (-20.0, 20.0))
+        expected = sorted(np.interp(nm, one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
+        for (mean, error), value in zip(found, expected, strict=True):
+            assert abs(mean - value) <= LIT_ERRORS * error + 1e-9
+
+
+def test_without_a_spectrum_a_target_keeps_its_colours_and_white_scales_both() -> None:
+    assert Print().colours(BOARD, (alone(550.0),)) == ()
+    bright = dataclasses.replace(BOARD, pattern=dataclasses.replace(BOARD.pattern, white=2.0, black=0.5))
+    lights = alone(LOW), alone(HIGH)
+    np.testing.assert_allclose(Print(paper=PRINT.paper).colours(bright, lights), [[[0.5, 0.4]], [[0.5, 1.6]]])
+    np.testing.assert_allclose(Print(ink=PRINT.ink).colours(bright, lights[1:]), [[[0.2, 2.0]]])
+
+
+@pytest.mark.parametrize("patch", ["cyan", "red", "neutral 5 (.70 D)"])
+def test_a_patch_of_the_colorchecker_reflects_what_another_laboratory_measured(patch: str) -> None:
+    """The average of BabelColor, in steps of 10 nm, of other specimens."""
+    other = SDS_COLOURCHECKERS["BabelColor Average"][patch]
+    found = np.interp(other.wavelengths, *reflectance(patch))
+    assert np.abs(found - other.values).max() < 0.05
+    assert np.ptp(other.values) > 0.1 or patch.startswith("neutral")

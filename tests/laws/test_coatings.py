@@ -58,12 +58,6 @@ def test_a_film_that_cannot_be_seen_is_a_bare_surface(angle: float) -> None:
         np.testing.assert_allclose(reflected((film,), angle=angle), expected, rtol=0, atol=BISECTED)
 
 
-def test_at_brewsters_angle_of_a_film_of_glass_nothing_is_reflected_in_the_plane() -> None:
-    across, in_plane = reflected((Film(index=BK7, waves=0.7),), angle=math.atan(BK7))
-    assert in_plane == pytest.approx(0, abs=BISECTED)
-    assert across > 0.1
-
-
 def test_matrices_let_pass_what_airys_sums_do_not_reflect() -> None:
     """Random stacks, in both polarisations, also where light only tunnels through a film: no energy is lost or made."""
     rng, tunnelled = np.random.default_rng(5), 0
@@ -87,8 +81,9 @@ def test_a_film_too_thick_to_tunnel_through_reflects_all() -> None:
     assert (reflected((Film(index=1.0, waves=1e3),), BK7, BK7, math.radians(60)) == 1).all()
 
 
-def test_films_are_the_same_either_way_through_a_lens() -> None:
-    """Rays from the sensor, and the same rays turned round, which meet the films in the opposite order."""
+def test_transmission_is_the_same_either_way_through_a_lens() -> None:
+    """Rays from the sensor, and the same rays turned round, which meet films in the opposite order: bare, coated and
+    absorbing parts."""
     prescription = rigs.displaced(rigs.conventional(9.0)).prescription
     stack = (quarter(1.63), quarter(2.1, 0.5), quarter(MGF2))
     table = Coating(reflectance=(0.01, 0.05, 0.4), angles_deg=(0.0, 20.0, 60.0))
@@ -98,13 +93,15 @@ def test_films_are_the_same_either_way_through_a_lens() -> None:
     start = np.column_stack([rng.uniform(-5, 5, (200, 2)), np.full(200, -131.0)])
     way = np.column_stack([rng.uniform(-0.1, 0.1, (200, 2)), np.ones(200)])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    clear = (1.0,) * 11
-    there = transmitted(towards_scene(prescription), start, way, Losses(coatings=turned[::-1], per_mm=clear))
+    per_mm = (0.99, 1.0, 0.98, *(1.0,) * 5, 0.97, 1.0, 1.0)
+    # Seen from the sensor, the medium behind a surface is that of the surface before it.
+    from_sensor = Losses(coatings=turned[::-1], per_mm=(*per_mm[-2::-1], 1.0))
+    there = transmitted(towards_scene(prescription), start, way, from_sensor)
     end, direction, passes = traced(towards_scene(prescription), start, way)
     flip = np.array([1.0, -1.0, -1.0])
-    losses = Losses(coatings=coatings, per_mm=clear)
+    losses = Losses(coatings=coatings, per_mm=per_mm)
     back = transmitted(towards_sensor(prescription), (end + direction) * flip, -direction * flip, losses)
-    assert passes.sum() > 50
+    assert passes.sum() > 50 and not there[~passes].any()
     np.testing.assert_allclose(back[passes], there[passes], rtol=1e-9)
 
 
@@ -157,7 +154,6 @@ def test_a_tilted_surface_is_met_at_its_own_angle() -> None:
 
 
 def test_a_surface_without_change_of_index_has_angles_too() -> None:
-    """A filter that is no more than its coating."""
     assert through(plate(index=1.0), 35.0, (RISING, CLEAR, CLEAR)) == pytest.approx(0.65, abs=COATED_ANGLE)
 
 
@@ -228,7 +224,6 @@ def test_what_is_no_coating_is_refused(data: dict[str, tuple[float, ...]], code:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_lens_lets_more_light_pass_than_comes(seed: int) -> None:
-    """Random films, tables and glass in the double Gauss: a share between 0 and 1 for every ray."""
     rng = np.random.default_rng(seed)
     kinds = (
         lambda: None,

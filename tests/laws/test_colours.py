@@ -38,7 +38,6 @@ NAMED = {f"{camera[:5]}_{name}": (camera, name) for camera in colour.MSDS_CAMERA
 
 
 def counted(channel: str, light: str) -> np.ndarray:
-    """Electrons per wavelength of a white surface: photons times response, or energy times the response to energy."""
     lamp = colour.SDS_ILLUMINANTS[light]
     energy = np.interp(FINE_NM, lamp.wavelengths, lamp.values, left=0, right=0)
     if channel in BAYER:
@@ -60,7 +59,6 @@ def srgb(rgb: tuple[float, ...]) -> np.ndarray:
 
 
 def seen(channel: str, light: str, spectra: list[np.ndarray]) -> np.ndarray:
-    """What a channel counts of colours, relative to white."""
     weight = counted(channel, light)
     return np.array([weight @ one for one in spectra]) / weight.sum()
 
@@ -171,7 +169,6 @@ def pixels(
 
 
 def board(name: str, x_mm: float, y_mm: float, more: str = "") -> str:
-    """A board of three by two squares of 2 mm."""
     return f"""
     def PlenCheckerboard "{name}"
     {{
@@ -184,19 +181,25 @@ def board(name: str, x_mm: float, y_mm: float, more: str = "") -> str:
     }}"""
 
 
-def check_patches(folder: Path, light: str, channels: tuple[str, ...]) -> None:
+@pytest.mark.heavy
+@pytest.mark.parametrize("light", LIGHTS)
+def test_pixels_of_all_sensors_have_the_colours_of_the_colorchecker(tmp_path: Path, light: str) -> None:
     """All patches of the ColorChecker as ink and paper of twelve boards that glow."""
-    boards, places, names = list[str](), [], list(PATCHES)
+    boards, places, names, channels = list[str](), [], list(PATCHES), (*BAYER, *NAMED)
     for k, (ink, paper) in enumerate(zip(names[::2], names[1::2], strict=True)):
         x, y = 10.0 * (k % 4) - 15, 10.0 * (k // 4) - 10
         inks = f'uniform string plen:ink:patch = "{ink}"\nuniform string plen:paper:patch = "{paper}"'
         boards.append(board(f"B{k}", x, y, inks))
         places += [(x, y - 1), (x, y + 1)]  # the middle column of squares: black below, white above
     expected = [seen(one, light, [patch(name) for name in names]) for one in channels]
-    judge(pixels(folder, light, channels, boards, places, 0), np.array(expected))
+    judge(pixels(tmp_path, light, channels, boards, places, 0), np.array(expected))
 
 
-def check_primaries(folder: Path, light: str, channels: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("light", "channels"),
+    [("D65", tuple(BAYER)), *(pytest.param(light, (*BAYER, *NAMED), marks=pytest.mark.heavy) for light in LIGHTS)],
+)
+def test_lit_pixels_have_the_colours_of_surfaces(tmp_path: Path, light: str, channels: tuple[str, ...]) -> None:
     """Matt plates in the primaries and secondaries of sRGB, below an even white sky."""
     things, places = [board("Board", 17.0, 0.0), '\ndef DomeLight "Sky"\n{\n}'], []
     for k, rgb in enumerate(PRIMARIES):
@@ -213,20 +216,4 @@ def check_primaries(folder: Path, light: str, channels: tuple[str, ...]) -> None
     }}""")
         places.append((x, y))
     expected = [seen(one, light, list(map(srgb, PRIMARIES))) for one in channels]
-    judge(pixels(folder, light, channels, things, places, 5), np.array(expected))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("light", LIGHTS)
-def test_pixels_of_all_sensors_have_the_colours_of_the_colorchecker(tmp_path: Path, light: str) -> None:
-    check_patches(tmp_path, light, (*BAYER, *NAMED))
-
-
-def test_lit_pixels_have_the_colours_of_surfaces(tmp_path: Path) -> None:
-    check_primaries(tmp_path, "D65", tuple(BAYER))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("light", LIGHTS)
-def test_lit_pixels_of_all_sensors_have_the_colours_of_surfaces(tmp_path: Path, light: str) -> None:
-    check_primaries(tmp_path, light, (*BAYER, *NAMED))
+    judge(pixels(tmp_path, light, channels, things, places, 5), np.array(expected))

@@ -90,7 +90,6 @@ def test_at_the_ends_a_micro_image_has_the_circle_of_confusion(kind: int) -> Non
 
 
 def planes_of(camera: Camera) -> tuple[float, float]:
-    """Near and far plane, as derived."""
     found = focused(dataclasses.replace(camera, near_mm=None, far_mm=None))
     assert found.near_mm is not None and found.far_mm is not None
     return found.near_mm, found.far_mm
@@ -130,7 +129,6 @@ def test_the_near_plane_stays_before_the_lens() -> None:
 
 
 def test_several_types_share_planes_that_hold_all_of_their_depths() -> None:
-    """Of the paper's camera, whose types are in focus one behind the other."""
     camera = dataclasses.replace(rigs.plenoptic(2.0), circle_of_confusion_px=1.0)
     ends = [focus.depth_of_field_mm for focus in foci(camera)]
     middle, (near, far) = middle_focus(camera), planes_of(camera)

@@ -11,18 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from laws.apertures import HEXAGON, inside
 from laws.bounds import (
     assert_bounds_hold,
     assert_bounds_hold_behind_microlenses,
     assert_independent_of_bounds,
     plenoptic_positions,
 )
+from laws.rigs import HEXAGON, inside
 from laws.solving import truth_of
-from laws.surfaces import BENT, assert_returned, beam, oblique
+from laws.surfaces import BENT, assert_returned, beam, oblique, traced
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
+from shorter import few, few_cases
 from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, ROUNDING_MM, SIGMAS
 
 from pipeline.camera.figures.field_curves import field_curves
@@ -37,7 +38,6 @@ from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outline_at
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.first_order import first_order
-from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -52,13 +52,6 @@ def whole(lens: Prescription, **mount: object) -> Prescription:
     """A lens all of whose surfaces one group holds."""
     group = Group(name="all", first=0, count=len(lens.surfaces), **mount)
     return dataclasses.replace(lens, groups=(group,))
-
-
-def traced(table: np.ndarray, position: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
-    """Positions, directions and flags behind the last surface."""
-    rays = [position.copy(), direction.copy(), np.ones(len(position))]
-    trace_rays(table, *rays)
-    return rays
 
 
 def assert_same_rays(one: list[np.ndarray], other: list[np.ndarray], atol: float) -> None:
@@ -163,7 +156,6 @@ def test_a_wedge_deviates_by_the_closed_form_of_least_deviation() -> None:
 
 @pytest.mark.parametrize("lens", [OFF, whole(BENT, tilt_deg=(3.0, 2.0), decentre_mm=(0.2, 0.4))], ids=["Gauss", "bent"])
 def test_a_ray_sent_back_through_a_displaced_lens_returns_to_its_start(lens: Prescription) -> None:
-    """By the other table, to 1e-12 mm and a little more for the turns."""
     assert assert_returned(lens, *oblique(4000, 9.0, 0.3, -45.0), MOVED_MM) > 300
 
 
@@ -182,7 +174,6 @@ def test_the_back_of_a_surface_blocks(radius_mm: float) -> None:
 
 
 def rear_of(camera: Camera) -> tuple[np.ndarray, int]:
-    """The table of a camera's lens and the row of its stop."""
     tracer = Tracer(camera)
     return tracer.table, tracer.stop_row
 
@@ -205,7 +196,6 @@ def test_chief_rays_in_two_dimensions_are_those_of_one_in_a_centred_lens() -> No
 
 
 def with_stop_alone_displaced(camera: Camera) -> Camera:
-    """Everything else stands in its place."""
     surfaces = list(camera.prescription.surfaces)
     surfaces[5] = dataclasses.replace(surfaces[5], decentre_mm=(0.6, 0.3))
     return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
@@ -263,7 +253,7 @@ def test_a_point_without_a_chief_ray_is_an_error_with_its_place() -> None:
 # --- bounds
 
 
-@pytest.mark.parametrize("stop_semi_mm", [8.0, *(pytest.param(semi, marks=pytest.mark.heavy) for semi in (2.0, 17.1))])
+@pytest.mark.parametrize("stop_semi_mm", few([8.0], 2.0, 17.1))
 def test_no_ray_outside_the_bounds_passes_a_displaced_conventional_camera(stop_semi_mm: float) -> None:
     """Trial rays all over the rear surface, from points all over the sensor; bounds without their usual margin."""
     camera, rng = rigs.displaced(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
@@ -304,7 +294,6 @@ def test_a_narrow_beam_of_light_beyond_which_all_is_dark_is_bounded_up_to_its_en
 
 @pytest.mark.parametrize("kind", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
 def test_results_of_a_displaced_lens_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
-    """Bounds inflated by 30 instead of 2 per cent: the same moments within their standard errors over 16 seeds."""
     if kind == "plenoptic":
         camera = rigs.displaced(rigs.plenoptic())
         positions, lens = plenoptic_positions(Tracer(camera), 40)
@@ -441,7 +430,6 @@ def test_an_aperture_of_any_shape_moves_with_its_surface(table) -> None:
 
 
 def test_a_matched_stop_keeps_the_groups_of_its_lens() -> None:
-    """Only its diameter changes."""
     camera = rigs.displaced(rigs.plenoptic())
     assert with_matched_stop(camera).prescription.groups == camera.prescription.groups
     assert not with_matched_stop(camera).prescription.is_centred
@@ -451,7 +439,6 @@ def test_a_matched_stop_keeps_the_groups_of_its_lens() -> None:
     "wrong", [{"tilt_deg": (90.0, 0.0)}, {"tilt_deg": (0.0, math.nan)}, {"decentre_mm": (math.inf, 0.0)}]
 )
 def test_displacements_that_cannot_be_are_refused(wrong: dict[str, object]) -> None:
-    """By the records, for programs that read no stage."""
     with pytest.raises(PrescriptionError):
         Surface(semi_diameter_mm=5.0, **wrong)
     with pytest.raises(PrescriptionError):
@@ -490,14 +477,10 @@ def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.n
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    ("kind", "count"),
-    [("plenoptic", 4), *(pytest.param(kind, 8, marks=pytest.mark.heavy) for kind in ("conventional", "plenoptic"))],
-)
+@pytest.mark.parametrize(("kind", "count"), few_cases([("plenoptic", 4)], ("conventional", 8), ("plenoptic", 8)))
 def test_the_truth_of_a_displaced_lens_is_where_brute_force_sees_the_points(
     kind: str, count: int, tmp_path: Path
 ) -> None:
-    """Position images made by the tasks of a build, the search, and the textbook's J at what it finds."""
     if kind == "conventional":
         camera = rigs.displaced(rigs.conventional(8.0, 64, 48))
         grid, board = rigs.ray_grid(tmp_path, camera, 1, 4096), Checkerboard(columns=4, rows=3, square_mm=1.5)

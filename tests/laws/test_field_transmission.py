@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.dispersion import in_light
+from laws.rigs import in_light
 from tolerances import BISECTED, FIELD_TRANSMISSION
 
 from pipeline.camera.parts.camera import Camera, Sensor

@@ -36,7 +36,6 @@ def fisheye() -> Camera:
 
 @pytest.fixture(scope="module")
 def circle_mm(fisheye) -> float:
-    """Where the table of the fisheye ends."""
     return float(field_curves(fisheye, 600.0).height_mm[-1])
 
 

@@ -9,17 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from laws.convergence import orders
+from laws.rigs import F_MM, thin
 from laws.solving import truth_of
-from tolerances import ORDER, STORED_PX
+from laws.surfaces import assert_returned, orders, traced
+from tolerances import ORDER, REVERSED_MM, ROUNDING_MM, STORED_PX
 
-from pipeline.camera.parts.camera import Sensor
+import pipeline
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription, Surface
-from pipeline.optics.table import towards_scene
+from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.settings import TruthSettings
 
@@ -72,8 +75,8 @@ def biconvex(thickness_mm: float) -> Prescription:
 def axis_crossing_mm(lens: Prescription, start_mm: float, slope: float) -> float:
     """Vision z where the ray from the axis at `start_mm` with a slope meets the axis again."""
     length = math.hypot(slope, 1.0)
-    position, direction = np.array([[0.0, 0.0, start_mm]]), np.array([[slope / length, 0.0, 1.0 / length]])
-    trace_rays(towards_scene(lens), position, direction, np.ones(1))
+    way = [[slope / length, 0.0, 1.0 / length]]
+    position, direction, _ = traced(towards_scene(lens), [[0.0, 0.0, start_mm]], way)
     return float(position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0])
 
 
@@ -100,17 +103,6 @@ def test_rays_near_the_axis_obey_first_order_optics() -> None:
         assert constants.image_mm(expected) == pytest.approx(image_mm, rel=1e-12)
 
 
-def test_rays_parallel_to_the_axis_meet_it_in_the_front_focus() -> None:
-    """Halve the height, and the error falls fourfold; backwards through the lens, from a height on the rear vertex."""
-    lens, errors = rigs.tronnier(), []
-    for height in (4.0, 2.0, 1.0, 0.5, 0.25):
-        position, direction = np.array([[height, 0.0, -40.0]]), np.array([[0.0, 0.0, 1.0]])
-        trace_rays(towards_scene(lens), position, direction, np.ones(1))
-        crossing = position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0]
-        errors.append(crossing - first_order(lens).front_focus_mm)
-    assert np.all(np.abs(orders(errors)[1:] - 2) < ORDER)
-
-
 def test_rays_through_the_centre_of_the_stop_seem_to_come_from_the_pupils() -> None:
     """Halve the slope, and the error falls fourfold; the entrance pupil forwards, the exit pupil backwards."""
     lens = rigs.tronnier()
@@ -132,3 +124,63 @@ def test_rays_through_the_centre_of_the_stop_seem_to_come_from_the_pupils() -> N
         trace_rays(rear, position, way, np.ones(1))
         errors.append(position[0, 0])
     assert np.all(np.abs(orders(errors)[1:] - 3) < ORDER)
+
+
+def through(table: np.ndarray, start: np.ndarray, aims: np.ndarray) -> list[np.ndarray]:
+    """Rays from one point through points (n, 2) of the plane z = 0."""
+    direction = np.column_stack([aims, np.zeros(len(aims))]) - start
+    return traced(table, np.tile(start, (len(aims), 1)), direction / np.linalg.norm(direction, axis=1)[:, None])
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0, -70.0), (30.0, -20.0, -450.0), (5.0, 9.0, -30.0)])
+@pytest.mark.parametrize("focal_mm", [F_MM, -35.0])
+def test_all_rays_of_a_point_meet_in_its_image(point, focal_mm) -> None:
+    """Also wide off the axis, and virtual images: 1/s' = 1/f - 1/s, magnification -s'/s."""
+    aims = np.random.default_rng(3).uniform(-6, 6, (300, 2))
+    position, direction, alive = through(towards_sensor(thin(focal_mm)), np.array(point), aims)
+    assert np.array_equal(alive == 1, np.hypot(*aims.T) <= 6) and 0 < alive.sum() < 300
+    image_mm = 1 / (1 / focal_mm + 1 / point[2])
+    expected = np.array(point[:2]) * image_mm / point[2]
+    hits = position[:, :2] + direction[:, :2] / direction[:, 2:] * image_mm
+    np.testing.assert_allclose(hits[alive == 1], np.tile(expected, (int(alive.sum()), 1)), rtol=0, atol=ROUNDING_MM)
+
+
+def test_a_ray_traced_back_returns_to_where_it_came_from() -> None:
+    start, aims = np.tile([11.0, -4.0, -90.0], (100, 1)), np.random.default_rng(5).uniform(-4, 4, (100, 2))
+    way = np.column_stack([aims, np.zeros(100)]) - start
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    assert assert_returned(thin(), start, way, 100 * REVERSED_MM) == 100
+
+
+def test_its_first_order_figures_are_those_of_a_thin_lens() -> None:
+    found = first_order(thin())
+    assert (found.efl_mm, found.bfd_mm) == pytest.approx((F_MM, F_MM), rel=1e-14)
+    assert (found.front_principal_mm, found.rear_principal_mm) == pytest.approx((0, 0), abs=1e-12)
+    assert found.entrance_pupil == found.exit_pupil
+
+
+def test_two_of_them_add_their_powers_less_the_product_with_their_distance() -> None:
+    two = Prescription(
+        surfaces=(
+            Surface(focal_length_mm=80.0, thickness_mm=15.0, semi_diameter_mm=9.0),
+            Surface(focal_length_mm=-60.0, semi_diameter_mm=6.0, is_stop=True),
+        )
+    )
+    assert 1 / first_order(two).efl_mm == pytest.approx(1 / 80 - 1 / 60 + 15 / 80 / 60, rel=1e-13)
+
+
+def test_every_ray_of_a_pixel_meets_the_plane_in_focus_in_one_point() -> None:
+    """The whole camera: image position to the object plane, scaled by the magnification, without distortion."""
+    sensor = Sensor(width_px=400, height_px=300, pitch_mm=0.05)
+    camera = Camera(prescription=thin(), sensor=sensor, sensor_distance_mm=56.0)
+    focus_mm = foci(camera)[0].focus_distance_mm
+    bundle = pipeline.bundle(camera, 20.0, 250.0, samples=64)
+    image = np.array([20.0 - 199.5, 250.0 - 149.5]) * 0.05
+    expected = image * focus_mm / 56.0
+    np.testing.assert_allclose(bundle.mean_at(focus_mm)[:2], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("other", [{"radius_mm": 50.0}, {"index": 1.5}, {"even_coefficients": (1e-3,)}])
+def test_it_has_neither_shape_nor_index(other) -> None:
+    with pytest.raises(PrescriptionError, match="a shape or an index"):
+        Surface(focal_length_mm=F_MM, semi_diameter_mm=5.0, **other)

@@ -10,8 +10,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.fast_lens import PIXEL_MM, POINT_MM, fast
-from laws.holes import acceptance_of
+from laws.rigs import PIXEL_MM, POINT_MM, acceptance_of, fast
 from laws.solving import STEPS, by_quadrature, judged_rows, rig_of, solved
 from naive import polar
 from shorter import one_in
@@ -110,7 +109,6 @@ def test_at_f2_the_weights_are_most_of_a_pixel_apart(tilted: tuple[Checkerboard,
 
 
 def pixel_at(camera: Camera, x_px: np.ndarray) -> Camera:
-    """The camera with a single pixel, whose centre lies at an image position."""
     x, y = Tracer(camera).positions_mm(*x_px)
     return dataclasses.replace(
         camera, sensor=Sensor(width_px=1, height_px=1, pitch_mm=PIXEL_MM, offset_x_mm=float(x), offset_y_mm=float(y))

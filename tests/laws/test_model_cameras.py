@@ -38,7 +38,6 @@ POSES = [rigs.facing(434.4), rigs.facing(390.0, 50.0, 1.0, -2.0), rigs.facing(90
 
 
 def model(camera: Camera, name: str, distortion: tuple[float, ...] = ()) -> Camera:
-    """A focused camera with an ideal lens."""
     return focused(with_ideal_lens(replace(camera, near_mm=None, far_mm=None), name, distortion))
 
 

@@ -150,5 +150,4 @@ def test_a_sensor_beyond_the_image_circle_says_how_much_of_it_is_lit() -> None:
 
 
 def test_without_light_there_is_none() -> None:
-    """The same tube, and a sensor beside its light."""
     assert pinhole(camera(*TUBE, sensor=dataclasses.replace(SENSOR, offset_x_mm=15.0))) is None

@@ -103,7 +103,6 @@ def test_no_surface_returns_more_than_it_gets():
 
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0)])
 def test_reflection_is_reciprocal(paint):
-    """The bidirectional reflectance is the same with both directions exchanged."""
     table = tabled_layers()
     one = np.array([0.3, 0.2, 0.0])
     one[2] = math.sqrt(1 - one @ one)

@@ -34,7 +34,6 @@ def centres_px(supersampling: int, width: int = 24, height: int = 20) -> np.ndar
 
 
 def points_at(positions_px: np.ndarray) -> np.ndarray:
-    """Target points that the affine position image sees at image positions."""
     return np.column_stack([positions_px @ AFFINE.T + SHIFT_MM, np.zeros(len(positions_px))])
 
 
@@ -82,7 +81,6 @@ def test_on_a_projective_image_the_error_falls_with_a_power_of_the_step(method: 
 
 
 def filtered(image: np.ndarray, settings: TruthSettings, cell: np.ndarray | None = None) -> dict:
-    """Counts for one target point at image position (8.4, 9.3) of a grid of one millimetre per pixel."""
     grid = grid_of(1)
     if cell is not None:
         grid.cell[:] = cell
@@ -90,7 +88,6 @@ def filtered(image: np.ndarray, settings: TruthSettings, cell: np.ndarray | None
 
 
 def rejections(counts: dict) -> tuple[int, int, int]:
-    """By window, lengths and angles."""
     return counts["rejected_window"], counts["rejected_lengths"], counts["rejected_angles"]
 
 
@@ -156,12 +153,6 @@ def test_the_nearest_search_returns_the_nearest_centre_within_its_threshold() ->
     np.testing.assert_array_equal(found.point, near)
     expected = centres_px(2).reshape(-1, 2)[distance.argmin(axis=0)[near]]
     np.testing.assert_allclose(found.xy_px, expected, rtol=0, atol=HALF_PIXEL_PX)
-
-
-def test_fine_and_whole_pixels_share_their_edges() -> None:
-    """The image's corner, -1/2, is a corner at any K."""
-    for k in (1, 2, 3, 10):
-        assert fine_from_image(np.array([-0.5, 9.5]), k).tolist() == [-0.5, 10 * k - 0.5]
 
 
 @pytest.mark.parametrize("filter_name", ["lengths-and-angles", "none"])

@@ -17,7 +17,6 @@ QUANTISATION = 1.0 / 12.0
 
 
 def pair(response: SensorResponse, photons: float, time_s: float = 0.0) -> tuple[float, float, int]:
-    """Mean and temporal variance by the two-image method of the standard, eqs. (30) and (31), and the pixels."""
     first, second = series(response, photons, FLAT, 2, time_s)
     variance = 0.5 * np.mean((first - second) ** 2) - 0.5 * (first.mean() - second.mean()) ** 2
     return 0.5 * (first.mean() + second.mean()), variance, first.size
@@ -171,7 +170,6 @@ def test_noise_of_frames_cameras_and_seeds_is_independent():
 
 
 def test_rows_and_columns_have_noise_of_their_own():
-    """Beside each other they are white noise; all pixels of a row share one number, all of a column another."""
     response = having(IDEAL, black_level_dn=500.0, row_noise_e=20.0, column_noise_e=30.0)
     image = even(response, 0.0, (600, 800), shot())
     of_rows, of_columns = image.mean(axis=1), image.mean(axis=0)

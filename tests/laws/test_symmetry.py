@@ -2,6 +2,9 @@
 and the bounds within which it happens to sample.
 """
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from laws import rigs
@@ -12,19 +15,21 @@ from laws.bounds import (
     moments,
     plenoptic_positions,
 )
-from laws.surfaces import assert_returned
+from laws.rigs import HEXAGON, inside
+from laws.surfaces import assert_returned, traced
 from scipy.spatial.transform import Rotation
-from shorter import few
+from shorter import few, few_cases
 from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
 
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply, inverse, rigid
 from pipeline.graph.poses import vision_from_target
-from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import towards_scene
+from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.render.imaging import irradiance
 from pipeline.scene.dataset import Frame
 from pipeline.truth.grid.position_image import on_target
@@ -40,7 +45,6 @@ def random_rays(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_ray_sent_back_returns_to_its_start() -> None:
-    """Towards the scene, then turned round and towards the sensor by the other table: 1e-12 mm."""
     assert assert_returned(rigs.tronnier(), *random_rays(2000), REVERSED_MM) > 500
 
 
@@ -48,9 +52,8 @@ def test_a_ray_sent_back_returns_to_its_start() -> None:
 def test_mirrored_rays_stay_mirrored_to_the_last_bit(mirror: tuple[int, int, int]) -> None:
     """A centred lens cannot tell left from right; changing signs rounds nothing."""
     start, way = random_rays(2000)
-    one, other = [start.copy(), way.copy(), np.ones(2000)], [start * mirror, way * mirror, np.ones(2000)]
-    for rays in (one, other):
-        trace_rays(towards_scene(rigs.tronnier()), *rays)
+    table = towards_scene(rigs.tronnier())
+    one, other = traced(table, start, way), traced(table, start * mirror, way * mirror)
     np.testing.assert_array_equal(one[0] * mirror, other[0])
     np.testing.assert_array_equal(one[1] * mirror, other[1])
     np.testing.assert_array_equal(one[2], other[2])
@@ -135,17 +138,13 @@ def test_no_ray_outside_the_bounds_passes_a_plenoptic_camera() -> None:
 
 
 def test_apply_and_inverse_agree_with_the_textbook() -> None:
-    """A rigid transform there and back is the identity for points; rotation first, then translation."""
     quarter = rigid(Rotation.from_rotvec([0.0, 0.0, np.pi / 2]).as_matrix(), np.array([10.0, 0.0, 0.0]))
     points = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 3.0]])
     np.testing.assert_allclose(apply(quarter, points), [[10.0, 1.0, 0.0], [8.0, 0.0, 3.0]], atol=1e-14)
     np.testing.assert_allclose(apply(inverse(quarter), apply(quarter, points)), points, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("stop_semi_mm", "pitch_mm"),
-    [(0.2, 0.2), *(pytest.param(*pair, marks=pytest.mark.heavy) for pair in ((0.1, 0.05), (0.5, 0.2)))],
-)
+@pytest.mark.parametrize(("stop_semi_mm", "pitch_mm"), few_cases([(0.2, 0.2)], (0.1, 0.05), (0.5, 0.2)))
 def test_a_tiny_stop_before_coarse_pixels_loses_no_light(stop_semi_mm: float, pitch_mm: float) -> None:
     """Rays start all over a pixel, and what passes moves along: a bound for the centre alone loses several per cent."""
     camera = rigs.conventional(stop_semi_mm, 16, 12, pitch_mm)
@@ -156,3 +155,75 @@ def test_a_tiny_stop_before_coarse_pixels_loses_no_light(stop_semi_mm: float, pi
     error = np.hypot(tight.std(ddof=1), wide.std(ddof=1)) / np.sqrt(8)
     assert abs(tight.mean() - wide.mean()) < SIGMAS * error
     assert error < 1e-3
+
+
+RECTANGLE = {"half_widths_mm": (4.0, 2.5), "aperture_rotation_deg": 20.0}
+RING = {"inner_semi_diameter_mm": 2.0}
+SHAPES = {"hexagon": HEXAGON, "rectangle": RECTANGLE, "ring": RING, "triangle": {"blades": 3}}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("bend", [{}, {"radius_mm": 30.0, "conic": -0.5}], ids=["plane", "conic"])
+def test_parallel_rays_pass_where_the_shape_says_so(shape: str, bend: dict[str, float]) -> None:
+    """In the lens frame, x right and y up; the vision frame has y down. Every shape lies within its circle."""
+    stop = Surface(semi_diameter_mm=5.0, is_stop=True, **SHAPES[shape], **bend)
+    points = np.random.default_rng(2).uniform(-6, 6, (20_000, 2))
+    for table, y in ((towards_sensor, points[:, 1]), (towards_scene, -points[:, 1])):
+        position = np.column_stack([points[:, 0], y, np.full(len(points), -5.0)])
+        *_, alive = traced(table(Prescription(surfaces=(stop,))), position, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+        expected = inside(shape, *points.T)
+        assert 0.1 < expected.mean() < 0.6
+        np.testing.assert_array_equal(alive > 0, expected)
+        assert not np.any((alive > 0) & (np.hypot(*points.T) > 5.0))
+
+
+def with_shapes(camera: Camera, stop: dict[str, object], front: dict[str, object]) -> Camera:
+    lens = camera.prescription
+    surfaces = [dataclasses.replace(surface, **(stop if surface.is_stop else {})) for surface in lens.surfaces]
+    surfaces[0] = dataclasses.replace(surfaces[0], **front)
+    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+
+
+def shaped(kind: str, shape: str) -> tuple[Camera, np.ndarray, np.ndarray]:
+    """A camera with a shaped stop and a slot in front, positions all over its sensor, and the microlens of each."""
+    front = {"half_widths_mm": (22.0, 14.0), "aperture_rotation_deg": -35.0}
+    if kind == "plenoptic":
+        camera = with_shapes(rigs.plenoptic(), SHAPES[shape], front)
+        return camera, *plenoptic_positions(Tracer(camera), 40)
+    camera = with_shapes(rigs.conventional(5.0, 800, 600), SHAPES[shape], front)
+    heights, azimuth = np.array([0.0, 5.0, 12.0, 18.0, 21.0, 24.0]), np.array([0.0, 0.3, 1.2, 2.5, 4.0, 5.5])
+    return camera, heights[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1), np.full(6, NO_MICROLENS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    few_cases([("conventional", "ring"), ("plenoptic", "hexagon")], ("conventional", "hexagon"), ("plenoptic", "ring")),
+)
+def test_results_with_shaped_apertures_do_not_depend_on_bounds(kind: str, shape: str) -> None:
+    camera, positions, lens = shaped(kind, shape)
+    assert_independent_of_bounds(camera, positions, lens, least_lit=5)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_ray_outside_the_bounds_passes_a_shaped_aperture(shape: str) -> None:
+    """Trial rays all over the rear surface, at azimuths that favour no corner."""
+    camera, positions, _ = shaped("conventional", shape)
+    assert assert_bounds_hold(Tracer(camera), positions, np.random.default_rng(6), 20.0, 30_000).sum() > 500
+
+
+def test_a_polygon_of_many_blades_becomes_its_circle() -> None:
+    """Twice the blades, a quarter of the missing light: the order of convergence of an inscribed polygon is 2."""
+    missing = []
+    circle = Tracer(rigs.conventional(4.5)).reference_weight_sr
+    for blades in (4, 8, 16):
+        camera = with_shapes(rigs.conventional(4.5), {"blades": blades}, {})
+        missing.append(1 - Tracer(camera).reference_weight_sr / circle)
+        area = blades / (2 * math.pi) * math.sin(2 * math.pi / blades)
+        assert missing[-1] == pytest.approx(1 - area, rel=0.02)
+    assert np.all(np.diff(missing) < 0)
+
+
+@pytest.mark.parametrize("wrong", [{"inner_semi_diameter_mm": 5.0}, {"half_widths_mm": (0.0, 1.0)}, {"blades": 2}])
+def test_apertures_that_cannot_exist_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(PrescriptionError):
+        Surface(semi_diameter_mm=5.0, **wrong)

@@ -26,14 +26,8 @@ def rendered(
 ) -> np.ndarray:
     """Light of squares around an image position, rows from the top, (2 h SQUARES, 2 w SQUARES).
 
-    Parameters
-    ----------
-    half_px : (2,) int
-        Half of the window's width and height.
-    colour : callable
-        (n, 2) coordinates on the target's plane to (n,) colours.
-    lens : (vertex (2,), focal length) or None
-        Microlens of a hexagonal array whose cells face +x.
+    `half_px` is half of the window's width and height, (2,); `colour` takes coordinates on the target's plane (n, 2);
+    `lens`, vertex and focal length, is a microlens of a hexagonal array whose cells face +x.
     """
     array, vertex, focal = camera.microlenses, np.zeros(2), np.inf
     plane_mm = -camera.prescription.vertices_from_stop_mm[-1]

@@ -12,14 +12,8 @@ import math
 def reflectance(media: list[float], thicknesses_nm: list[float], wavelength_nm: float, angle: float) -> list[float]:
     """Share of light that is reflected, polarised across the plane of incidence and in it.
 
-    Parameters
-    ----------
-    media : list of float
-        Indices: the medium that light comes from, all films, the medium behind.
-    thicknesses_nm : list of float
-        Of the films.
-    wavelength_nm, angle : float
-        In air; in the first medium [rad].
+    `media` are the indices of the medium that light comes from, all films, and the medium behind; the wavelength is
+    that in air, the angle that in the first medium [rad].
     """
     cosines = [cmath.sqrt(1 - (media[0] * math.sin(angle) / n) ** 2) for n in media]
     found = []

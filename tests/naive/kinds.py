@@ -46,7 +46,6 @@ PIXELS = {
 
 
 def camera_with(kind: str, stop_semi_mm: float = 5.0, pixels: str = "all") -> Camera:
-    """The paper's main lens with other microlenses."""
     array = MicrolensArray(pitch_mm=0.2173, width_mm=12.0, height_mm=12.0, distance_mm=1.7, **KINDS[kind])
     return Camera(
         prescription=rigs.tronnier(stop_semi_mm),
@@ -59,5 +58,4 @@ def camera_with(kind: str, stop_semi_mm: float = 5.0, pixels: str = "all") -> Ca
 
 
 def vertex_of(tracer: Tracer, row: int) -> np.ndarray:
-    """In the vision frame, by the slow twin."""
     return slow_microlens.vertex(tracer.camera, int(tracer.lattice.k[row]), int(tracer.lattice.l[row]))

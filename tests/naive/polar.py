@@ -27,10 +27,7 @@ def mean_hit(
 ) -> tuple[np.ndarray, float]:
     """J of a sensor point (2,) on a target's plane, in the target frame, and the weight that leaves.
 
-    Parameters
-    ----------
-    lens : (vertex (2,), focal length) or None
-        Microlens of a hexagonal array whose cells face +x.
+    `lens`, vertex and focal length, is a microlens of a hexagonal array whose cells face +x.
     """
     rear_mm = -camera.prescription.vertices_from_stop_mm[-1]
     array = camera.microlenses

@@ -26,13 +26,8 @@ def rays_before(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rays from sensor points, (2,) or (count, 2), through the microlens with a vertex (3,), vision frame.
 
-    Returns
-    -------
-    position, direction : (count, 3) float64
-    weight : (count,) float64
-        0 for rays that the microlens blocks; the sum is the integral of A cos(theta) d omega [sr].
-    entered : (count,) float64
-        The same for all rays through the aperture that counts.
+    Positions and directions (count, 3); weights, 0 for rays that the microlens blocks, whose sum is the integral of
+    A cos(theta) d omega [sr]; and the same for all rays through the aperture that counts.
     """
     array = camera.microlenses
     assert array is not None
@@ -78,7 +73,6 @@ def vertex(camera: Camera, k: int, l: int) -> np.ndarray:
 
 
 def vision_from_array(array: MicrolensArray) -> np.ndarray:
-    """Rotation matrix."""
     return (HALF_TURN * _tilt(array) * HALF_TURN.inv()).as_matrix()
 
 

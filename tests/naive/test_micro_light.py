@@ -9,6 +9,7 @@ import pytest
 from laws import rigs
 from naive import brute, slow_microlens, textbook
 from naive.kinds import KINDS, camera_with, vertex_of
+from shorter import few_cases
 from tolerances import MICRO_IMAGE_PX, SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
@@ -37,7 +38,6 @@ def lit_alone(camera: Camera, x_mm: float, y_mm: float) -> tuple[Tracer, MicroLi
 
 
 def wide_open() -> Camera:
-    """The paper's rig with its whole stop: the micro-image of a microlens off the axis is a cat's eye."""
     return dataclasses.replace(rigs.plenoptic(), prescription=rigs.tronnier(17.1))
 
 
@@ -74,14 +74,7 @@ def pinholes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.array(points), np.array(weights)
 
 
-@pytest.mark.parametrize(
-    ("name", "directions"),
-    [
-        ("vignetted", 240),
-        pytest.param("displaced", 48, marks=pytest.mark.heavy),
-        pytest.param("as printed", 48, marks=pytest.mark.heavy),
-    ],
-)
+@pytest.mark.parametrize(("name", "directions"), few_cases([("vignetted", 240)], ("displaced", 48), ("as printed", 48)))
 def test_the_centroid_is_that_of_many_pinholes(name: str, directions: int) -> None:
     """36 points of the cell instead of 7, many directions without regard to corners, the textbook's trace."""
     camera, x, y = CASES[name]
@@ -198,12 +191,9 @@ def disc_nodes(radius: float) -> tuple[np.ndarray, np.ndarray]:
     [kind if kind == "tilted" else pytest.param(kind, marks=pytest.mark.heavy) for kind in KINDS],
 )
 def test_centroids_behind_other_microlenses_are_those_of_slow_rays(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every model, tilted, discs and cells: rays one by one, and none of them lies beyond the outline."""
-    assert_slow(kind, 8, 20_000, monkeypatch)
-
-
-def assert_slow(kind: str, groups: int, rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The microlens (17, -9), whether its light reaches the image or not."""
+    """Every model, tilted, discs and cells: rays one by one, and none of them lies beyond the outline. The microlens is
+    (17, -9), whether its light reaches the image or not."""
+    groups, rays = 8, 20_000
     tracer = Tracer(camera_with(kind))
     grid, pitch = tracer.lattice, tracer.camera.sensor.pitch_mm
     row = np.flatnonzero((grid.k == 17) & (grid.l == -9))

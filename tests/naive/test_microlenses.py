@@ -9,8 +9,9 @@ import math
 import numpy as np
 import pytest
 from naive import slow_microlens, textbook
-from naive.bundles import POSES, moments_of
+from naive.brute import POSES, moments_of
 from naive.kinds import KINDS, camera_with, vertex_of
+from shorter import few, few_cases
 from tolerances import ROUNDING_MM, SIGMAS
 
 import pipeline
@@ -126,32 +127,17 @@ def test_bundles_are_those_of_the_slow_twin(kind: str) -> None:
 
 
 @pytest.mark.parametrize("pixels", [pytest.param("cosine", marks=pytest.mark.heavy), "cone"])
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "discs",
-        *(pytest.param(kind, marks=pytest.mark.heavy) for kind in ("columns, three types", "convex to the lens")),
-    ],
-)
+@pytest.mark.parametrize("kind", few(["discs"], "columns, three types", "convex to the lens"))
 def test_bundles_of_choosy_pixels_are_those_of_the_slow_twin(kind: str, pixels: str) -> None:
-    """The acceptance weighs leaving and free bundle alike."""
     assert_same(camera_with(kind, pixels=pixels), 4)
 
 
 @pytest.mark.parametrize(
     ("kind", "pixels"),
-    [
-        ("two-plane", "all"),
-        *(
-            pytest.param(kind, pixels, marks=pytest.mark.heavy)
-            for kind, pixels in (
-                ("tilted", "all"),
-                ("discs", "cone"),
-                ("convex to the lens", "cosine"),
-                ("biconvex cells", "all"),
-            )
-        ),
-    ],
+    few_cases(
+        [("two-plane", "all")],
+        *(("tilted", "all"), ("discs", "cone"), ("convex to the lens", "cosine"), ("biconvex cells", "all")),
+    ),
 )
 def test_bundles_by_area_are_those_of_the_slow_twin(kind: str, pixels: str) -> None:
     """Rays weigh area of the plane that their aims lie in, leaving and free ones, times the acceptance."""

@@ -26,7 +26,6 @@ transforms = st.builds(rigid, rotations, vectors)
 @repeatable
 @given(transforms, transforms, vectors)
 def test_transforms_chain_and_invert(a_from_b: np.ndarray, b_from_c: np.ndarray, point: np.ndarray) -> None:
-    """a_from_b @ b_from_c is a_from_c, and its inverse brings every point back."""
     points = point[None]
     np.testing.assert_allclose(apply(a_from_b @ b_from_c, points), apply(a_from_b, apply(b_from_c, points)), atol=1e-9)
     np.testing.assert_allclose(apply(inverse(a_from_b), apply(a_from_b, points)), points, atol=1e-9)
@@ -93,7 +92,6 @@ def cameras(draw: st.DrawFn) -> Camera:
 @repeatable
 @given(cameras())
 def test_a_camera_survives_the_way_through_json(camera: Camera) -> None:
-    """To plain values, to text, back to values, back to records: equal, infinite radii included."""
     assert from_plain(Camera, json.loads(json.dumps(to_plain(camera)))) == camera
 
 

@@ -86,7 +86,6 @@ def solve(image: np.ndarray, cell: np.ndarray, p: np.ndarray, i: int, j: int) ->
 
 @pytest.mark.parametrize("noise", few([0.02], 0.0, 0.05))
 def test_kernels_agree_with_the_search_as_the_paper_tells_it(noise: float) -> None:
-    """Same quads, same verdict on each with its reason, same solutions."""
     verdicts = set()
     for seed in range(4):
         image, cell, points = noisy_image(noise, seed)

@@ -68,8 +68,6 @@ ROWS, GROUPS, RAYS = 6, 8, 4_000
 
 
 class Built:
-    """A built dataset of one target."""
-
     def __init__(self, folder: Path, file: str, turn: str, method: str = "moments", finer: int = 1) -> None:
         stage, text = folder / "dataset.usda", STAGE
         for name, value in (("FILE", file), ("TURN", turn), ("METHOD", method), ("FINER", str(finer))):
@@ -87,11 +85,9 @@ class Built:
         self.image = read_exr(frame / "image.exr")["image"].channels["Y"]
 
     def column(self, name: str) -> np.ndarray:
-        """Numbers of all rows."""
         return self.rows.numbers(name)
 
     def seen(self) -> set[int]:
-        """Ids with a row."""
         return set(self.column("point_id").astype(int))
 
     def facing(self) -> np.ndarray:
@@ -103,7 +99,6 @@ class Built:
 
 @pytest.fixture
 def build(tmp_path, monkeypatch):
-    """Builds in a folder of their own."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     return lambda *arguments: Built(tmp_path, *arguments)
 
@@ -170,7 +165,6 @@ def test_rows_are_where_a_brute_force_bundle_meets_the_tangent_plane(build, file
 
 
 def test_points_that_face_away_have_no_rows(build) -> None:
-    """A cube shows at most three faces."""
     built = build("aprilgrid_cube", "25, -30, 0")
     faces = {index // 36 for index in built.seen()}
     assert faces == set(np.flatnonzero(built.facing()[::36] > 0))

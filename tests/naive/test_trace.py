@@ -10,8 +10,7 @@ import pytest
 from laws import rigs
 from laws.surfaces import BENT
 from naive import textbook
-from naive.aspheres import PHONE, bisecting_trace
-from naive.lenses import BALL, SINGLET, random_rays
+from naive.lenses import BALL, PHONE, SINGLET, bisecting_trace, random_rays
 from tolerances import BISECTED_MM, TEXTBOOK_MM
 
 from pipeline.optics.kernels import trace_rays
@@ -73,7 +72,6 @@ def test_a_ray_beyond_the_critical_angle_is_blocked() -> None:
     ("lens", "behind_mm", "field_mm"), [(rigs.tronnier(), 101.5, 20.0), (PHONE, 15.0, 8.0)], ids=["spheres", "aspheres"]
 )
 def test_rays_do_not_know_the_packet_they_travel_in(lens: Prescription, behind_mm: float, field_mm: float) -> None:
-    """Any order and any number of companions: the same bits."""
     position, direction = random_rays(lens, behind_mm, field_mm, 1000)
     together, alone, shuffled = ([position.copy(), direction.copy(), np.ones(1000)] for _ in range(3))
     order = np.random.default_rng(1).permutation(1000)

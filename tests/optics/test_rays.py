@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
-from naive.aspheres import PHONE
-from naive.lenses import BALL, SINGLET, random_rays
+from naive.lenses import BALL, PHONE, SINGLET, random_rays
 from tolerances import TEXTBOOK_MM
 
 from pipeline.optics.kernels import trace_rays

@@ -11,11 +11,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def path_of(name: str) -> Path:
-    """The file of a lens of the library."""
     return ROOT / f"stages/lenses/{name}.usda"
 
 
 def prescription(name: str) -> Prescription:
-    """A lens of the library."""
     stage = Usd.Stage.Open(path_of(name).as_posix())
     return read_prescription(stage.GetDefaultPrim())

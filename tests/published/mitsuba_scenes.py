@@ -5,7 +5,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from laws.lit import lamp, named, plate, scene, towards
+from laws.lit import lamp, named, scene
 
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene
@@ -13,16 +13,12 @@ from pipeline.render.lighting.records import Material, PlacedLamp
 from pipeline.targets.mesh import Occluder
 
 mi.set_variant("scalar_rgb")
-ROOM_MM = 500.0
-"""Distance of the wall that is looked at [mm]."""
 WIDTH_PX, HEIGHT_PX, FOV_DEG = 24, 18, 50.0
 """Size of the pictures, and the horizontal field of view."""
 
 
 @dataclass
 class Both:
-    """A scene for both; things and lamps are added to both at once."""
-
     things: list[tuple[Occluder, Material]] = field(default_factory=list)
     lamps: list[PlacedLamp] = field(default_factory=list)
     theirs: dict[str, Any] = field(default_factory=dict)
@@ -68,7 +64,6 @@ class Both:
             self.theirs[name] = {**shapes[kind], "emitter": area, "bsdf": black}
 
     def ours(self, bounces: int) -> LitScene:
-        """The scene for this program."""
         return scene(self.things, self.lamps, bounces=bounces, pictures=self.pictures)
 
     def reference(self, bounces: int, samples: int, seeds: int) -> np.ndarray:
@@ -108,6 +103,3 @@ def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:
         names = Names(key + np.uint32(seed * WIDTH_PX * HEIGHT_PX), place)
         pictures.append(lit.radiance(np.zeros_like(way), way, names).reshape(HEIGHT_PX, WIDTH_PX, samples).mean(axis=2))
     return np.array(pictures)
-
-
-__all__ = ["Both", "our_pictures", "plate", "towards"]

@@ -71,7 +71,6 @@ def test_every_shipped_absorption_is_one_without_gaps() -> None:
 
 
 def _shipped() -> list[tuple[Glass, Absorption]]:
-    """Glasses of the catalogue whose absorption ships."""
     found = []
     for glass in catalogue():
         try:

@@ -24,7 +24,6 @@ NEAR_MM, FAR_MM = 375.0, 470.0
 
 
 def with_catalogue_indices(camera: Camera) -> Camera:
-    """The same camera, its main lens made of today's glasses."""
     lens = camera.prescription
     surfaces = [replace(s, index=find(GLASSES[s.index]).index(D_NM) if s.index != 1 else 1.0) for s in lens.surfaces]
     return replace(camera, prescription=replace(lens, surfaces=tuple(surfaces)))

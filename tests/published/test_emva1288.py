@@ -22,7 +22,6 @@ finally:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """What the referee says of the series."""
     return referee(tmp_path_factory.mktemp("series"))
 
 

@@ -12,38 +12,29 @@ import numpy as np
 import pytest
 from tolerances import CODEV_INDEX, PRINTED_5_INDEX, PRINTED_ABBE, STATED_INDEX
 
-from pipeline.optics.glass.catalogue import Glass, catalogue, find
+from pipeline.optics.glass.catalogue import catalogue, find
 
 LISTING = json.loads((Path(__file__).parent / "codev_double_gauss.json").read_text(encoding="utf-8"))
-PRINTING_VENDORS = ("schott", "hoya", "sumita")
 
 
-def _printed(vendors: tuple[str, ...]) -> list[Glass]:
-    return [glass for glass in catalogue() if glass.vendor in vendors and glass.stated_nd is not None]
-
-
-def test_nd_of_526_glasses_is_the_printed_one() -> None:
-    """To 5e-5 for all of three vendors, among them Sumita, whose prints differ from their own formulas by 3.8e-5."""
-    glasses = _printed(PRINTING_VENDORS)
-    found, printed = np.array([(glass.nd, glass.stated_nd) for glass in glasses]).T
-    assert len(glasses) == 526
-    assert not (found == printed).any(), "a stated value that repeats the formula"
-    np.testing.assert_allclose(found, printed, rtol=0, atol=STATED_INDEX)
-
-
-def test_nd_of_350_glasses_of_schott_and_hoya_is_good_to_the_printed_digits() -> None:
-    """Five decimals are printed."""
-    glasses = _printed(("schott", "hoya"))
-    found, printed = np.array([(glass.nd, glass.stated_nd) for glass in glasses]).T
-    assert len(glasses) == 350
-    np.testing.assert_allclose(found, printed, rtol=0, atol=PRINTED_5_INDEX)
-
-
-def test_abbe_numbers_of_schott_and_hoya_are_the_printed_ones() -> None:
-    """Two decimals are printed; Sumita's differ from its own formulas by up to 0.23 and are left out."""
-    glasses = _printed(("schott", "hoya"))
-    found, printed = np.array([(glass.vd, glass.stated_vd) for glass in glasses]).T
-    np.testing.assert_allclose(found, printed, rtol=0, atol=PRINTED_ABBE)
+@pytest.mark.parametrize(
+    ("name", "vendors", "count", "tolerance"),
+    [
+        ("nd", ("schott", "hoya", "sumita"), 526, STATED_INDEX),
+        ("nd", ("schott", "hoya"), 350, PRINTED_5_INDEX),
+        ("vd", ("schott", "hoya"), 350, PRINTED_ABBE),
+    ],
+)
+def test_n_d_and_abbe_numbers_are_the_printed_ones(
+    name: str, vendors: tuple[str, ...], count: int, tolerance: float
+) -> None:
+    """To the five and two digits that Schott and Hoya print. Sumita's n_d differ from its own formulas by up to 3.8e-5,
+    and its Abbe numbers by 0.23: they are left out."""
+    glasses = [glass for glass in catalogue() if glass.vendor in vendors and glass.stated_nd is not None]
+    found, printed = np.array([(getattr(glass, name), getattr(glass, f"stated_{name}")) for glass in glasses]).T
+    assert len(glasses) == count
+    assert name == "vd" or not (found == printed).any(), "a stated value that repeats the formula"
+    np.testing.assert_allclose(found, printed, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("name", LISTING["glasses"])

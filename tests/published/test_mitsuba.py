@@ -26,7 +26,6 @@ def grey(value: float) -> dict:
 
 
 def room():
-    """A wall, a floor, and a tilted plate before them, all matt."""
     from published.mitsuba_scenes import Both
 
     both = Both()

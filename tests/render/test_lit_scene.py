@@ -100,7 +100,6 @@ def test_holes_let_light_and_sight_pass():
 
 
 def sky(place: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Eight texels by sixteen, black but for one."""
     picture = np.zeros((8, 16, 4), np.float32)
     picture[place] = 1.0
     return {"sky": picture}

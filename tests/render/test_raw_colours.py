@@ -14,10 +14,12 @@ import rawpy
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load
 from pipeline.tasks import colour_image
+from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.outputs import ColourImage, Expose
 from pipeline.tasks.raw_images import expose
 
@@ -86,7 +88,6 @@ def test_raw_converters_see_the_colours_that_the_sensor_can_tell(taken):
 
 
 def tags_of(path):
-    """Tags as Pillow reads them."""
     with path.open("rb") as stream:
         tags = ImageFileDirectory_v2(stream.read(8))
         stream.seek(tags.next)
@@ -131,3 +132,29 @@ def test_a_sensor_without_colours_is_given_none(taken):
     tags = tags_of(folder / "raw.dng")
     assert 33434 in tags
     assert not {50721, 50722, 50728, 50778, 50779} & set(tags)
+
+
+RAYS = "float32, cuda sm_90, numba-cuda 0.30.4"
+
+
+@pytest.mark.parametrize("rays", [{}, {"rays": RAYS}])
+def test_the_picture_and_the_spectrum_name_the_device_of_their_channels(rays, tmp_path):
+    inputs, channels = {}, []
+    for i, (name, nm) in enumerate((("red", 640.0), ("green", 550.0), ("blue", 460.0))):
+        (folder := tmp_path / name).mkdir()
+        pixels = np.full((4, 5), 0.25 * (i + 1), np.float32)
+        part = BandedPart(
+            name="image",
+            shape=pixels.shape,
+            channels=("Y",),
+            rows=lambda first, end, pixels=pixels: {"Y": pixels[first:end]},
+            attributes={"content": "relative irradiance", **rays},
+        )
+        write_bands(folder / "image.exr", [part])
+        inputs[f"channel{i}"] = {"image.exr": folder / "image.exr"}
+        channels.append(ChannelLabel(name=name, wavelengths_nm=(nm,), shares=(1.0,)))
+    colour_image.run(ColourImage(name="image", channels=tuple(channels)), inputs, tmp_path)
+    picture, spectrum = ExrWindows(tmp_path / "image.exr"), ExrWindows(tmp_path / "spectral.exr")
+    found = [picture.headers["image"].texts, spectrum.headers["spectral"].texts]
+    assert [texts.get("rays") for texts in found] == [rays.get("rays")] * 2
+    np.testing.assert_array_equal(picture.rows("image", 0, 4)["B"], np.full((4, 5), 0.75, np.float32))

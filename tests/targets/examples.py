@@ -27,5 +27,4 @@ EXAMPLES = [
 
 
 def name_of(pattern) -> str:
-    """A test id."""
     return pattern.KIND

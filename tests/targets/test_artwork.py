@@ -95,7 +95,6 @@ def colour_at(painted: Painted, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def points_on(pattern, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random points of the sheet."""
     rng, drawing = np.random.default_rng(5), pattern.drawing
     return drawing.half_x_mm * rng.uniform(-1, 1, count), drawing.half_y_mm * rng.uniform(-1, 1, count)
 

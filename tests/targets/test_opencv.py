@@ -39,7 +39,6 @@ def on_scan(drawing: Drawing, xy_mm: np.ndarray, px_per_mm: float) -> np.ndarray
 
 
 def dictionary_of(name: str):
-    """By OpenCV's own list of names."""
     (number,) = [getattr(cv2.aruco, known) for known in sorted(dir(cv2.aruco)) if known.lower() == "dict_" + name][:1]
     return cv2.aruco.getPredefinedDictionary(number)
 
@@ -118,7 +117,6 @@ def test_tag_0_of_an_aprilgrid_is_the_published_code():
 
 @pytest.mark.parametrize("name", DICTIONARIES)
 def test_every_tag_looks_as_opencv_draws_it(name):
-    """All cells of a few tags of every dictionary; borders included."""
     count, edge = size_of(name)
     for number in {0, 1, count // 2, count - 1}:
         picture = cv2.aruco.generateImageMarker(dictionary_of(name), number, edge + 2) // 255

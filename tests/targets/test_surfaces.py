@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from scipy.interpolate import RegularGridInterpolator
+from targets.examples import name_of
 from tolerances import ROUNDING_MM
 
 from pipeline.frames import apply
@@ -22,11 +23,6 @@ BOARD = Checkerboard(columns=6, rows=5, square_mm=4.0, white=0.9, black=0.2)
 RNG = np.random.default_rng(3)
 MAP = HeightMap(resolution=(6, 5), heights_mm=tuple(RNG.uniform(-0.5, 0.5, 30)))
 SINGLE = [Flat(), Warped(deflection_mm=(1.5, -0.7)), MAP, Cylinder(radius_mm=21.0), Cylinder(radius_mm=-40.0)]
-
-
-def name_of(surface) -> str:
-    """A test id."""
-    return surface.KIND
 
 
 @pytest.mark.parametrize("surface", SINGLE, ids=name_of)
