@@ -38,34 +38,33 @@ class LensEntry:
 class CameraEntry:
     """A camera of the dataset."""
 
-    name: str  # path of its prim below the dataset's root with "/" replaced by ".": it appears in every table
-    prim_path: str  # on the composed stage, for messages
-    lens_name: str  # `plen:name` of the lens, or its prim name; for reports only
-    index_source: str  # `printed`, or `catalogue` with the media from the scene to the sensor
+    name: str  #: path of its prim below the dataset's root with "/" replaced by ".": it appears in every table
+    prim_path: str  #: on the composed stage, for messages
+    lens_name: str  #: `plen:name` of the lens, or its prim name; for reports only
+    index_source: str  #: `printed`, or `catalogue` with the media from the scene to the sensor
     wavelength_nm: float
     weight: str
     footprint: str
-    asked: Camera | FocusRequest  # statement of the stage: a camera, or a request for a focus, which `camera` fulfils
+    asked: Camera | FocusRequest  #: statement of the stage: a camera, or a request for a focus, which `camera` fulfils
     sampling: Sampling
     truth: TruthSettings
-    image_samples: int  # rays per pixel of the image, or of the first pass over it
-    # Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass
+    image_samples: int  #: rays per pixel of the image, or of the first pass over it
+    #: Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass
     image_noise: float | None = None
-    bounces: int = 2  # reflections between surfaces in images of a lit dataset
-    extent: str = "tiles"  # of position images for method `image`: `tiles` around the points, or `full`
-    delivers_rays: bool = False  # whether rays.exr is delivered even if no method needs it
-    f_numbers: tuple[float, ...] = ()  # of further white images, in the order of the stage
-    diffraction: bool = False  # whether images show it
-    channels: tuple[Channel, ...] = ()  # in the order of the stage; none: its light has the one wavelength
-    # The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one
+    bounces: int = 2  #: reflections between surfaces in images of a lit dataset
+    extent: str = "tiles"  #: of position images for method `image`: `tiles` around the points, or `full`
+    delivers_rays: bool = False  #: whether rays.exr is delivered even if no method needs it
+    f_numbers: tuple[float, ...] = ()  #: of further white images, in the order of the stage
+    diffraction: bool = False  #: whether images show it
+    channels: tuple[Channel, ...] = ()  #: in the order of the stage; none: its light has the one wavelength
+    #: The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one
     channel: Channel | None = None
-    # The channels red, green and blue beside the standard observer, in the light of the dataset and in daylight
+    #: The channels red, green and blue beside the standard observer, in the light of the dataset and in daylight
     colorimetry: tuple[Colorimetry, ...] = ()
-    response: SensorResponse | None = None  # from photons to digital numbers; None where the stage states none
-    irradiation: Irradiation | None = None  # light of each frame; None: there are no raw images
-    # Place of its definition, for messages
-    file: str | None = field(default=None, compare=False)
-    line: int | None = field(default=None, compare=False)
+    response: SensorResponse | None = None  #: from photons to digital numbers; None where the stage states none
+    irradiation: Irradiation | None = None  #: light of each frame; None: there are no raw images
+    file: str | None = field(default=None, compare=False)  #: of its definition, for messages
+    line: int | None = field(default=None, compare=False)  #: of its definition, for messages
 
     @cached_property
     def camera(self) -> Camera:
@@ -199,19 +198,19 @@ class Dataset:
     `poses/targets/Board`, `poses/occluders`, `poses/lamps`, and `dataset` for the rest.
     """
 
-    stage_name: str  # name of the default prim, which identifies the dataset without a path of the machine
-    seed: int  # of all random numbers
-    background: float  # relative radiance where there is neither a target nor an occluder
+    stage_name: str  #: name of the default prim, which identifies the dataset without a path of the machine
+    seed: int  #: of all random numbers
+    background: float  #: relative radiance where there is neither a target nor an occluder
     cameras: tuple[CameraEntry, ...]
     targets: tuple[TargetEntry, ...]
     frames: tuple[Frame, ...]
     occluders: tuple[OccluderEntry, ...] = ()
-    lamps: tuple[LampEntry, ...] = ()  # with any, everything is lit by them; without, targets glow
-    pictures: tuple[PictureEntry, ...] = ()  # that its prims name, whether lamps light it or not
+    lamps: tuple[LampEntry, ...] = ()  #: with any, everything is lit by them; without, targets glow
+    pictures: tuple[PictureEntry, ...] = ()  #: that its prims name, whether lamps light it or not
     exports: AskedExports = field(default_factory=AskedExports)
-    # Of the stage, for layers that a build writes for viewers; lengths of all records are in mm
+    #: Of the stage, for layers that a build writes for viewers; lengths of all records are in mm
     meters_per_unit: float = 0.001
-    up_axis: str = "Y"
+    up_axis: str = "Y"  #: of the stage, likewise
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
