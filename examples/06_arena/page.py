@@ -41,10 +41,14 @@ def page(results: dict[str, Any], pictures: list[Path]) -> str:
     ]
     if results["detectors"]:
         parts += ["<h2>Detectors</h2>", shown.get("detectors", ""), _conditions(results["conditions"])]
-        parts += [_table(title, *by_condition(results, cell)) for title, cell in DETECTORS.items()]
+        parts += [table(title, *by_condition(results, cell)) for title, cell in DETECTORS.items()]
     if results["calibrators"]:
         parts += ["<h2>Calibrators</h2>", _CASES, shown.get("fields", "")]
-        parts += [_table(title, head, rows) for title, head, rows in calibrations(results) if rows]
+        parts += [
+            table(title, head, rows, marks_best="Honesty" not in title)
+            for title, head, rows in calibrations(results)
+            if rows
+        ]
     body = "\n".join(parts)
     meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Arena</title>'
     return (
@@ -70,8 +74,9 @@ def _picture(path: Path) -> str:
     return f'<p><img alt="{path.stem}" src="data:image/png;base64,{data}"></p>'
 
 
-def _table(title: str, head: list[str], rows: list[list[str]]) -> str:
-    best = [_best([row[i] for row in rows]) if "Honesty" not in title else None for i in range(len(head))]
+def table(title: str, head: list[str], rows: list[list[str]], *, marks_best: bool = True) -> str:
+    """A table as HTML, with the smallest number of each column marked."""
+    best = [_best([row[i] for row in rows]) if marks_best else None for i in range(len(head))]
     lines = [f"<tr>{''.join(f'<th>{html.escape(cell)}</th>' for cell in head)}</tr>"]
     for row in rows:
         kinds = ["none" if cell == "-" else "best" if cell == best[i] else "" for i, cell in enumerate(row)]

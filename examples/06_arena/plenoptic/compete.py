@@ -1,0 +1,279 @@
+"""Run the plenoptic half of the arena: programs that calibrate plenoptic cameras, judged against exact truth.
+
+    python examples/06_arena/plenoptic/compete.py [--snapshots FOLDER] [--out build/arena/plenoptic] [--small]
+        [--rigs NAME ...] [--flaws NAME ...] [--only NAME ...]
+
+It builds every camera, writes what programs read, lets them work, and writes results.json, tables.txt and page.html.
+FOLDER has the sources that are not on a package index, as git repositories OWNER+NAME/repo; a program whose source is
+not there, or that fails, is named with the reason. `--small` is one rig, with what needs no snapshot. What is there
+already is not built again.
+"""
+
+import argparse
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+import pipeline  # noqa: E402, I001  # before NumPy: then one worker is this process
+import numpy as np  # noqa: E402
+import baseline  # noqa: E402  # these stand beside this file
+import bok  # noqa: E402
+import lftoolbox  # noqa: E402
+import libpleno  # noqa: E402
+import models  # noqa: E402
+import nousias  # noqa: E402
+import plenopticam  # noqa: E402
+import refocus  # noqa: E402
+from cameras import FLAWS, RIGS, Rig, stage_text, with_flaw  # noqa: E402
+from judging import centre_errors, depth_errors_mm, error_field, pose_errors  # noqa: E402
+from task import write_task  # noqa: E402
+from truth import Model, Truth, board_from_opencv, truth_of  # noqa: E402
+from report import plenoptic_page, tables  # noqa: E402
+
+Answer = dict[str, Any]
+NOISE_PX, NOISY = 0.1, 4
+"""Noise of each axis [px] and repeats of the calibration with noise."""
+_REFOCUS_MM = (250.0, 350.0, 450.0, 600.0, 900.0, 2000.0)
+_VIEWS_PX = (0.5, 2.0, 4.0)
+_SMALL = "paper"
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--snapshots", type=Path, help="folder of sources")
+    parser.add_argument("--out", type=Path, default=Path("build/arena/plenoptic"), help="folder that keeps everything")
+    parser.add_argument("--small", action="store_true", help="one rig, and what needs no snapshot")
+    parser.add_argument("--rigs", nargs="+", choices=[rig.name for rig in RIGS])
+    parser.add_argument("--flaws", nargs="+", choices=[flaw.name for flaw in FLAWS])
+    parser.add_argument("--quick", action="store_true", help="libpleno calibrates from exact rows alone")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="contestants")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run the command."""
+    asked, began = arguments(), time.time()
+    out = asked.out.resolve()
+    names, kinds = (
+        asked.rigs or ([_SMALL] if asked.small else None),
+        asked.flaws or (["designed"] if asked.small else None),
+    )
+    rigs = [rig for rig in RIGS if names is None or rig.name in names]
+    flaws = [flaw for flaw in FLAWS if kinds is None or flaw.name in kinds]
+    contestants, missing = prepared(asked, out)
+    if asked.quick and "libpleno" in contestants:
+        contestants["libpleno"] = partial(contestants["libpleno"], from_images=False)
+    about: dict[str, Any] = {"date": time.strftime("%d %B %Y", time.gmtime()), "python": platform.python_version()}
+    results: dict[str, Any] = {"about": about}
+    results |= {"rigs": {rig.name: rig.what for rig in rigs}, "flaws": {flaw.name: flaw.what for flaw in flaws}}
+    results |= {"missing": missing, "cases": {}}
+    for rig in rigs:
+        for flaw in flaws:
+            name = f"{rig.name} {flaw.name}"
+            print(name, flush=True)
+            results["cases"][name] = case(with_flaw(rig, flaw.name), out / f"{rig.name}_{flaw.name}", contestants)
+            about["wall_s"] = round(time.time() - began)
+            deliver(results, out)
+    print(tables(results))
+    print(out / "page.html")
+
+
+def deliver(results: dict[str, Any], out: Path) -> None:
+    """Write what is known so far: a run of all cameras takes hours."""
+    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    (out / "tables.txt").write_text(tables(results), encoding="utf-8")
+    (out / "page.html").write_text(plenoptic_page(results), encoding="utf-8")
+
+
+CONTESTANTS: dict[str, Any] = {
+    "libpleno": libpleno,
+    "Nousias 2017": nousias,
+    "LFToolbox": lftoolbox,
+    "Bok 2017": bok,
+    "plenopticam": plenopticam,
+}
+
+
+def prepared(asked: argparse.Namespace, out: Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """Contestants that were built, and why others were not."""
+    ready, missing = {}, {}
+    for name, module in CONTESTANTS.items():
+        if asked.only and name not in asked.only:
+            continue
+        if asked.snapshots is None and module is not plenopticam:
+            missing[name] = "needs its source: --snapshots FOLDER"
+            continue
+        try:
+            module.build(asked.snapshots and asked.snapshots.resolve(), out / "programs")
+            ready[name] = partial(bok.run, steps=1) if module is bok else module.run  # its lines take too long
+        except Exception as error:  # whatever a foreign build raises is its reason
+            missing[name] = f"cannot be built: {_last_line(error)}"
+    return ready, missing
+
+
+def case(rig: Rig, folder: Path, contestants: dict[str, Any]) -> dict[str, Any]:
+    """Build one camera, let everybody work on it, and judge them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stage = folder / "dataset.usda"
+    stage.write_text(stage_text(rig), encoding="utf-8")
+    built = pipeline.build(stage, folder / "built", jobs=1)
+    if built.failed:
+        raise SystemExit(f"{stage}: {built.failed} tasks failed")
+    write_task(built.out, folder / "task")
+    truth = truth_of(rig, stage, built.out)
+    judged = {"baseline": floor(truth)}
+    for name, run in contestants.items():
+        print(" ", name, flush=True)
+        began = time.time()
+        try:
+            judged[name] = JUDGES[name](truth, run(folder.parent / "programs", folder / "task"), folder / "task")
+        except Exception as error:  # whatever a foreign program raises is its answer
+            judged[name] = {"failed": _last_line(error)}
+        judged[name]["wall_s"] = round(time.time() - began, 1)
+    result: dict[str, Any] = {"contestants": judged}
+    if rig.sensor_mm is not None:
+        result["refocus"] = refocused(truth, rig)
+    return result
+
+
+def floor(truth: Truth) -> Answer:
+    """The baseline, without noise and with it."""
+    exact = baseline.calibrate(truth, truth.boards)
+    views = np.arange(len(truth.poses))
+    answer = {"exact": calibrated(truth, exact.model, exact.poses, views, exact.rms_px)}
+    answer["exact"]["parameters"] = dict(zip(baseline.PARAMETERS, exact.model.parameters.tolist(), strict=True))
+    noisy = []
+    for number in range(NOISY):
+        found = baseline.calibrate(truth, truth.boards.noisy(NOISE_PX, np.random.default_rng([7, number])))
+        noisy.append(calibrated(truth, found.model, found.poses, views, found.rms_px))
+    answer["noise"] = {
+        "own_rms_px": float(np.mean([one["own_rms_px"] for one in noisy])),
+        "field_px": np.sqrt(np.mean(np.square([one["field_px"] for one in noisy]), axis=0)).tolist(),
+        "depth_mm": np.median([one["depth_mm"] for one in noisy], axis=0).tolist(),
+        "pose": np.sqrt(np.mean(np.square([one["pose"] for one in noisy]), axis=0)).tolist(),
+    }
+    return answer
+
+
+def calibrated(truth: Truth, model: Model, poses: np.ndarray, views: np.ndarray, own_rms_px: float) -> Answer:
+    """What a calibration is worth: the residual that it prints, and what is true of it."""
+    field = error_field(truth, model)
+    part, known = field.rows, field.is_covered
+    inside = np.hypot(*(part.image_px - truth.centre_px[part.microlens]).T)
+    boards = np.isin(part.view, range(1, len(truth.distances_mm) - 1))
+    radius = np.quantile(inside, 2 / 3)
+    return {
+        "own_rms_px": own_rms_px,
+        "distances_mm": truth.distances_mm.tolist(),
+        "field_px": [field.rms_px(known & (part.view == number)) for number in range(len(truth.distances_mm))],
+        "outside_px": field.rms_px(boards & ~known),
+        "chief_px": field.rms_px(boards & known & (inside < radius)),
+        "marginal_px": field.rms_px(boards & known & (inside >= radius)),
+        "depth_mm": depth_errors_mm(truth, model, field)[:, 0].tolist(),
+        "pose": list(pose_errors(truth, poses, views)) if len(views) > 1 else [float("nan")] * 2,
+    }
+
+
+def centres_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
+    """Centres against the three things that they may stand for."""
+    del task
+    return {"centres": centre_errors(answer["centres_px"], true_centres(truth), 0.4 * pitch_px(truth))}
+
+
+def pitch_px(truth: Truth) -> float:
+    """Pitch of the micro-images, about."""
+    return float(truth.rig.array["pitch"]) / truth.rig.pixel_mm  # type: ignore[arg-type]
+
+
+def true_centres(truth: Truth) -> dict[str, np.ndarray]:
+    """Of micro-images that lie in the image: the ray through the middle of the stop, the centroid of the light, and the
+    projection of the middle of the first-order exit pupil.
+    """
+    last = np.array(truth.rig.size_px) - 1
+    inside = ((truth.centre_px > pitch_px(truth)) & (truth.centre_px < last - pitch_px(truth))).all(axis=1)
+    optics = refocus.bench(truth.ready, truth.rig)
+    paraxial = truth.vertex_mm * (1 + optics.gap_mm / optics.to_pupil_mm)
+    kinds = {
+        "centre": truth.centre_px,
+        "centroid": truth.centroid_px,
+        "exit pupil": truth.ready.rig.tracer.pixels_at(paraxial),
+    }
+    return {name: np.where(inside[:, None], places, np.nan) for name, places in kinds.items()}
+
+
+def libpleno_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
+    """libpleno's calibration from exact rows, that from features of its own, and its grid."""
+    camera = json.loads((task / "task.json").read_text(encoding="utf-8"))["camera"]
+    table = np.genfromtxt(task / f"exports/libpleno/{camera}/centers.csv", delimiter=",", names=True)
+    index = np.stack([table["k"], table["l"]], axis=1).astype(int)
+    rows = models.rows_at(truth.centre_px, np.stack([table["u"], table["v"]], axis=1))
+    result: Answer = {}
+    for kind in ("exact", "own"):
+        if kind not in answer:
+            continue
+        model = models.libpleno(answer[kind]["camera"], index, rows)
+        frames = [int(one["frame"]) for one in answer[kind]["poses"]["poses"]]
+        poses = np.array([models.camera_from_board(one["pose"]) for one in answer[kind]["poses"]["poses"]])
+        poses = poses @ np.linalg.inv(board_from_opencv(truth.rig))
+        result[kind] = calibrated(truth, model, poses, np.array(frames) - 1, answer[kind].get("rms_px", float("nan")))
+        result[kind]["parameters"] = models.libpleno_values(answer[kind]["camera"])
+    return result
+
+
+def nousias_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
+    """Nousias' calibration from exact rows."""
+    del task
+    frames = sorted(answer["camera_from_target"])
+    poses = np.array([answer["camera_from_target"][frame] for frame in frames])
+    poses = poses @ np.linalg.inv(board_from_opencv(truth.rig))
+    views = np.array([int(frame) for frame in frames]) - 1
+    model = models.nousias(answer, truth.centre_px)
+    return {"exact": calibrated(truth, model, poses, views, answer["rms_px"]) | {"parameters": answer["parameters"]}}
+
+
+JUDGES: dict[str, Callable[[Truth, Answer, Path], Answer]] = {
+    "libpleno": libpleno_judged,
+    "Nousias 2017": nousias_judged,
+    "LFToolbox": centres_judged,
+    "Bok 2017": centres_judged,
+    "plenopticam": centres_judged,
+}
+
+
+def refocused(truth: Truth, rig: Rig) -> Answer:
+    """Distances of refocusing by rays and formulas, and viewpoints."""
+    optics = refocus.bench(truth.ready, rig)
+    rows = []
+    for view in _VIEWS_PX:
+        near = refocus.near_axis(truth.ready, truth.centre_px, truth.vertex_mm, optics.pitch_mm, view)
+        for z_mm in _REFOCUS_MM:
+            shift = np.array([near.shift(z_mm)])
+            pupil, thin = (float(optics.distance_mm(shift, p)[0]) for p in (optics.to_pupil_mm, optics.to_rear_mm))
+            row = {"view_px": view, "z_mm": z_mm, "shift": float(shift[0]), "pupil_mm": pupil, "thin_mm": thin}
+            rows.append(row)
+    points = [(view, *refocus.viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))) for view in (0.0, 2.0, 4.0)]
+    return {
+        "rows": rows,
+        "entrance_pupil_z_mm": optics.pupil_z_mm,
+        "viewpoints": [{"view_px": view, "place_mm": place.tolist(), "rms_mm": rms} for view, place, rms in points],
+    }
+
+
+def _last_line(error: Exception) -> str:
+    said = getattr(error, "stderr", None) or str(error)
+    text = said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+    lines = [line for line in text.strip().splitlines() if line.strip()]
+    return f"{type(error).__name__}: {lines[-1][:200]}" if lines else type(error).__name__
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""LFToolbox 0.5.3 in GNU Octave with image: the grid of micro-images from a white image, and its centres.
+
+doda42/LFToolbox 3bf4f55. It reads white.png alone. Pixels count from 1; returned are ours, with rows from the top. Two
+functions that Octave lacks are in octave/: the nearest neighbours of a triangulation. Decoding wants
+griddedInterpolant, corners want detectCheckerboardPoints, which Octave 7 lacks, too: these steps do not run.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from snapshots import clone, octave
+
+_COMMIT = "3bf4f55"
+
+
+def build(snapshots: Path, folder: Path) -> None:
+    """Check the source out."""
+    clone(snapshots, "doda42+LFToolbox", _COMMIT, folder / "lftoolbox")
+
+
+def run(folder: Path, task: Path) -> dict[str, object]:
+    """Let it find the grid; the disc of its filter is a third of the pitch, rounded, as Octave wants whole pixels."""
+    known = json.loads((task / "task.json").read_text(encoding="utf-8"))
+    said = octave(
+        "pkg load image; pitch = str2double(getenv('ARENA_INPUT'));"
+        " white = double(imread('white.png')(:, :, 1)) / 255;"
+        " options = struct('ApproxLensletSpacing', pitch, 'FilterDiskRadiusMult', round(pitch / 3) / pitch,"
+        " 'CropAmt', 2 * pitch, 'SkipStep', 10, 'Orientation', 'horz', 'Precision', 'double');"
+        " [found.model, found.centres] = LFBuildLensletGridModel(white, options);"
+        " printf('FOUND%s', jsonencode(found))",
+        [folder / "lftoolbox", folder / "lftoolbox/SupportFunctions"],
+        task,
+        typed=str(round(known["pitch_px"], 1)),
+    )
+    found = json.loads(said.partition("FOUND")[2])
+    return {"parameters": found["model"], "centres_px": np.reshape(found["centres"], (-1, 2)) - 1}

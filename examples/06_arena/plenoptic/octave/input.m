@@ -1,0 +1,3 @@
+function value = input(varargin)
+  value = str2double(getenv('ARENA_INPUT'));
+end

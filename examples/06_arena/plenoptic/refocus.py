@@ -1,0 +1,111 @@
+"""Refocusing an unfocused plenoptic camera: at which distance does the sum of shifted views become sharp, and where are
+the viewpoints of its views?
+
+Views are numbered by the pixel that they take from each micro-image, counted from its centre; shift S is how many
+microlenses an image point moves from one view to the next. Rays answer without a model. Two formulas are beside them:
+both have the principal planes of the lens; one knows its exit pupil (Michels, Mäckelmann, Koch 2024), the other takes
+the pupil to be in the rear principal plane, as a thin lens has it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from cameras import Rig
+
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.results.answers import PixelRays
+from pipeline.results.ready_camera import ReadyCamera
+
+_NEAR_MM = 0.7
+"""Distance from the axis within which microlenses are asked [mm]: so near, curvature of field is nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """First-order optics: focal length, vision z of the front principal plane and entrance pupil; from microlenses to
+    rear principal plane and to exit pupil; gap, pitch and pixel [mm]."""
+
+    focal_mm: float
+    front_z_mm: float
+    pupil_z_mm: float
+    to_rear_mm: float
+    to_pupil_mm: float
+    gap_mm: float
+    pitch_mm: float
+    pixel_mm: float
+
+    def distance_mm(self, shift: np.ndarray, to_pupil_mm: float) -> np.ndarray:
+        """Vision z that a shift of views makes sharp, of a camera whose exit pupil is so far from the microlenses.
+
+        A line from pupil point u to microlens X passes the place z' before the microlenses at X + (u - X) z' / P; for
+        one image point that is the same for all u, so that dX / du = - z' / (P - z'). From view to view u moves by
+        pixel P / gap.
+        """
+        step_mm = self.pixel_mm * to_pupil_mm / self.gap_mm
+        ratio = shift * self.pitch_mm / step_mm
+        before_mm = ratio * to_pupil_mm / (1 + ratio)
+        image_mm = self.to_rear_mm - before_mm
+        return np.asarray(self.front_z_mm + image_mm * self.focal_mm / (image_mm - self.focal_mm))
+
+
+def bench(ready: ReadyCamera, rig: Rig) -> Bench:
+    """First-order optics of a camera."""
+    figures = report(ready.camera)
+    lens = figures["lens"]
+    array_mm = ready.camera.sensor_distance_mm - rig.gap_mm
+    front, rear = lens["principal_planes_mm"]
+    return Bench(
+        focal_mm=lens["efl_mm"],
+        front_z_mm=front,
+        pupil_z_mm=lens["entrance_pupil"]["z_mm"],
+        to_rear_mm=array_mm + rear,
+        to_pupil_mm=array_mm + lens["exit_pupil"]["z_mm"],
+        gap_mm=rig.gap_mm,
+        pitch_mm=float(rig.array["pitch"]),  # type: ignore[arg-type]
+        pixel_mm=rig.pixel_mm,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NearAxis:
+    """Rays of microlenses near the axis: places of the microlenses in pitches (n, 2), views (n, 2), and the rays."""
+
+    microlens: np.ndarray
+    view: np.ndarray
+    rays: PixelRays
+
+    def shift(self, z_mm: float) -> float:
+        """Microlenses per view that the image of a point at vision z moves.
+
+        Rays cross the plane at a X + b v; those of one point cross it there, so that X moves by - b / a per view.
+        """
+        crossing = self.rays.at_distance(z_mm)[:, :2]
+        terms = np.stack([self.microlens.ravel(), self.view.ravel()], axis=1)
+        a, b = np.linalg.lstsq(terms, crossing.ravel(), rcond=None)[0]
+        return float(-b / a)
+
+
+def near_axis(
+    ready: ReadyCamera, centre_px: np.ndarray, vertex_mm: np.ndarray, pitch_mm: float, view_px: float
+) -> NearAxis:
+    """Trace the rays of views at a distance from the middle one, behind microlenses near the axis."""
+    near = np.hypot(*vertex_mm.T) < _NEAR_MM
+    views = view_px * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    places = (centre_px[near][:, None] + views).reshape(-1, 2)
+    microlens = np.repeat(-vertex_mm[near] / pitch_mm, len(views), axis=0)  # as in the image: turned by 180 degrees
+    return NearAxis(microlens, np.tile(views, (near.sum(), 1)), ready.rays(*places.T, accuracy_px=1e-6))
+
+
+def viewpoint_mm(ready: ReadyCamera, centre_px: np.ndarray, view_px: tuple[float, float]) -> tuple[np.ndarray, float]:
+    """Point nearest to the rays of a view, vision frame (3,), and the rays' root mean square distance from it [mm]."""
+    sensor = ready.camera.sensor
+    inside = (np.abs(centre_px - [(sensor.width_px - 1) / 2, (sensor.height_px - 1) / 2])
+              < 0.45 * np.array([sensor.width_px, sensor.height_px])).all(axis=1)  # fmt: skip
+    chosen = centre_px[inside][::7] + view_px
+    rays = ready.rays(*chosen.T, accuracy_px=1e-4)
+    lit = np.isfinite(rays.direction).all(axis=1)
+    along, origin = rays.direction[lit], rays.origin_mm[lit]
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    point = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin))
+    off = np.einsum("nij,nj->ni", across, origin - point)
+    return point, float(np.sqrt((off**2).sum(axis=1).mean()))

@@ -1,0 +1,107 @@
+"""The tables of the plenoptic half, as text and as one page."""
+
+from typing import Any
+
+from page import STYLE, table
+from tables import markdown
+
+Results = dict[str, Any]
+Table = tuple[str, list[str], list[list[str]]]
+
+
+def all_tables(results: Results) -> list[Table]:
+    """Titles, heads and rows."""
+    return [
+        calibrations(results),
+        *([places] if (places := centres(results))[2] else []),
+        *refocusing(results),
+        ("Missing", ["contestant", "reason"], [[name, why] for name, why in results["missing"].items()]),
+        failures(results),
+    ]
+
+
+def calibrations(results: Results) -> Table:
+    """Residual that each prints, and what is true of it."""
+    head = ["camera", "contestant", "positions", "prints px", "field px", "beyond px", "outside px",
+            "chief px", "marginal px", "depth mm", "beyond mm", "turn deg", "place mm"]  # fmt: skip
+    rows = []
+    for camera, case in results["cases"].items():
+        for name, judged in case["contestants"].items():
+            for kind in ("exact", "noise", "own"):
+                one = judged.get(kind)
+                if one:
+                    field, depth = one["field_px"], [abs(value) for value in one["depth_mm"]]
+                    cells = [one["own_rms_px"], max(field[1:-1]), max(field[0], field[-1]), one.get("outside_px"),
+                             one.get("chief_px"), one.get("marginal_px"), max(depth[1:-1]), max(depth[0], depth[-1]),
+                             *one["pose"]]  # fmt: skip
+                    rows.append([camera, name, kind, *map(_number, cells)])
+    return "Calibrations", head, rows
+
+
+def centres(results: Results) -> Table:
+    """Centres of micro-images against each kind of true centre."""
+    kinds = ("centre", "centroid", "exit pupil")
+    head = ["camera", "contestant", "found", *(f"rms px to {kind}" for kind in kinds), "bias px to centroid"]
+    rows = []
+    for camera, case in results["cases"].items():
+        for name, judged in case["contestants"].items():
+            if "centres" in judged:
+                one = judged["centres"]
+                bias = f"{one['centroid']['bias_x_px']:+.3f} {one['centroid']['bias_y_px']:+.3f}"
+                cells = [_number(one[kind]["rms_px"]) for kind in kinds]
+                rows.append([camera, name, f"{one['centre']['found']:.3f}", *cells, bias])
+    return "Centres of micro-images", head, rows
+
+
+def refocusing(results: Results) -> list[Table]:
+    """Distances of refocusing and viewpoints of the unfocused cameras."""
+    tables = []
+    for camera, case in results["cases"].items():
+        if "refocus" not in case:
+            continue
+        one = case["refocus"]
+        forms = {"view_px": "g", "z_mm": "g", "shift": "+.4f", "pupil_mm": ".2f", "thin_mm": ".2f"}
+        rows = [[format(row[key], form) for key, form in forms.items()] for row in one["rows"]]
+        head = ["view px", "true distance mm", "shift", "with the exit pupil mm", "without mm"]
+        tables.append((f"Refocusing, {camera}", head, rows))
+        seen = [
+            [f"{row['view_px']:g}", *(f"{value:.3f}" for value in row["place_mm"]), f"{row['rms_mm']:.4f}"]
+            for row in one["viewpoints"]
+        ]
+        head = ["view px", "x mm", "y mm", "z mm", "rays off mm"]
+        tables.append((f"Viewpoints, {camera}; entrance pupil at {one['entrance_pupil_z_mm']:.3f} mm", head, seen))
+    return tables
+
+
+def failures(results: Results) -> Table:
+    """Who failed on which camera, and why."""
+    rows = [
+        [camera, name, judged["failed"]]
+        for camera, case in results["cases"].items()
+        for name, judged in case["contestants"].items()
+        if "failed" in judged
+    ]
+    return "Failed", ["camera", "contestant", "reason"], rows
+
+
+def tables(results: Results) -> str:
+    """All tables as text."""
+    parts = [f"{title}\n\n" + "\n".join(markdown(head, rows)) for title, head, rows in all_tables(results) if rows]
+    return "\n\n".join(parts) + "\n"
+
+
+def plenoptic_page(results: Results) -> str:
+    """The page as HTML."""
+    about = results["about"]
+    known = "".join(f"<dt>{name}</dt><dd>{what}</dd>" for name, what in (results["rigs"] | results["flaws"]).items())
+    body = "\n".join(table(title, head, rows, marks_best=False) for title, head, rows in all_tables(results) if rows)
+    meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Plenoptic arena</title>'
+    return (
+        f'<!doctype html>\n<html lang="en"><head>{meta}<style>{STYLE}</style></head>\n<body>\n'
+        f"<h1>The arena of plenoptic cameras</h1><p>{about['date']}, {about['wall_s']} s.</p><dl>{known}</dl>\n{body}\n"
+        "</body></html>\n"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or value != value else f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"

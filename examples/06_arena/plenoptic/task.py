@@ -1,0 +1,65 @@
+"""A task for programs of plenoptic cameras: a build's exports, its images as programs read them, and clicks on boards.
+
+TASK/exports/<format>/…, TASK/white.png, TASK/white_<F-number>.png, TASK/<frame>.png: 8 bits, linear, three equal
+channels, the brightest pixel of each white image at 250, images on the scale of white.png. TASK/task.json has
+`f_number`, `white` (F-number of each further white image), `frames`, `columns`, `rows`, `square_mm`, `pixel_mm`,
+`pitch_px`, `size_px`, `camera`.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import pipeline
+from pipeline.exports.export import export
+from pipeline.files.exr import read_exr
+
+_WHITE_DN = 250.0
+"""Digital number of the brightest pixel of white images [DN]."""
+
+
+def write_task(build: Path, task: Path, formats: tuple[str, ...] = ("bok", "libpleno", "lftoolbox")) -> None:
+    """Write the task of a build with one plenoptic camera and one board."""
+    task.mkdir(parents=True, exist_ok=True)
+    output = pipeline.open_output(build)
+    wanted = [name for name in formats if not (task / "exports" / name).exists()]
+    if wanted:
+        export(output, wanted, task / "exports")
+    camera = output.camera.name
+    about = json.loads((build / f"cameras/{camera}/camera.json").read_text(encoding="utf-8"))
+    white = _linear(build / f"cameras/{camera}/white.exr", "white")
+    scale = _WHITE_DN / white.max()
+    _write(task / "white.png", white * scale)
+    others = sorted((build / f"cameras/{camera}/white").glob("f*.exr"))
+    for path in others:
+        other = _linear(path, "white")
+        _write(task / f"white_{path.stem[1:]}.png", other * (_WHITE_DN / other.max()))
+    frames = sorted(path.name for path in (build / "frames").iterdir())
+    for frame in frames:
+        _write(task / f"{frame}.png", _linear(build / f"frames/{frame}/{camera}/image.exr", "image") * scale)
+    (scene,) = json.loads((task / f"exports/libpleno/{camera}/scene.js").read_text(encoding="utf-8"))["checkerboards"]
+    known = {
+        "camera": camera,
+        "size_px": about["resolution"],
+        "pixel_mm": about["pixel_pitch_mm"],
+        "pitch_px": about["mla"]["micro_image_pitch_px"],
+        "f_number": round(about["lens"]["f_number"], 3),
+        "white": {path.stem[1:]: float(path.stem[1:]) for path in others},
+        "frames": frames,
+        "columns": scene["x_grid"],
+        "rows": scene["y_grid"],
+        "square_mm": scene["lph"],
+    }
+    (task / "task.json").write_text(json.dumps(known, indent=1), encoding="utf-8")
+
+
+def _linear(path: Path, part: str) -> np.ndarray:
+    channels = read_exr(path)[part].channels
+    return np.asarray(next(iter(channels.values())), np.float64)
+
+
+def _write(path: Path, values: np.ndarray) -> None:
+    grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    Image.fromarray(np.repeat(grey[:, :, None], 3, axis=2)).save(path)

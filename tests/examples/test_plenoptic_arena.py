@@ -1,0 +1,131 @@
+"""The plenoptic half of the arena of example 06: laws of its judge and of the models that it writes down."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
+sys.path[:0] = [str(EXAMPLE / "plenoptic"), str(EXAMPLE)]  # its modules lie beside the script that imports them
+
+import judging  # noqa: E402
+import models  # noqa: E402
+import refocus  # noqa: E402
+from truth import Rows  # noqa: E402
+
+FOCAL_MM, ARRAY_MM, GAP_MM, PIXEL_MM = 50.0, 57.0, 0.4, 0.01
+MISSED_PX = 1e-6
+"""What the judge's search for the frame of a model may leave [px]."""
+
+
+def through_pinholes(points_mm, vertex_mm):
+    """Where rays through pinholes behind an ideal thin lens meet the sensor: by similar triangles, step by step."""
+    places = []
+    for (x, y, z), vertex in zip(points_mm, vertex_mm, strict=True):
+        behind = z * FOCAL_MM / (z - FOCAL_MM)
+        image = np.array([-x, -y]) * behind / z
+        slope = (image - vertex) / (behind - ARRAY_MM)
+        places.append(vertex + slope * GAP_MM)
+    return -np.array(places) / PIXEL_MM
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """A camera of pinholes behind a thin lens; its field at five distances, each point behind seven of them."""
+    random = np.random.default_rng(1)
+    distances = np.array([350.0, 380.0, 430.0, 500.0, 580.0])
+    vertex_mm = random.uniform(-3, 3, (60, 2))
+    points = np.repeat(
+        [[x * z / 8, y * z / 8, z] for z in distances for x in (-0.3, 0.1, 0.4) for y in (-0.2, 0.3)], 7, 0
+    )
+    microlens = random.integers(0, len(vertex_mm), len(points))
+    view, point = np.repeat(np.arange(5), 42), np.repeat(np.arange(30), 7)
+    field = Rows(points, view, point, microlens, through_pinholes(points, vertex_mm[microlens]))
+    return SimpleNamespace(field=field, boards=field, distances_mm=distances, vertex_mm=vertex_mm)
+
+
+class Moved:
+    """The true camera in a frame of its own, and off by a number of pixels behind every other microlens."""
+
+    def __init__(self, truth, off_px=0.0):
+        self.vertex_mm, self.off_px = truth.vertex_mm, off_px
+        self.turn = Rotation.from_rotvec([0.01, -0.02, 0.03])
+        self.shift = np.array([3.0, -2.0, 5.0])
+
+    def project(self, points_mm, microlens):
+        true = self.turn.inv().apply(points_mm - self.shift)
+        return (
+            through_pinholes(true, self.vertex_mm[microlens])
+            + self.off_px * np.array([1.0, 0]) * (-1.0) ** microlens[:, None]
+        )
+
+
+def test_who_knows_the_camera_scores_zero_in_whatever_frame(truth):
+    field = judging.error_field(truth, Moved(truth))
+
+    assert np.abs(field.error_px).max() < MISSED_PX
+    assert np.abs(judging.depth_errors_mm(truth, Moved(truth), field)).max() < MISSED_PX
+
+
+def test_a_planted_bias_is_the_score(truth):
+    field = judging.error_field(truth, Moved(truth, off_px=0.1))
+
+    assert field.rms_px(field.rows.view >= 0) == pytest.approx(0.1, rel=0.05)
+
+
+def test_a_wrong_focal_length_is_no_matter_of_the_frame(truth):
+    """The judge may move a camera, not scale it: one that sees everything a hundredth larger is wrong."""
+    scaled = SimpleNamespace(
+        project=lambda points, microlens: through_pinholes(points * [1.01, 1.01, 1.0], truth.vertex_mm[microlens])
+    )
+
+    assert judging.error_field(truth, scaled).rms_px(truth.field.view == 2) > 0.2
+
+
+def test_poses_count_relative_to_the_first():
+    turn = Rotation.from_rotvec([[0.1, 0.2, 0.3], [0.3, -0.1, 0.0], [-0.2, 0.1, 0.4]])
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = turn.as_matrix(), [[1, 2, 400], [3, -2, 420], [0, 5, 450]]
+    frame, off = np.eye(4), poses.copy()
+    frame[:3, :3], frame[:3, 3] = Rotation.from_rotvec([0.3, 0.1, -0.2]).as_matrix(), [10, 20, 30]
+    off[1:, 2, 3] += [3.0, -4.0]
+    truth, views = SimpleNamespace(poses=poses), np.arange(3)
+
+    assert judging.pose_errors(truth, frame @ poses, views) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert judging.pose_errors(truth, frame @ off, views)[1] == pytest.approx(np.sqrt((9 + 16) / 2))
+
+
+def test_centres_are_judged_by_what_they_stand_for():
+    grid = np.stack(np.meshgrid(np.arange(10.0), np.arange(10.0)), axis=-1).reshape(-1, 2) * 20
+    moved = grid + np.array([0.3, -0.4])
+    judged = judging.centre_errors(moved[5:], {"centre": grid, "centroid": moved}, 8.0)
+
+    assert judged["centre"]["rms_px"] == pytest.approx(0.5) and judged["centre"]["found"] == pytest.approx(0.95)
+    assert judged["centroid"]["rms_px"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_model_of_nousias_is_a_thin_lens_before_pinholes(truth):
+    """Its K1, K2 and f for a thin lens: worked out from similar triangles."""
+    to_sensor = ARRAY_MM + GAP_MM
+    centre_px = -truth.vertex_mm * to_sensor / ARRAY_MM / PIXEL_MM
+    k1 = -to_sensor * (ARRAY_MM - FOCAL_MM) / (GAP_MM * FOCAL_MM)
+    k2 = to_sensor * ARRAY_MM / GAP_MM
+    model = models.Projective(k1, k2, np.full(2, to_sensor / PIXEL_MM), np.zeros(2), centre_px)
+    field = truth.field
+
+    assert np.abs(model.project(field.points_mm, field.microlens) - field.image_px).max() < MISSED_PX
+
+
+def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
+    bench = refocus.Bench(FOCAL_MM, 0.0, 0.0, ARRAY_MM, ARRAY_MM, GAP_MM, 0.1, PIXEL_MM)
+    z = np.array([300.0, 500.0, 900.0])
+    behind = z * FOCAL_MM / (z - FOCAL_MM)
+    moved = (
+        ARRAY_MM - behind
+    ) / behind  # of a microlens in the array for a step of 1 in the pupil, seen from the image
+    shift = moved * (PIXEL_MM * ARRAY_MM / GAP_MM) / 0.1
+
+    assert bench.distance_mm(shift, ARRAY_MM) == pytest.approx(z)
