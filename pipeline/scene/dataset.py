@@ -40,7 +40,7 @@ class CameraEntry:
 
     name: str  #: path of its prim below the dataset's root with "/" replaced by ".": it appears in every table
     prim_path: str  #: on the composed stage, for messages
-    lens_name: str  #: `plen:name` of the lens, or its prim name; for reports only
+    lens_name: str  #: the name that the lens states, or its prim name; for reports only
     index_source: str  #: `printed`, or `catalogue` with the media from the scene to the sensor
     wavelength_nm: float
     weight: str
