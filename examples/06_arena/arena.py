@@ -24,7 +24,7 @@ import detecting  # noqa: E402
 from conditions import CONDITIONS  # noqa: E402
 from drawn import draw  # noqa: E402
 from environments import Contestant, Missing, contestants, interpreter  # noqa: E402
-from page import page  # noqa: E402
+from page import write_page  # noqa: E402
 from tables import tables  # noqa: E402
 
 REPEATS, NOISY = 3, 6
@@ -120,8 +120,7 @@ def deliver(results: dict[str, Any], fields: dict[str, Any], out: Path) -> None:
     drawing = draw(out)
     if isinstance(drawing, Missing):
         print(f"no pictures: {drawing.reason}")
-    (out / "page.html").write_text(page(results, [] if isinstance(drawing, Missing) else drawing), encoding="utf-8")
-    print(f"{out}/page.html")
+    print(write_page(out))
 
 
 if __name__ == "__main__":

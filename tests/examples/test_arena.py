@@ -175,7 +175,7 @@ def test_who_cannot_be_installed_is_named_and_judged_by_nobody(tmp_path):
 
     results = {**RESULTS, "missing": {there.name: there.reason}}
     assert "missing: Nobody: no nobody on this machine: not\n" in tables.tables(results)
-    assert "Missing: Nobody" in page.page(results, [])
+    assert "Missing: Nobody" in page.conventional(results, [])
 
 
 def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):

@@ -57,11 +57,10 @@ def start(truth: Truth) -> ThinLens:
     return ThinLens(parameters, truth.vertex_mm, tracer.pixels_at(np.zeros((1, 2)))[0], truth.rig.pixel_mm)
 
 
-def calibrate(truth: Truth, rows: Rows) -> Calibration:
-    """Fit lens and poses to rows of boards."""
-    first, views = start(truth), len(truth.poses)
-    held = np.array([name in ("lens_z_mm",) for name in PARAMETERS])  # the poses have it
-    free = np.flatnonzero(~held)
+def calibrate(truth: Truth, first: ThinLens, rows: Rows) -> Calibration:
+    """Fit lens and poses to rows of boards, from a first lens on."""
+    views = len(truth.poses)
+    free = np.flatnonzero([name != "lens_z_mm" for name in PARAMETERS])  # which the poses have
 
     def split(p: np.ndarray) -> tuple[ThinLens, np.ndarray]:
         parameters = first.parameters.copy()

@@ -33,6 +33,10 @@ class Rig:
     square_mm : float
     f_numbers : tuple of float
         Of further white images, from which libpleno learns.
+    rims : dict
+        Semi-diameters of surfaces [mm], where they are not those of the lens.
+    electrons : float
+        Of the brightest white pixel, if images have the noise of a sensor.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Rig:
     focus_mm: float | None = None
     sensor_mm: float | None = None
     rims: Attributes = field(default_factory=dict)
+    electrons: float | None = None
 
 
 COLUMNS, ROWS = 9, 6
@@ -117,6 +122,7 @@ FLAWS = (
     Flaw("square", "square lattice"),
     Flaw("mismatched", "stop 0.7 as wide: the pupil, not the microlens, bounds what is blurred"),
     Flaw("vignetted", "first surface of the lens half as large"),
+    Flaw("noisy", "images with the noise of a sensor that collects 1,000 electrons of white"),
 )
 
 
@@ -130,6 +136,8 @@ def with_flaw(rig: Rig, flaw: str) -> Rig:
         return replace(rig, stop_mm=0.7 * rig.stop_mm)
     if flaw == "vignetted":
         return replace(rig, rims={"S1": 1.3 * rig.stop_mm})
+    if flaw == "noisy":
+        return replace(rig, electrons=1000.0)
     return rig
 
 

@@ -3,7 +3,8 @@
     python examples/06_arena/plenoptic/compete.py [--snapshots FOLDER] [--out build/arena/plenoptic] [--small]
         [--rigs NAME ...] [--flaws NAME ...] [--only NAME ...]
 
-It builds every camera, writes what programs read, lets them work, and writes results.json, tables.txt and page.html.
+It builds every camera, writes what programs read, lets them work, and writes results.json and tables.txt there, and
+page.html beside the folder, which has the half of conventional cameras, too, if `arena.py` left its results there.
 FOLDER has the sources that are not on a package index, as git repositories OWNER+NAME/repo; a program whose source is
 not there, or that fails, is named with the reason. `--small` is one rig, with what needs no snapshot. What is there
 already is not built again.
@@ -36,10 +37,12 @@ from cameras import FLAWS, RIGS, Rig, stage_text, with_flaw  # noqa: E402
 from judging import centre_errors, depth_errors_mm, error_field, pose_errors  # noqa: E402
 from task import write_task  # noqa: E402
 from truth import Model, Truth, board_from_opencv, truth_of  # noqa: E402
-from report import plenoptic_page, tables  # noqa: E402
+from page import write_page  # noqa: E402
+from plenoptic.report import tables  # noqa: E402
+from pipeline.exports.noise import Noise  # noqa: E402
 
 Answer = dict[str, Any]
-NOISE_PX, NOISY = 0.1, 4
+NOISE_PX, NOISY = 0.1, 3
 """Noise of each axis [px] and repeats of the calibration with noise."""
 _REFOCUS_MM = (250.0, 350.0, 450.0, 600.0, 900.0, 2000.0)
 _VIEWS_PX = (0.5, 2.0, 4.0)
@@ -80,33 +83,25 @@ def main() -> None:
         for flaw in flaws:
             name = f"{rig.name} {flaw.name}"
             print(name, flush=True)
-            results["cases"][name] = case(with_flaw(rig, flaw.name), out / f"{rig.name}_{flaw.name}", contestants)
+            folder, is_first = out / f"{rig.name}_{flaw.name}", flaw.name == "designed"
+            results["cases"][name] = case(with_flaw(rig, flaw.name), folder, contestants, has_noise=is_first)
             about["wall_s"] = round(time.time() - began)
             deliver(results, out)
     print(tables(results))
-    print(out / "page.html")
+    print(out.parent / "page.html")
 
 
 def deliver(results: dict[str, Any], out: Path) -> None:
     """Write what is known so far: a run of all cameras takes hours."""
     (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     (out / "tables.txt").write_text(tables(results), encoding="utf-8")
-    (out / "page.html").write_text(plenoptic_page(results), encoding="utf-8")
-
-
-CONTESTANTS: dict[str, Any] = {
-    "libpleno": libpleno,
-    "Nousias 2017": nousias,
-    "LFToolbox": lftoolbox,
-    "Bok 2017": bok,
-    "plenopticam": plenopticam,
-}
+    write_page(out.parent)
 
 
 def prepared(asked: argparse.Namespace, out: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """Contestants that were built, and why others were not."""
     ready, missing = {}, {}
-    for name, module in CONTESTANTS.items():
+    for name, (module, _) in CONTESTANTS.items():
         if asked.only and name not in asked.only:
             continue
         if asked.snapshots is None and module is not plenopticam:
@@ -120,22 +115,24 @@ def prepared(asked: argparse.Namespace, out: Path) -> tuple[dict[str, Any], dict
     return ready, missing
 
 
-def case(rig: Rig, folder: Path, contestants: dict[str, Any]) -> dict[str, Any]:
-    """Build one camera, let everybody work on it, and judge them."""
+def case(rig: Rig, folder: Path, contestants: dict[str, Any], *, has_noise: bool) -> dict[str, Any]:
+    """Build one camera, let everybody work on it, and judge them; also from positions with noise."""
     folder.mkdir(parents=True, exist_ok=True)
     stage = folder / "dataset.usda"
     stage.write_text(stage_text(rig), encoding="utf-8")
     built = pipeline.build(stage, folder / "built", jobs=1)
     if built.failed:
         raise SystemExit(f"{stage}: {built.failed} tasks failed")
-    write_task(built.out, folder / "task")
+    noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(NOISY)] if has_noise else []
+    write_task(built.out, folder / "task", rig.electrons, noises)
     truth = truth_of(rig, stage, built.out)
-    judged = {"baseline": floor(truth)}
+    judged = {"baseline": floor(truth, len(noises))}
     for name, run in contestants.items():
         print(" ", name, flush=True)
         began = time.time()
         try:
-            judged[name] = JUDGES[name](truth, run(folder.parent / "programs", folder / "task"), folder / "task")
+            judge = CONTESTANTS[name][1]
+            judged[name] = judge(truth, run(folder.parent / "programs", folder / "task"), folder / "task")
         except Exception as error:  # whatever a foreign program raises is its answer
             judged[name] = {"failed": _last_line(error)}
         judged[name]["wall_s"] = round(time.time() - began, 1)
@@ -145,23 +142,30 @@ def case(rig: Rig, folder: Path, contestants: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def floor(truth: Truth) -> Answer:
+def floor(truth: Truth, noises: int) -> Answer:
     """The baseline, without noise and with it."""
-    exact = baseline.calibrate(truth, truth.boards)
-    views = np.arange(len(truth.poses))
-    answer = {"exact": calibrated(truth, exact.model, exact.poses, views, exact.rms_px)}
-    answer["exact"]["parameters"] = dict(zip(baseline.PARAMETERS, exact.model.parameters.tolist(), strict=True))
-    noisy = []
-    for number in range(NOISY):
-        found = baseline.calibrate(truth, truth.boards.noisy(NOISE_PX, np.random.default_rng([7, number])))
-        noisy.append(calibrated(truth, found.model, found.poses, views, found.rms_px))
-    answer["noise"] = {
-        "own_rms_px": float(np.mean([one["own_rms_px"] for one in noisy])),
-        "field_px": np.sqrt(np.mean(np.square([one["field_px"] for one in noisy]), axis=0)).tolist(),
-        "depth_mm": np.median([one["depth_mm"] for one in noisy], axis=0).tolist(),
-        "pose": np.sqrt(np.mean(np.square([one["pose"] for one in noisy]), axis=0)).tolist(),
+    views, answers = np.arange(len(truth.poses)), []
+    first = baseline.start(truth)
+    for number in range(1 + noises):
+        random = np.random.default_rng([7, number])
+        fit = baseline.calibrate(truth, first, truth.boards.noisy(NOISE_PX, random) if number else truth.boards)
+        answers.append(calibrated(truth, fit.model, fit.poses, views, fit.rms_px))
+        answers[-1]["parameters"] = dict(zip(baseline.PARAMETERS, fit.model.parameters.tolist(), strict=True))
+    true = dict(zip(baseline.PARAMETERS, first.parameters.tolist(), strict=True))
+    return {"exact": answers[0], "true": true} | with_noise(answers[1:])
+
+
+def with_noise(answers: list[Answer]) -> Answer:
+    """What calibrations from positions with noise have in common: errors, and the spread of parameters."""
+    if not answers:
+        return {}
+    values = np.array([list(answer["parameters"].values()) for answer in answers])
+    spread = dict(zip(answers[0]["parameters"], values.std(axis=0, ddof=1).tolist(), strict=True))
+    errors = ("own_rms_px", "field_px", "outside_px", "chief_px", "marginal_px", "depth_mm", "pose")
+    together = {
+        name: np.sqrt(np.mean(np.square([answer[name] for answer in answers]), axis=0)).tolist() for name in errors
     }
-    return answer
+    return {"noise": together, "spread": spread}
 
 
 def calibrated(truth: Truth, model: Model, poses: np.ndarray, views: np.ndarray, own_rms_px: float) -> Answer:
@@ -211,42 +215,51 @@ def true_centres(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def libpleno_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
-    """libpleno's calibration from exact rows, that from features of its own, and its grid."""
+    """libpleno's calibrations from exact rows, with noise, and from features of its own."""
     camera = json.loads((task / "task.json").read_text(encoding="utf-8"))["camera"]
     table = np.genfromtxt(task / f"exports/libpleno/{camera}/centers.csv", delimiter=",", names=True)
     index = np.stack([table["k"], table["l"]], axis=1).astype(int)
     rows = models.rows_at(truth.centre_px, np.stack([table["u"], table["v"]], axis=1))
-    result: Answer = {}
-    for kind in ("exact", "own"):
-        if kind not in answer:
-            continue
-        model = models.libpleno(answer[kind]["camera"], index, rows)
-        frames = [int(one["frame"]) for one in answer[kind]["poses"]["poses"]]
-        poses = np.array([models.camera_from_board(one["pose"]) for one in answer[kind]["poses"]["poses"]])
+
+    def judged(calibration: Answer) -> Answer:
+        model, written = models.libpleno(calibration["camera"], index, rows), calibration["poses"]["poses"]
+        poses = np.array([models.camera_from_board(one["pose"]) for one in written])
+        frames = np.array([int(one["frame"]) for one in written])
         poses = poses @ np.linalg.inv(board_from_opencv(truth.rig))
-        result[kind] = calibrated(truth, model, poses, np.array(frames) - 1, answer[kind].get("rms_px", float("nan")))
-        result[kind]["parameters"] = models.libpleno_values(answer[kind]["camera"])
-    return result
+        return calibrated(truth, model, poses, frames - 1, calibration["rms_px"]) | {
+            "parameters": models.libpleno_values(calibration["camera"])
+        }
+
+    own = {"own": judged(answer["own"])} if "own" in answer else {}
+    thin = dict(zip(baseline.PARAMETERS, baseline.start(truth).parameters.tolist(), strict=True))
+    true = {name: thin[name] for name in ("focal_mm", "main_lens_mm", "sensor_mm")}
+    return {"exact": judged(answer["exact"]), "true": true, **own, **with_noise([*map(judged, answer["noise"])])}
 
 
 def nousias_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
-    """Nousias' calibration from exact rows."""
+    """Nousias' calibrations from exact rows, and with noise."""
     del task
-    frames = sorted(answer["camera_from_target"])
-    poses = np.array([answer["camera_from_target"][frame] for frame in frames])
-    poses = poses @ np.linalg.inv(board_from_opencv(truth.rig))
-    views = np.array([int(frame) for frame in frames]) - 1
-    model = models.nousias(answer, truth.centre_px)
-    return {"exact": calibrated(truth, model, poses, views, answer["rms_px"]) | {"parameters": answer["parameters"]}}
+
+    def judged(calibration: Answer) -> Answer:
+        frames = sorted(calibration["camera_from_target"])
+        poses = np.array([calibration["camera_from_target"][frame] for frame in frames])
+        poses = poses @ np.linalg.inv(board_from_opencv(truth.rig))
+        views, model = np.array([int(frame) for frame in frames]) - 1, models.nousias(calibration, truth.centre_px)
+        return calibrated(truth, model, poses, views, calibration["rms_px"]) | {"parameters": calibration["parameters"]}
+
+    thin = baseline.start(truth)
+    true = models.projective_of_thin_lens(thin.parameters, thin.origin_px, truth.rig.pixel_mm)
+    return {"exact": judged(answer["exact"]), "true": true} | with_noise([*map(judged, answer["noise"])])
 
 
-JUDGES: dict[str, Callable[[Truth, Answer, Path], Answer]] = {
-    "libpleno": libpleno_judged,
-    "Nousias 2017": nousias_judged,
-    "LFToolbox": centres_judged,
-    "Bok 2017": centres_judged,
-    "plenopticam": centres_judged,
+CONTESTANTS: dict[str, tuple[Any, Callable[[Truth, Answer, Path], Answer]]] = {
+    "libpleno": (libpleno, libpleno_judged),
+    "Nousias 2017": (nousias, nousias_judged),
+    "LFToolbox": (lftoolbox, centres_judged),
+    "Bok 2017": (bok, centres_judged),
+    "plenopticam": (plenopticam, centres_judged),
 }
+"""Adapters, and who judges what they return."""
 
 
 def refocused(truth: Truth, rig: Rig) -> Answer:

@@ -55,16 +55,22 @@ def run(folder: Path, task: Path, *, from_images: bool = True) -> dict[str, obje
     tools, work = folder / "libpleno/build", folder / "runs/libpleno"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    camera, params, scene = ["-c", export / "camera.js"], ["-p", export / "params.js"], ["-s", export / "scene.js"]
-    calibrate = [tools / "calibrate", *camera, *scene, *params, "-f"]
+    camera, params = ["-c", export / "camera.js"], ["-p", export / "params.js"]
+
+    def calibrated(name: str, rows: Path) -> dict[str, object]:
+        _say(work / name, [tools / "calibrate", *camera, *params, "-s", export / "scene.js", "-f", rows])
+        return _answer(work / name)
+
     _ask_images(task, known, export, work)
-    _say(work / "exact", [*calibrate, export / "observations.bin.gz"])
-    answers: dict[str, object] = {"exact": _answer(work / "exact")}
+    answers: dict[str, object] = {"exact": calibrated("exact", export / "observations.bin.gz")}
+    noisy = sorted(task.glob("noise_*"))
+    answers["noise"] = [
+        calibrated(place.name, place / "libpleno" / known["camera"] / "observations.bin.gz") for place in noisy
+    ]
     if from_images:
         _say(work / "detect", [tools / "detect", "-i", work / "images.js", *camera, *params])
         (observations,) = (work / "detect").glob("observations-*.bin.gz")
-        _say(work / "own", [*calibrate, observations])
-        answers["own"] = _answer(work / "own")
+        answers["own"] = calibrated("own", observations)
     return answers
 
 

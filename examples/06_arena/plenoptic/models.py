@@ -41,6 +41,20 @@ def nousias(answer: dict[str, Any], centre_px: np.ndarray) -> Projective:
     return Projective(p["K1"], p["K2_mm"], focal, principal, centre_px)
 
 
+def projective_of_thin_lens(thin: np.ndarray, origin_px: np.ndarray, pixel_mm: float) -> dict[str, float]:
+    """Parameters of the same model that say what a thin lens does, (F, z, D, d, ...): from similar triangles."""
+    focal, _, to_array, gap = thin[:4]
+    to_sensor = to_array + gap
+    return {
+        "K1": -to_sensor * (to_array - focal) / (gap * focal),
+        "K2_mm": to_sensor * to_array / gap,
+        "fx_px": to_sensor / pixel_mm,
+        "fy_px": to_sensor / pixel_mm,
+        "cx_px": float(origin_px[0]),
+        "cy_px": float(origin_px[1]),
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class ThinLensMesh:
     """libpleno's: a thin lens with distortion before a mesh of pinholes and a sensor, both with poses.

@@ -29,14 +29,16 @@ def build(snapshots: Path, folder: Path) -> None:
 
 
 def run(folder: Path, task: Path) -> dict[str, object]:
-    """Calibrate from the exported corners of all frames in one go, all types of microlenses together."""
-    known = json.loads((task / "task.json").read_text(encoding="utf-8"))
+    """Calibrate from the exported corners of all frames in one go, all types of microlenses together; so with noise."""
+    camera = json.loads((task / "task.json").read_text(encoding="utf-8"))["camera"]
+    noisy = [_calibrated(folder, place / "bok" / camera) for place in sorted(task.glob("noise_*"))]
+    return {"exact": _calibrated(folder, task / "exports/bok" / camera), "noise": noisy}
+
+
+def _calibrated(folder: Path, export: Path) -> dict[str, object]:
     work = folder / "runs/nousias"
     shutil.rmtree(work, ignore_errors=True)
-    shutil.copytree(task / "exports/bok" / known["camera"], work)
-    for path in work.glob("correspondencesAll_*.mat"):
-        if path.stem.split("_")[1] not in known["frames"]:
-            path.unlink()
+    shutil.copytree(export, work)
     source = folder / "nousias"
     said = octave(
         "pkg load optim; cornerLinearSolutionManyImages; residuals = plenopticReprojectionErrorMultipleImages(param,"

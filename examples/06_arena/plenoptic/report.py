@@ -1,8 +1,7 @@
-"""The tables of the plenoptic half, as text and as one page."""
+"""The tables of the plenoptic half."""
 
 from typing import Any
 
-from page import STYLE, table
 from tables import markdown
 
 Results = dict[str, Any]
@@ -13,6 +12,7 @@ def all_tables(results: Results) -> list[Table]:
     """Titles, heads and rows."""
     return [
         calibrations(results),
+        parameters(results),
         *([places] if (places := centres(results))[2] else []),
         *refocusing(results),
         ("Missing", ["contestant", "reason"], [[name, why] for name, why in results["missing"].items()]),
@@ -36,6 +36,20 @@ def calibrations(results: Results) -> Table:
                              *one["pose"]]  # fmt: skip
                     rows.append([camera, name, kind, *map(_number, cells)])
     return "Calibrations", head, rows
+
+
+def parameters(results: Results) -> Table:
+    """Numbers that calibrations find beside those of first-order optics; with their spread where there is noise."""
+    head = ["camera", "contestant", "parameter", "first order", "from exact rows", "spread by noise"]
+    rows = []
+    for camera, case in results["cases"].items():
+        for name, judged in case["contestants"].items():
+            for key, true in judged.get("true", {}).items():
+                spread = judged.get("spread", {}).get(key)
+                numbers = [true, judged["exact"]["parameters"][key]]
+                cells = [f"{value:.6g}" for value in numbers] + ["-" if spread is None else f"{spread:.2g}"]
+                rows.append([camera, name, key, *cells])
+    return "Parameters", head, rows
 
 
 def centres(results: Results) -> Table:
@@ -88,19 +102,6 @@ def tables(results: Results) -> str:
     """All tables as text."""
     parts = [f"{title}\n\n" + "\n".join(markdown(head, rows)) for title, head, rows in all_tables(results) if rows]
     return "\n\n".join(parts) + "\n"
-
-
-def plenoptic_page(results: Results) -> str:
-    """The page as HTML."""
-    about = results["about"]
-    known = "".join(f"<dt>{name}</dt><dd>{what}</dd>" for name, what in (results["rigs"] | results["flaws"]).items())
-    body = "\n".join(table(title, head, rows, marks_best=False) for title, head, rows in all_tables(results) if rows)
-    meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Plenoptic arena</title>'
-    return (
-        f'<!doctype html>\n<html lang="en"><head>{meta}<style>{STYLE}</style></head>\n<body>\n'
-        f"<h1>The arena of plenoptic cameras</h1><p>{about['date']}, {about['wall_s']} s.</p><dl>{known}</dl>\n{body}\n"
-        "</body></html>\n"
-    )
 
 
 def _number(value: float | None) -> str:

@@ -1,9 +1,9 @@
 """A task for programs of plenoptic cameras: a build's exports, its images as programs read them, and clicks on boards.
 
-TASK/exports/<format>/…, TASK/white.png, TASK/white_<F-number>.png, TASK/<frame>.png: 8 bits, linear, three equal
-channels, the brightest pixel of each white image at 250, images on the scale of white.png. TASK/task.json has
-`f_number`, `white` (F-number of each further white image), `frames`, `columns`, `rows`, `square_mm`, `pixel_mm`,
-`pitch_px`, `size_px`, `camera`.
+TASK/exports/<format>/…, TASK/noise_<n>/<format>/…, TASK/white.png, TASK/white_<F-number>.png, TASK/<frame>.png: 8 bits,
+linear, three equal channels, the brightest pixel of each white image at 250, images on the scale of white.png.
+TASK/task.json has `f_number`, `white` (F-number of each further white image), `frames`, `columns`, `rows`, `square_mm`,
+`pixel_mm`, `pitch_px`, `size_px`, `camera`.
 """
 
 import json
@@ -11,34 +11,40 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from scenes import exposed
 
 import pipeline
-from pipeline.exports.export import export
+from pipeline.exports.export import Request, export
+from pipeline.exports.noise import Noise
 from pipeline.files.exr import read_exr
 
+_FORMATS = ["bok", "libpleno", "lftoolbox"]
 _WHITE_DN = 250.0
 """Digital number of the brightest pixel of white images [DN]."""
 
 
-def write_task(build: Path, task: Path, formats: tuple[str, ...] = ("bok", "libpleno", "lftoolbox")) -> None:
-    """Write the task of a build with one plenoptic camera and one board."""
+def write_task(build: Path, task: Path, electrons: float | None, noises: list[Noise]) -> None:
+    """Write the task of a build with one plenoptic camera and one board.
+
+    `electrons` of the brightest white pixel, if images have the noise of a sensor; `noises` of exported positions.
+    """
     task.mkdir(parents=True, exist_ok=True)
     output = pipeline.open_output(build)
-    wanted = [name for name in formats if not (task / "exports" / name).exists()]
-    if wanted:
-        export(output, wanted, task / "exports")
+    for place, noise in [("exports", Noise()), *((f"noise_{number}", noise) for number, noise in enumerate(noises))]:
+        if not (task / place).exists():
+            export(output, _FORMATS, task / place, Request(noise=noise))
     camera = output.camera.name
     about = json.loads((build / f"cameras/{camera}/camera.json").read_text(encoding="utf-8"))
     white = _linear(build / f"cameras/{camera}/white.exr", "white")
-    scale = _WHITE_DN / white.max()
-    _write(task / "white.png", white * scale)
+    peak = white.max()
+    _write(task / "white.png", white / peak, electrons)
     others = sorted((build / f"cameras/{camera}/white").glob("f*.exr"))
     for path in others:
         other = _linear(path, "white")
-        _write(task / f"white_{path.stem[1:]}.png", other * (_WHITE_DN / other.max()))
+        _write(task / f"white_{path.stem[1:]}.png", other / other.max(), electrons)
     frames = sorted(path.name for path in (build / "frames").iterdir())
     for frame in frames:
-        _write(task / f"{frame}.png", _linear(build / f"frames/{frame}/{camera}/image.exr", "image") * scale)
+        _write(task / f"{frame}.png", _linear(build / f"frames/{frame}/{camera}/image.exr", "image") / peak, electrons)
     (scene,) = json.loads((task / f"exports/libpleno/{camera}/scene.js").read_text(encoding="utf-8"))["checkerboards"]
     known = {
         "camera": camera,
@@ -60,6 +66,7 @@ def _linear(path: Path, part: str) -> np.ndarray:
     return np.asarray(next(iter(channels.values())), np.float64)
 
 
-def _write(path: Path, values: np.ndarray) -> None:
-    grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
+def _write(path: Path, values: np.ndarray, electrons: float | None) -> None:
+    noiseless = np.clip(np.rint(values * _WHITE_DN), 0, 255).astype(np.uint8)
+    grey = noiseless if electrons is None else exposed(values, electrons, path.stem, 0)
     Image.fromarray(np.repeat(grey[:, :, None], 3, axis=2)).save(path)
