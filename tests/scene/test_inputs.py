@@ -1,6 +1,7 @@
 """What a stage names or states that cannot be used: `check` says so with a place, and opens nothing that it may not."""
 
 import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -29,13 +30,22 @@ NAMED = {
 FILE_OF = {"painted": ("Paint/Picture", "inputs:file"), "sky": ("Lamp", "inputs:texture:file")}
 
 
-@pytest.fixture(autouse=True)
-def _in_time():
-    """Whoever opens a FIFO waits for ever."""
-    signal.signal(signal.SIGALRM, lambda *_: pytest.fail("waits for a file"))
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
+WAITS_S = 60
+"""Who opens a FIFO waits for ever [s]; what is compiled is compiled before this counts."""
+
+
+@contextmanager
+def waiting_for_no_file():
+    def late(*_):
+        pytest.fail("waits for a file")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(WAITS_S)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def with_picture(folder: Path, scene: str, file: str) -> Path:
@@ -52,10 +62,11 @@ def the_error(folder: Path, path: Path, allow: tuple[str, ...] = ()) -> Problem:
 @pytest.mark.parametrize("scene", ["painted", "painted without lamps", "sky"])
 def test_a_picture_that_cannot_be_used_is_told_once_and_with_a_place(scene, tmp_path):
     assert load(with_picture(tmp_path, scene, "grey.exr"), look=True).errors == []
-    for file, code in NAMED.items():
-        error = the_error(tmp_path, with_picture(tmp_path, scene, file))
-        assert (error.code, f"@./{file}@" in error.message) == (code, True), str(error)
-    assert the_error(tmp_path, with_picture(tmp_path, scene, "device.png"), ("/",)).code == "file-kind"
+    with waiting_for_no_file():
+        for file, code in NAMED.items():
+            error = the_error(tmp_path, with_picture(tmp_path, scene, file))
+            assert (error.code, f"@./{file}@" in error.message) == (code, True), str(error)
+        assert the_error(tmp_path, with_picture(tmp_path, scene, "device.png"), ("/",)).code == "file-kind"
 
 
 def test_a_sky_shines_no_negative_light_and_a_picture_is_no_larger_than_the_limits(tmp_path, monkeypatch):
