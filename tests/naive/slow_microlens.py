@@ -6,6 +6,7 @@ rotation matrices from SciPy.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from naive import textbook
@@ -22,7 +23,6 @@ def rays_before(
     kind: int,
     count: int,
     rng: np.random.Generator,
-    widen: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rays from sensor points, (2,) or (count, 2), through the microlens with a vertex (3,), vision frame.
 
@@ -31,7 +31,7 @@ def rays_before(
     """
     array = camera.microlenses
     assert array is not None
-    sensor_mm, half = -camera.sensor_distance_mm, widen * 0.75 * array.pitch_mm
+    sensor_mm, half = -camera.sensor_distance_mm, 0.75 * array.pitch_mm
     slab = (array.thickness_mm or 0.0) / (array.index or 1.0) if array.model != "thin" else 0.0
     slab = (
         slab if array.model == "two-plane" or (array.rear_radii_mm and math.isinf(array.rear_radii_mm[kind])) else 0.0
@@ -55,6 +55,28 @@ def rays_before(
         np.where(first & passes, weight, 0.0),
         np.where(first, weight, 0.0),
     )
+
+
+class Leaving(NamedTuple):
+    """Rays that leave the camera: positions and directions (n, 3), weights (n,), their numbers among all that were
+    drawn (n,); and the weight of all through the microlens's aperture."""
+
+    position_mm: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    number: np.ndarray
+    entered: float
+
+
+def leaving(
+    camera: Camera, start_mm: np.ndarray, vertex_mm: np.ndarray, kind: int, count: int, rng: np.random.Generator
+) -> Leaving:
+    """Those of `rays_before` that pass the microlens, and then the main lens, by the textbook."""
+    position, direction, weight, entered = rays_before(camera, start_mm, vertex_mm, kind, count, rng)
+    number = np.flatnonzero(weight > 0)
+    position, direction, passes = textbook.trace(camera.prescription, position[number], direction[number])
+    number = number[passes]
+    return Leaving(position[passes], direction[passes], weight[number], number, entered.sum())
 
 
 HALF_TURN = Rotation.from_euler("z", 180, degrees=True)
@@ -175,7 +197,7 @@ def _to_conic(
         return point[:, 2] - vertex - sag
 
     low, high = np.full(len(position), -0.3 * abs(radius)), np.full(len(position), 0.3 * abs(radius))
-    for _ in range(70):
+    for _ in range(50):  # to the last bit of what they begin with
         middle = (low + high) / 2
         above = height(middle) > 0
         low, high = np.where(above, low, middle), np.where(above, middle, high)

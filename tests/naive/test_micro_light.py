@@ -202,12 +202,11 @@ def test_centroids_behind_other_microlenses_are_those_of_slow_rays(kind: str, mo
     rng, half, means, beyond = np.random.default_rng(6), 1.02 * found.light_mm.max(), [], []
     for _ in range(groups):
         start = found.centroid_mm[0] + rng.uniform(-half, half, (rays, 2))
-        drawn = slow_microlens.rays_before(
+        left = slow_microlens.leaving(
             tracer.camera, start, vertex_of(tracer, row[0]), int(grid.type[row[0]]), rays, rng
         )
-        ok = textbook.trace(tracer.camera.prescription, drawn[0], drawn[1])[2] & (drawn[2] > 0)
-        off = (start - found.centroid_mm[0])[ok]
-        means.append(drawn[2][ok] @ off / drawn[2][ok].sum() / pitch)
+        off = (start - found.centroid_mm[0])[left.number]
+        means.append(left.weight @ off / left.weight.sum() / pitch)
         turn = np.rad2deg(np.arctan2(-off[:, 1], -off[:, 0]))
         beyond.append((np.hypot(*off.T) / np.interp(turn, OUTLINE_DEG, found.light_mm[0], period=360)).max())
     error = np.std(means, axis=0, ddof=1) / math.sqrt(groups)
