@@ -36,32 +36,33 @@ class Side:
     ----------
     name : str
     tree, home : Path
+    kernels : str
+        Folder of the compiled kernels in `home`; empty for that of the user.
     """
 
     name: str
     tree: Path
     home: Path
+    kernels: str = "kernels"
 
     def printed(self, script: str, *arguments: str) -> list[str]:
         """Lines that the tree's own benchmark of this name prints."""
         command = [sys.executable, str(self.tree / "benchmarks" / script), *arguments]
-        environment = self._environment("store", "kernels")
+        environment = self._environment("store", self.kernels)
         said = subprocess.run(command, cwd=self.home, env=environment, stdout=subprocess.PIPE, text=True, check=True)
         return said.stdout.splitlines()
 
     def _environment(self, store: str, kernels: str) -> dict[str, str]:
-        places = {
-            "PIPELINE_REPORT": "no",
-            "PIPELINE_CACHE": str(self.home / store),
-            "PIPELINE_JIT_CACHE": str(self.home / kernels),
-        }
+        places = {"PIPELINE_REPORT": "no", "PIPELINE_CACHE": str(self.home / store)}
+        if kernels:
+            places["PIPELINE_JIT_CACHE"] = str(self.home / kernels)
         environment = {**os.environ, **places, "PYTHONPATH": str(self.tree)}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         return environment
 
-    def cpu_s(self, *arguments: str, store: str = "store", kernels: str = "kernels") -> float:
+    def cpu_s(self, *arguments: str, store: str = "store", kernels: str = "") -> float:
         """Processor time of `pipeline` with these arguments, called in the tree [s]."""
-        environment = self._environment(store, kernels)
+        environment = self._environment(store, kernels or self.kernels)
         command = [sys.executable, "-c", _TIMED, json.dumps([sys.executable, "-P", "-c", _PIPELINE, *arguments])]
         said = subprocess.run(command, cwd=self.tree, env=environment, capture_output=True, text=True, check=True)
         code, took, errors = json.loads(said.stdout)
@@ -72,7 +73,7 @@ class Side:
 
 @contextmanager
 def sides(*, now_alone: bool = False) -> Iterator[list[Side]]:
-    """The old commit and this working tree, or this one alone, each with empty folders.
+    """The old commit and this working tree, each with empty folders; or this one alone, with the kernels of its user.
 
     Raises
     ------
@@ -81,7 +82,8 @@ def sides(*, now_alone: bool = False) -> Iterator[list[Side]]:
     """
     with tempfile.TemporaryDirectory() as name:
         trees = {"now": ROOT} if now_alone else {BEFORE: _unpacked(Path(name)), "now": ROOT}
-        found = [Side(side, tree, Path(name) / "homes" / side) for side, tree in trees.items()]
+        kernels = "" if now_alone else "kernels"
+        found = [Side(side, tree, Path(name) / "homes" / side, kernels) for side, tree in trees.items()]
         for side in found:
             side.home.mkdir(parents=True)
         yield found

@@ -19,7 +19,7 @@ class Pretended:
     """
 
     def __init__(self, path: Path, store: Store) -> None:
-        self.store, self.project = store, project_of(path)
+        self.path, self.store, self.project = path, store, project_of(path)
         self.keys, records = {}, dict[str, Record]()
         specs = Specs(store)
         for name in self.project.graph:
@@ -28,11 +28,10 @@ class Pretended:
             records[name] = store.put_record(Record(key=spec.key, outputs={"x": entry}, components=spec.components))
             self.keys[name] = spec.key
 
-    def planned(self, path: Path) -> list[PlannedTask]:
-        """The tasks that an edited stage would run, with the edits behind their reasons."""
-        project = project_of(path)
-        tasks = plan(project.graph, self.store, self.keys)
-        return [task for task in with_edits(tasks, project, {"": self.project.source}, path) if task.state != "cached"]
+    def planned(self, project: Project) -> list[PlannedTask]:
+        """The tasks that the edited stage would run, with the edits behind their reasons."""
+        tasks = with_edits(plan(project.graph, self.store, self.keys), project, {"": self.project.source}, self.path)
+        return [task for task in tasks if task.state != "cached"]
 
 
 def project_of(path: Path) -> Project:

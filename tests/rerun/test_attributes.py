@@ -1,16 +1,18 @@
-"""Every attribute of the schemas, changed alone: exactly the tasks that depend on it get another key.
+"""Every attribute of the schemas, changed alone: exactly the tasks that depend on it get another key, and their plan
+names attribute, line, old and new value.
 
 The table says what depends on what, in words of the user's manual; the schema says which attributes there are. Nothing
 is traced: where a task would run again, its outputs count as changed; `focus` and `planes` alone really run, for early
-cutoff.
+cutoff. What was edited is known from the test; the line is looked for in the text by its words alone.
 """
 
-from typing import Any
+from pathlib import Path
 
 import pytest
 from pxr import Sdf, Usd
 from rerun.attribute_stage import STAGE, path_of, write
-from rerun.attribute_table import CASES, TRUTH
+from rerun.attribute_table import CASES, LENS, STOP, TRUTH, A
+from rerun.pretended import Pretended, project_of
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.graph import TaskGraph
@@ -19,39 +21,43 @@ from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
 from pipeline.folders import share
-from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
 
 QUICK = 16
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""
+FOR_THE_CHECKS = {
+    (LENS, "plen:wavelength"): (A, "plen:camera:wavelength"),
+    (A, "plen:image:exposure"): (A, "plen:image:whiteLevel"),
+    (STOP, "plen:apertureShape"): (STOP, "plen:blades"),
+}
+"""Attributes that no task reads, and those that change with them: the checks alone want the wavelength of printed
+indices to be that of the camera, and tasks read how much light there is and how many blades, not what says so."""
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A stage with two cameras and two targets, and a store where `focus` and `planes` run."""
+    """A store where `focus` and `planes` run, and stages that count as built."""
     return _Bench(tmp_path_factory.mktemp("attributes"))
 
 
 class _Bench:
-    def __init__(self, folder) -> None:
-        self.folder, self.store, self.count = folder, Store(folder / "store"), 0
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.store = folder, Store(folder / "store")
         self.specs = Specs(self.store)
-        self.known: dict[str, dict[str, str]] = {}
+        self._built: dict[str, tuple[Pretended, dict[str, str]]] = {}
 
-    def keys(self, edits: dict[tuple[str, str], Any]) -> dict[str, str]:
-        """Key of every task after the edits, its inputs being what the keys of its sources stand for."""
-        name = repr(sorted(edits.items(), key=repr))
-        if name not in self.known:
-            loaded = self.load(edits)
-            assert loaded.errors == [], [str(problem) for problem in loaded.errors]
-            self.known[name] = self._keys(graph_of(loaded.dataset)[0])
-        return self.known[name]
+    def built(self, given) -> tuple[Pretended, dict[str, str]]:
+        """The stage with what is given, and the key of every task."""
+        name = repr(sorted(given.items(), key=repr))
+        if name not in self._built:
+            home = self.folder / str(len(self._built))
+            home.mkdir()
+            stage = Pretended(write(home / "dataset.usda", given), Store(home / "store"))
+            self._built[name] = stage, self.keys(stage.project.graph)
+        return self._built[name]
 
-    def load(self, edits: dict[tuple[str, str], Any]):
-        self.count += 1
-        return load(write(self.folder / f"{self.count}.usda", edits))
-
-    def _keys(self, graph: TaskGraph) -> dict[str, str]:
+    def keys(self, graph: TaskGraph) -> dict[str, str]:
+        """Key of every task, its inputs being what the keys of its sources stand for."""
         focused = graph.up_to([name for name in graph if graph[name].short_kind in ("focus", "planes")])
         outcome = run(focused, self.store)
         assert {result.state for result in outcome.results.values()} <= {"executed", "cached"}, outcome.results
@@ -101,13 +107,16 @@ PARAMETERS = [
 
 
 @pytest.mark.parametrize(("name", "case"), PARAMETERS)
-def test_exactly_the_readers_of_an_attribute_get_another_key(bench, name, case):
-    edits = {**case.given, **case.along, (case.at, name): case.value}
+def test_exactly_the_readers_of_an_attribute_get_another_key_and_a_plan_names_it(bench, name, case):
+    before, keys = bench.built(case.given)
+    edits = {**case.along, (case.at, name): case.value}
+    write(before.path, {**case.given, **edits})
     if case.refused:
-        codes = {problem.code for problem in bench.load(edits).errors}
+        codes = {problem.code for problem in load(before.path).errors}
         assert codes & {"not-yet-supported", "bad-token", "colour-filters", "sensor-response"}, codes
         return
-    changed = reruns(bench.keys(case.given), bench.keys(edits))
+    project = project_of(before.path)
+    changed = reruns(keys, bench.keys(project.graph))
     kinds = {kind_of(task) for task in changed}
     # The conventional camera has no task of that kind.
     expected = case.kinds - {"micro_images"} if case.at.startswith("A/") else case.kinds
@@ -118,6 +127,21 @@ def test_exactly_the_readers_of_an_attribute_get_another_key(bench, name, case):
         assert others <= {"baselines"}, "the other camera must not care"
     frames = {task.split("/")[2] for task in changed if kind_of(task) in ("image", "truth")}
     assert frames in (set(), {"0001", "0002"})
+    if case.kinds:
+        assert_named(before.planned(project), name, case.at, edits, before.path)
+
+
+def assert_named(tasks, name, at, edits, path):
+    """All tasks that a plan runs name the edits and no others, and the one with its line."""
+    assert tasks
+    for task in tasks:
+        assert [str(reason) for reason in task.reasons if not reason.edits] == [], task.name
+        assert {edit.at for edit in task.edits} <= {f"{path_of(place)}.{one}" for place, one in edits}
+    at, name = FOR_THE_CHECKS.get((at, name), (at, name))
+    edit = next(edit for task in tasks for edit in task.edits if edit.at == f"{path_of(at)}.{name}")
+    assert edit.old != edit.new
+    assert Path(edit.file).name == path.name
+    assert name in path.read_text(encoding="utf-8").splitlines()[edit.line - 1]
 
 
 @pytest.mark.parametrize(("old", "new"), [("One", "Uno"), ("A", "Left")])
@@ -125,7 +149,7 @@ def test_renaming_a_target_or_a_camera_reruns_only_what_writes_its_name(bench, o
     path = bench.folder / f"renamed_{new}.usda"
     text = STAGE.replace(f'"{old}"', f'"{new}"').replace(f"/Scene/{old}", f"/Scene/{new}")
     path.write_text(text, encoding="utf-8")
-    changed = reruns(bench.keys({}), bench._keys(graph_of(load(path).dataset)[0]))
+    changed = reruns(bench.built({})[1], bench.keys(project_of(path).graph))
     between = {"baselines"} if old == "A" else set()
     assert set(map(kind_of, changed)) == TRUTH | {"frame_poses"} | between
     if old == "A":

@@ -47,7 +47,7 @@ class Desk:
         return number
 
     def edits(self, name: str) -> list[str]:
-        (task,) = (task for task in self.before.planned(self.stage) if task.name == name)
+        (task,) = (task for task in self.before.planned(project_of(self.stage)) if task.name == name)
         return [line.strip() for line in list(describe_task(task))[1:]]
 
 

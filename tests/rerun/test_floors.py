@@ -38,27 +38,24 @@ def test_a_python_without_its_lock_is_refused_with_a_sentence():
 
 @pytest.mark.heavy
 @pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="the oldest versions have wheels for the oldest Python")
-def test_the_lowest_versions_of_all_libraries_make_the_same(tmp_path):
+def test_the_lowest_versions_of_all_libraries_make_the_same(tmp_path, conventional_build, plenoptic_build):
     python = str(tmp_path / "venv/bin/python")
     run(sys.executable, "-m", "venv", str(tmp_path / "venv"))
     run(python, "-m", "pip", "install", "-q", "--only-binary=:all:", *floors())
-    for kind in ("conventional", "plenoptic"):
-        for name, interpreter in (("lowest", python), ("newest", sys.executable)):
-            home = tmp_path / name
-            command = ("-m", "pipeline", "build", f"tests/data/tiny_{kind}/dataset.usda", "-o", str(home / kind))
-            own = {
-                "PYTHONPATH": str(ROOT),
-                "PIPELINE_CACHE": str(home / "store"),
-                "PIPELINE_JIT_CACHE": str(home / "jit"),
-            }
-            run(interpreter, *command, **own)
-        for table in sorted((tmp_path / "newest" / kind).rglob("correspondences.csv")):
-            lowest = read_table(tmp_path / "lowest" / table.relative_to(tmp_path / "newest"))
-            newest = read_table(table)
+    own = {
+        "PYTHONPATH": str(ROOT),
+        "PIPELINE_CACHE": str(tmp_path / "store"),
+        "PIPELINE_JIT_CACHE": str(tmp_path / "jit"),
+    }
+    for kind, newest in (("conventional", conventional_build), ("plenoptic", plenoptic_build)):
+        lowest = tmp_path / kind
+        run(python, "-m", "pipeline", "build", f"tests/data/tiny_{kind}/dataset.usda", "-o", str(lowest), **own)
+        for path in sorted(newest.rglob("correspondences.csv")):
+            here, there = (read_table(folder / path.relative_to(newest)) for folder in (newest, lowest))
             for column in ("x_px", "y_px"):
-                assert np.abs(lowest.numbers(column) - newest.numbers(column)).max() < ROUNDING_PX
-        for image in sorted((tmp_path / "newest" / kind).rglob("*.exr")):
-            lowest = read_exr(tmp_path / "lowest" / image.relative_to(tmp_path / "newest"))
-            for name, part in read_exr(image).items():
+                assert np.abs(there.numbers(column) - here.numbers(column)).max() < ROUNDING_PX
+        for path in sorted(newest.rglob("*.exr")):
+            here, there = (read_exr(folder / path.relative_to(newest)) for folder in (newest, lowest))
+            for name, part in here.items():
                 for channel, pixels in part.channels.items():
-                    np.testing.assert_allclose(lowest[name].channels[channel], pixels, rtol=1e-5, atol=1e-7)
+                    np.testing.assert_allclose(there[name].channels[channel], pixels, rtol=1e-5, atol=1e-7)
