@@ -45,7 +45,7 @@ def build(snapshots: Path, folder: Path) -> None:
             (place / f"stub/libv/graphic/{empty_header}.hpp").write_text("#pragma once\n")
         shutil.copy(_HERE / "CMakeLists.txt", place)
     subprocess.run(["cmake", "-S", place, "-B", place / "build"], check=True, capture_output=True)
-    subprocess.run(["make", "-C", place / "build", "-j2"], check=True, capture_output=True)
+    subprocess.run(["make", "-C", place / "build", "-j1"], check=True, capture_output=True)
 
 
 def run(folder: Path, task: Path, *, from_images: bool = True) -> dict[str, object]:

@@ -1,7 +1,9 @@
 """plenopticam 0.9.3: centres of micro-images in a white image.
 
 Of PyPI, without the exact versions that it asks for (pyinstaller is one of them). It reads white.png. Its list has y,
-x, row, column of each centre, pixels from 0. Its `pitch_px` is no pitch of a hexagonal array.
+x, row, column of each centre, pixels from 0. Two of its steps fail on bright micro-images without a peak. It takes them
+for 313, 8 and 9 pixels wide (r12, paper, lytro: 23, 22, 10), so that it is given the width. And it finds two maxima in
+one micro-image, from which its sorting derives a pitch that is too small and goes astray; the weaker one is dropped.
 """
 
 import json
@@ -25,12 +27,24 @@ import numpy as np
 from PIL import Image
 from plenopticam.cfg import PlenopticamConfig
 from plenopticam.lfp_calibrator import LfpCalibrator
+from plenopticam.lfp_calibrator.centroid_extractor import CentroidExtractor
+from scipy.spatial import cKDTree
+def without_doubles(self):
+    places = np.array(self._centroids)
+    light, kept = self._peak_img[tuple(places.T)], np.ones(len(places), bool)
+    for pair in cKDTree(places).query_pairs(0.6 * self._M):
+        if kept[list(pair)].all():
+            kept[min(pair, key=lambda row: light[row])] = False
+    return list(places[kept])
+CentroidExtractor.centroids = property(without_doubles)
 config = PlenopticamConfig()
 config.default_values()
 config.params[config.cal_path], config.params[config.opt_prnt] = sys.argv[1], False
 config.params[config.cal_meth] = sys.argv[2]
 white = np.asarray(Image.open(sys.argv[1]).convert("L"), float)
-LfpCalibrator(white, config).main()
+calibrator = LfpCalibrator(white, config)
+calibrator._M = int(sys.argv[3])
+calibrator.main()
 found = np.asarray(config.calibs[config.mic_list]).tolist()
 pattern, pitch = config.calibs[config.pat_type], np.ravel(config.calibs[config.ptc_mean]).tolist()
 print("FOUND" + json.dumps([found, str(pattern), pitch]))
@@ -53,7 +67,9 @@ def run(folder: Path, task: Path, method: str = "area") -> dict[str, object]:
     work = folder / "runs/plenopticam"
     work.mkdir(parents=True, exist_ok=True)
     shutil.copy(task / "white.png", work)  # it writes its list beside the image
-    command = [str(folder / "plenopticam/bin/python"), "-c", _PROGRAM, "white.png", method]
+    pitch_px = json.loads((task / "task.json").read_text(encoding="utf-8"))["pitch_px"]
+    width = str(2 * int((pitch_px - 1) / 2) + 1)  # odd, as its windows are, and none reaches into the next micro-image
+    command = [str(folder / "plenopticam/bin/python"), "-c", _PROGRAM, "white.png", method, width]
     said = subprocess.run(command, cwd=work, capture_output=True, text=True, check=True).stdout
     centres, pattern, pitch = json.loads(said.partition("FOUND")[2])
     rows = np.array(centres)
