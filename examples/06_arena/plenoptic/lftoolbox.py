@@ -9,23 +9,26 @@ import json
 from pathlib import Path
 
 import numpy as np
-from snapshots import clone, octave
+from snapshots import clone, octave, replaced
 
 _COMMIT = "3bf4f55"
 
 
 def build(snapshots: Path, folder: Path) -> None:
-    """Check the source out."""
-    clone(snapshots, "doda42+LFToolbox", _COMMIT, folder / "lftoolbox")
+    """Check the source out; the radius of its filter becomes a whole number of pixels, as Octave wants it."""
+    place = folder / "lftoolbox"
+    if clone(snapshots, "doda42+LFToolbox", _COMMIT, place):
+        radius = "GridModelOptions.ApproxLensletSpacing * GridModelOptions.FilterDiskRadiusMult"
+        replaced(place / "SupportFunctions/LFBuildLensletGridModel.m", radius, f"round({radius})")
 
 
 def run(folder: Path, task: Path) -> dict[str, object]:
-    """Let it find the grid; the disc of its filter is a third of the pitch, rounded, as Octave wants whole pixels."""
+    """Let it find the grid; the disc of its filter is a third of the pitch, as it has it for Lytro's cameras."""
     known = json.loads((task / "task.json").read_text(encoding="utf-8"))
     said = octave(
         "pkg load image; pitch = str2double(getenv('ARENA_INPUT'));"
         " white = double(imread('white.png')(:, :, 1)) / 255;"
-        " options = struct('ApproxLensletSpacing', pitch, 'FilterDiskRadiusMult', round(pitch / 3) / pitch,"
+        " options = struct('ApproxLensletSpacing', pitch, 'FilterDiskRadiusMult', 1 / 3,"
         " 'CropAmt', 2 * pitch, 'SkipStep', 10, 'Orientation', 'horz', 'Precision', 'double');"
         " [found.model, found.centres] = LFBuildLensletGridModel(white, options);"
         " printf('FOUND%s', jsonencode(found))",
