@@ -1,5 +1,7 @@
 """The plenoptic half of the arena of example 06: laws of its judge and of the models that it writes down."""
 
+import json
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -129,3 +131,17 @@ def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
     shift = moved * (PIXEL_MM * ARRAY_MM / GAP_MM) / 0.1
 
     assert bench.distance_mm(shift, ARRAY_MM) == pytest.approx(z)
+
+
+@pytest.mark.heavy
+def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
+    """With what package indexes have: the thin lens of our own, and plenopticam, which finds centroids."""
+    command = [sys.executable, EXAMPLE / "plenoptic/compete.py", "--small", "--out", tmp_path / "plenoptic"]
+    subprocess.run(command, check=True, cwd=EXAMPLE.parents[1])
+    (case,) = json.loads((tmp_path / "plenoptic/results.json").read_text())["cases"].values()
+    baseline, centres = case["contestants"]["baseline"], case["contestants"]["plenopticam"]["centres"]
+
+    assert baseline["exact"]["own_rms_px"] < 0.05 < max(baseline["exact"]["field_px"])
+    assert 0.1 < baseline["noise"]["own_rms_px"] < 0.2
+    assert centres["centroid"]["found"] > 0.9 and centres["centroid"]["rms_px"] < 0.5
+    assert "plenopticam" in (tmp_path / "page.html").read_text()

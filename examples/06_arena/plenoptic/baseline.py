@@ -90,7 +90,7 @@ def calibrate(truth: Truth, first: ThinLens, rows: Rows) -> Calibration:
                 matrix[np.arange(len(change)), len(free) + 6 * view + column - len(free)] = change
         return matrix
 
-    ends = {"x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
+    ends = {"method": "lm", "x_scale": "jac", "xtol": 1e-9, "ftol": 1e-9}
     best = least_squares(residuals, np.zeros(len(free) + 6 * views), jac=slopes, **ends).x
     model, poses = split(best)
     lengths = (residuals(best).reshape(-1, 2) ** 2).sum(axis=1)

@@ -141,6 +141,12 @@ def with_flaw(rig: Rig, flaw: str) -> Rig:
     return rig
 
 
+def small(rig: Rig) -> Rig:
+    """The rig with a sensor and an array half as wide and high, so that all is done in minutes."""
+    array = rig.array | {name: float(rig.array[name]) / 2 for name in ("width", "height")}  # type: ignore[arg-type]
+    return replace(rig, size_px=(rig.size_px[0] // 2, rig.size_px[1] // 2), array=array)
+
+
 def poses(rig: Rig) -> list[tuple[np.ndarray, Rotation]]:
     """Place of the middle of each board [mm, USD's camera frame] and its turn; four at each distance."""
     result = []

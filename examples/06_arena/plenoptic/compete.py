@@ -6,8 +6,8 @@
 It builds every camera, writes what programs read, lets them work, and writes results.json and tables.txt there, and
 page.html beside the folder, which has the half of conventional cameras, too, if `arena.py` left its results there.
 FOLDER has the sources that are not on a package index, as git repositories OWNER+NAME/repo; a program whose source is
-not there, or that fails, is named with the reason. `--small` is one rig, with what needs no snapshot. What is there
-already is not built again.
+not there, or that fails, is named with the reason. `--small` is one rig with a quarter of its sensor, and what needs no
+snapshot. What is there already is not built again.
 """
 
 import argparse
@@ -33,7 +33,7 @@ import models  # noqa: E402
 import nousias  # noqa: E402
 import plenopticam  # noqa: E402
 import refocus  # noqa: E402
-from cameras import FLAWS, RIGS, Rig, stage_text, with_flaw  # noqa: E402
+from cameras import FLAWS, RIGS, Rig, small, stage_text, with_flaw  # noqa: E402
 from judging import centre_errors, depth_errors_mm, error_field, pose_errors  # noqa: E402
 from task import write_task  # noqa: E402
 from truth import Model, Truth, board_from_opencv, truth_of  # noqa: E402
@@ -54,7 +54,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--snapshots", type=Path, help="folder of sources")
     parser.add_argument("--out", type=Path, default=Path("build/arena/plenoptic"), help="folder that keeps everything")
-    parser.add_argument("--small", action="store_true", help="one rig, and what needs no snapshot")
+    parser.add_argument(
+        "--small", action="store_true", help="one rig with a quarter of its sensor, and what needs no snapshot"
+    )
     parser.add_argument("--rigs", nargs="+", choices=[rig.name for rig in RIGS])
     parser.add_argument("--flaws", nargs="+", choices=[flaw.name for flaw in FLAWS])
     parser.add_argument("--quick", action="store_true", help="libpleno calibrates from exact rows alone")
@@ -70,7 +72,7 @@ def main() -> None:
         asked.rigs or ([_SMALL] if asked.small else None),
         asked.flaws or (["designed"] if asked.small else None),
     )
-    rigs = [rig for rig in RIGS if names is None or rig.name in names]
+    rigs = [small(rig) if asked.small else rig for rig in RIGS if names is None or rig.name in names]
     flaws = [flaw for flaw in FLAWS if kinds is None or flaw.name in kinds]
     contestants, missing = prepared(asked, out)
     if asked.quick and "libpleno" in contestants:

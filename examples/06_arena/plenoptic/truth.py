@@ -18,7 +18,7 @@ _INSIDE = 0.96
 """Part of the image that they fill [1]: at its edge micro-images are cut."""
 _FULL = 0.9
 """Least hit fraction of a row [1]: in the penumbra a part of the bundle is missing, and no model of a line can know."""
-_ACCURACY_PX = 1e-5
+_ACCURACY_PX = 1e-4
 """Error of the truth [px]: far below that of any calibration."""
 
 
