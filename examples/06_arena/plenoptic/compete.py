@@ -81,16 +81,31 @@ def main() -> None:
     results: dict[str, Any] = {"about": about}
     results |= {"rigs": {rig.name: rig.what for rig in rigs}, "flaws": {flaw.name: flaw.what for flaw in flaws}}
     results |= {"missing": missing, "cases": {}}
+    before_s = with_earlier(results, contestants, out)
     for rig in rigs:
         for flaw in flaws:
             name = f"{rig.name} {flaw.name}"
             print(name, flush=True)
             folder, is_first = out / f"{rig.name}_{flaw.name}", flaw.name == "designed"
-            results["cases"][name] = case(with_flaw(rig, flaw.name), folder, contestants, has_noise=is_first)
-            about["wall_s"] = round(time.time() - began)
+            new = case(with_flaw(rig, flaw.name), folder, contestants, has_noise=is_first)
+            before = results["cases"].get(name, {"contestants": {}})["contestants"]
+            results["cases"][name] = new | {"contestants": before | new["contestants"]}
+            about["wall_s"] = before_s + round(time.time() - began)
             deliver(results, out)
     print(tables(results))
     print(out.parent / "page.html")
+
+
+def with_earlier(results: dict[str, Any], contestants: dict[str, Any], out: Path) -> int:
+    """Keep what earlier runs found of cameras and contestants that this one does not ask; what they took [s]."""
+    path = out / "results.json"
+    if not path.exists():
+        return 0
+    earlier = json.loads(path.read_text(encoding="utf-8"))
+    for part in ("rigs", "flaws", "cases", "missing"):
+        results[part] = earlier[part] | results[part]
+    results["missing"] = {name: why for name, why in results["missing"].items() if name not in contestants}
+    return int(earlier["about"]["wall_s"])
 
 
 def deliver(results: dict[str, Any], out: Path) -> None:
