@@ -82,8 +82,8 @@ def main() -> None:
     results |= {"rigs": {rig.name: rig.what for rig in rigs}, "flaws": {flaw.name: flaw.what for flaw in flaws}}
     results |= {"missing": missing, "cases": {}}
     before_s = with_earlier(results, contestants, out)
-    for rig in rigs:
-        for flaw in flaws:
+    for flaw in flaws:
+        for rig in rigs:
             name = f"{rig.name} {flaw.name}"
             print(name, flush=True)
             folder, is_first = out / f"{rig.name}_{flaw.name}", flaw.name == "designed"
