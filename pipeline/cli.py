@@ -263,7 +263,7 @@ def _exit_code() -> int:
         note("interrupted")
         return Exit.INTERRUPTED
     except PipelineError as error:
-        note(error.told)
+        note(error.as_text)
         return error.exit_code
     except Exception as error:
         if is_machines_fault(error):

@@ -1,7 +1,7 @@
 """Edits of a stage as a person makes them: attribute, frame, line, old and new value."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 _LONGEST = 60
@@ -27,10 +27,6 @@ class Edit:
     new: Any = None
     file: str | None = None
     line: int | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The edit as in `plan --json`."""
-        return asdict(self)
 
     @property
     def what(self) -> str:

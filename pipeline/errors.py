@@ -40,7 +40,7 @@ class PipelineError(Exception):
         self.code = code or type(self).code
 
     @property
-    def told(self) -> str:
+    def as_text(self) -> str:
         """Text as the command prints it."""
         return f"error: {self}"
 

@@ -231,7 +231,7 @@ def _kept_tables(
 
 
 def _broken_contract(camera: _JudgedCamera, rig: Rig, frame: _FrameTable, table: Table) -> Iterator[str]:
-    """What a table lacks or has too much by docs/outputs.md; if there is nothing, its rows can be judged."""
+    """Breaches of docs/outputs.md by a table; if there are none, its rows can be judged."""
     head = header_of(frame.truth, camera.supersampling, camera.camera)
     if [line.strip() for line in head] != list(table.comments[: len(head)]):
         yield "its comments are not those of the stage"

@@ -65,7 +65,7 @@ class Done(Event):
 
     @property
     def usual_seconds(self) -> float | None:
-        """What its run took, now or earlier, for estimates [s]."""
+        """Time of its run, now or earlier, for estimates [s]."""
         return self.result.made_by.seconds if self.result.made_by else None
 
     @property
@@ -75,7 +75,7 @@ class Done(Event):
 
     @property
     def news(self) -> str:
-        """What it tells people; often nothing."""
+        """Words of the task for people; often none."""
         return self.result.made_by.news if self.result.made_by else ""
 
     def to_dict(self) -> dict[str, Any]:

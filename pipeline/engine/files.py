@@ -8,6 +8,7 @@ import os
 import shutil
 import stat
 from collections.abc import Callable, Iterator
+from io import BufferedReader
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
@@ -68,44 +69,28 @@ def chosen_place(doing: str, path: Path) -> Iterator[None]:
         raise EnvironmentFault(f"cannot {doing} {path}: {error.strerror}", hint="choose another place") from error
 
 
-def open_regular(path: Path | str) -> int | None:
-    """File descriptor for reading, or None if this is not a plain readable file.
-
-    Links are not followed, and a FIFO does not block.
-    """
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:
-        return None
+def open_regular(path: Path | str) -> BufferedReader:
+    """Open a plain file for reading; OSError if it is anything else. No link is followed, and a FIFO does not block."""
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     if stat.S_ISREG(os.fstat(handle).st_mode):
-        return handle
+        return os.fdopen(handle, "rb")
     os.close(handle)
-    return None
+    raise OSError(f"{path} is no plain file")
 
 
 def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
     """All bytes of a plain file; None if it is anything else, unreadable, or larger than `most` bytes."""
-    handle = open_regular(path)
-    if handle is None:
-        return None
-    try:
-        with os.fdopen(handle, "rb") as stream:
-            data = stream.read() if most is None else stream.read(most + 1)
-    except OSError:
-        return None
-    return data if most is None or len(data) <= most else None
+    with contextlib.suppress(OSError), open_regular(path) as stream:
+        data = stream.read() if most is None else stream.read(most + 1)
+        return data if most is None or len(data) <= most else None
+    return None
 
 
 def digest_of(path: Path | str) -> str | None:
     """sha256 of a plain file, read in pieces; None if it is anything else, or unreadable."""
-    handle = open_regular(path)
-    if handle is None:
-        return None
-    try:
-        with os.fdopen(handle, "rb", buffering=0) as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
-        return None
+    with contextlib.suppress(OSError), open_regular(path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return None
 
 
 def is_no_file(path: Path | str) -> bool:

@@ -67,7 +67,8 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
     """
-    path = _below_out(project, target)
+    place, out = Path(target), project.out.absolute() if Path(target).is_absolute() else project.out
+    path = (place.relative_to(out) if place.is_relative_to(out) else place).as_posix()
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
     if not files:
         try:
@@ -81,13 +82,6 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
             return [name for name in project.files if _maker(project, name) in wanted], tasks
     made_by = dict.fromkeys(_maker(project, name) for name in files)
     return files, [name for name in made_by if name is not None]
-
-
-def _below_out(project: Project, target: str) -> str:
-    """The target relative to the output folder if it is a path below it, else unchanged."""
-    path = Path(target)
-    out = project.out.absolute() if path.is_absolute() else project.out
-    return (path.relative_to(out) if path.is_relative_to(out) else path).as_posix()
 
 
 def _maker(project: Project, file: str) -> str | None:

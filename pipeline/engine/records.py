@@ -32,12 +32,11 @@ class Blob:
 class Components:
     """All parts of the key of a task; kept in its record, so that a rerun can be explained.
 
-    `version` is `VERSION` of its module, `code` the fingerprint of the module and all that it imports of its own
-    package; `libraries` are versions and `machine` facts by name; `inputs` are digests by role and name of an output.
+    `code` is the fingerprint of its module and all that this imports of its own package; `libraries` are versions and
+    `machine` facts by name; `inputs` are digests by role and name of an output.
     """
 
     kind: str
-    version: Any
     code: str
     libraries: dict[str, str]
     machine: dict[str, str]
@@ -107,7 +106,7 @@ class Spec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """What became of a task that was given to an engine.
+    """The end of a task, or news of one, that was given to an engine.
 
     Its state is executed, cached, failed, or lost, if its worker died; begun and waiting announce that it has or lacks
     its lock. `differs` are outputs that are not what the store already had for the key. `machine` and `memory`: not the

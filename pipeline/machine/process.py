@@ -1,4 +1,4 @@
-"""What the system gives this process: streams in any state, limits, and a working directory."""
+"""Standard streams in any state, limits and the working directory of this process."""
 
 import io
 import os

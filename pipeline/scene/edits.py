@@ -51,7 +51,7 @@ def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
 
 
 def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
-    """What differs between two states of a stage, the outermost first; `file` is in the new state."""
+    """Differences between two states of a stage, the outermost first; `file` is in the new state."""
     stage, _ = open_stage(file)
     changed = []
     for key in [key for key in old.keys() | new.keys() if old.get(key) != new.get(key)]:

@@ -73,7 +73,7 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
 
 
 def _negative(params: Expose, photons_at_one: dict[str, float]) -> Negative:
-    """What raw converters have to know; colours of a mosaic of red, green and blue alone."""
+    """Facts for raw converters; colours of a mosaic of red, green and blue alone."""
     known, response = params.colorimetry, params.response
     negative = Negative(
         model=params.camera,

@@ -14,6 +14,11 @@ from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, UsageError
 
 
+def unreadable(path):
+    """Fail as a disk that is not mounted does."""
+    raise OSError(f"no such device: {path}")
+
+
 def filled(store: Store, count: int) -> list[str]:
     """Records with a blob of 1000 bytes each, used in the order of their names."""
     keys = [f"{number:064x}" for number in range(count)]
@@ -111,7 +116,7 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
     said, key = [], filled(store, 1)[0]
     store = Store(store.root, warn=said.append)
     with monkeypatch.context() as patch:
-        patch.setattr("pipeline.engine.files.open_regular", lambda path: None)
+        patch.setattr("pipeline.engine.files.open_regular", unreadable)
         with pytest.raises(EnvironmentFault, match="nothing was removed"):
             collect(store, 0)
         assert len(check(store).damaged) == len(said) == 2 and "stays in place" in said[0]

@@ -15,7 +15,7 @@ from engine import toy
 
 from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.output import our_files
-from pipeline.engine.output.output_folder import Folder
+from pipeline.engine.output.deliver import Folder
 from pipeline.engine.running.session import build, status_of
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError

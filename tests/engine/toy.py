@@ -38,7 +38,7 @@ def project(out: Path, *, power: float = 4.0, samples: int = 8, poses=POSES, sta
 
 def record(key: str, **outputs: Blob) -> Record:
     """A record of no task of ours."""
-    none = Components(kind="none", version=1, code="", libraries={}, machine={}, params={}, inputs={})
+    none = Components(kind="none", code="", libraries={}, machine={}, params={}, inputs={})
     return Record(key=key, outputs=outputs, components=none)
 
 

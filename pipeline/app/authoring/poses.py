@@ -245,7 +245,7 @@ def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list
 def _uncertainty(
     principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
 ) -> Uncertainty | None:
-    """What a calibration of a pinhole with one focal length and k1 will know; None where the points are too few.
+    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where the points are too few.
 
     A view is pinhole_from_target, and the points that are seen, target frame [mm]. Parameters are f, the principal
     point and k1, and those of each pose a turn and a shift. With J the derivatives of all image positions, the inverse

@@ -1,4 +1,4 @@
-"""Which files of an output folder are ours: those that hold the bytes that we wrote under their names.
+"""Our files in an output folder: those that hold the bytes that we wrote under their names.
 
 The digests of these bytes are in a note in the store, one for each output folder, with the signatures of the files that
 were read: a file with the same signature is not read again.
@@ -105,7 +105,7 @@ def _note(store: Store, name: str) -> _Note:
 
 
 def _moved_here(out: Path, store: Store) -> dict[str, list[str]]:
-    """What we wrote into another folder that received the same manifest from us; nothing if there is none.
+    """Digests of our files in another folder that received the same manifest from us; none if there is no such folder.
 
     A manifest alone proves nothing: anybody can write one that lists foreign files.
     """

@@ -2,7 +2,7 @@
 
 import enum
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from pipeline.edits import Edit
@@ -42,11 +42,6 @@ class Reason:
     new: Any = None
     edits: tuple[Edit, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in `plan --json`."""
-        facts = {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
-        return {**facts, "edits": [edit.to_dict() for edit in self.edits]}
-
     def __str__(self) -> str:
         match self.type:
             case ReasonType.CHANGED if self.field == "code":
@@ -81,7 +76,7 @@ class PlannedTask:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, as in `plan --json`."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
-        return {**facts, "reasons": [reason.to_dict() for reason in self.reasons]}
+        return {**facts, "reasons": [asdict(reason) for reason in self.reasons]}
 
 
 class Specs:

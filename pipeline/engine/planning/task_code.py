@@ -19,7 +19,6 @@ import sys
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.libraries import is_foreign, versions_of
@@ -39,7 +38,6 @@ class _Module:
     digest: str
     imports: list[str]
     foreign: list[str]
-    version: Any
 
 
 Modules = dict[str, _Module | None]
@@ -92,17 +90,15 @@ def module_of(kind: str) -> str:
 def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
     """The code of a kind of task here: components of a key, yet without parameters and inputs.
 
-    Its module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code. `seen` are modules
-    already read, shared between calls: kinds import mostly the same ones. `machine` is by default this process.
+    `seen` are modules already read, shared between calls: kinds import mostly the same ones. `machine` is by default
+    this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
-    module = reached.get(module_of(kind))
-    if module is None:
+    if module_of(kind) not in reached:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     libraries = versions_of({name for other in reached.values() for name in other.foreign})
     return Components(
         kind=kind,
-        version=module.version,
         code=key_of("code/v1", {name: other.digest for name, other in reached.items()}),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
         libraries={"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
@@ -129,14 +125,10 @@ def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
         if (module := seen[name]) is not None:
             reached[name] = module
             _first_seen.setdefault(name, module.digest)
-            todo += [*module.imports, *_parents(name)]
+            # Importing a.b.c also runs a.b. The top package only lists public names: its edits change no task.
+            parts = name.split(".")
+            todo += [*module.imports, *(".".join(parts[:n]) for n in range(2, len(parts)))]
     return reached
-
-
-def _parents(name: str) -> Iterator[str]:
-    # Importing a.b.c also runs a.b. The top package only lists public names: its edits change no task.
-    parts = name.split(".")
-    return (".".join(parts[:n]) for n in range(2, len(parts)))
 
 
 def _module(name: str) -> _Module | None:
@@ -171,14 +163,12 @@ def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
     imports = set(_imports(tree, parent))
     packages = {top, __name__.split(".")[0]}  # an export format of another package imports this one
     foreign = {name.split(".")[0] for name in imports} - packages
-    version = _version(tree)
     _drop_docstrings(tree)
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
         imports=sorted(name for name in imports if name.split(".")[0] in packages),
         foreign=sorted(filter(is_foreign, foreign)),
-        version=version,
     )
 
 
@@ -191,13 +181,6 @@ def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
             yield base
             # `from base import x` imports a module x or a name x; both are tried.
             yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _version(tree: ast.Module) -> Any:
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["VERSION"]:
-            return ast.literal_eval(node.value)
-    return 1
 
 
 def _drop_docstrings(tree: ast.Module) -> None:

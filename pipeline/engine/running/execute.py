@@ -173,7 +173,7 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     kind = components.kind
     with cached_parsing(store):
         here = code_of(kind)
-    for part in ("version", "code", "libraries", "machine"):
+    for part in ("code", "libraries", "machine"):
         value, stated = getattr(here, part), getattr(components, part)
         if value != stated:
             hint = "if the code was edited meanwhile, build again; else give all machines the same versions"

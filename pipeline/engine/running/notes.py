@@ -16,7 +16,7 @@ from pipeline.engine.store.store import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """What is known from earlier builds: keys by task, and costs by kind of task."""
+    """Earlier builds: keys by task, and costs by kind of task."""
 
     out: str
     stage: str
@@ -128,7 +128,7 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
 
 
 def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
-    """How the last runs of tasks ended, by name."""
+    """The ends of the last runs of tasks, by name."""
     return store.read_record(dict[str, TaskResult], "events", _name(project)) or {}
 
 

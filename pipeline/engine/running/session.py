@@ -214,7 +214,7 @@ class Status:
 
 
 def status_of(project: Project, *, store: Store | None = None) -> Status:
-    """Which files of the output folder hold what a build of the stage, as it is now, would put there.
+    """States of the files of the output folder: built, if they are as a build of the present stage would leave them.
 
     It is read from the folder and the store only, so no task is ever shown as running.
     """

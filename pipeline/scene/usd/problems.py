@@ -16,7 +16,7 @@ from pipeline.spelling import did_you_mean, printable
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
 IMPOSSIBLE = "impossible"
-"""Code of parts that do not make up what their prim stands for. Where another error is told it follows from that."""
+"""Code of parts that do not make up what their prim stands for. Where there is another error it follows from that."""
 _LONGEST_LINE = 1000
 """Longest line of a problem [characters]: names and paths of a stage may have any length; our own texts are far
 shorter.
@@ -69,7 +69,7 @@ class StageError(UsageError):
         super().__init__("\n".join(map(str, self.problems)))
 
     @property
-    def told(self) -> str:
+    def as_text(self) -> str:
         """Text as the command prints it; every problem states itself whether it is an error."""
         return str(self)
 
@@ -157,7 +157,7 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
     """Problems, except those that follow from others.
 
     These are what a reference to a missing file brings about at its prim and below, values that a reader could not
-    use on a prim of which another error is told, and what parts cannot make up where any other error is.
+    use on a prim that has another error, and what parts cannot make up where any other error is.
     """
     broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
 

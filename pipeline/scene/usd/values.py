@@ -67,7 +67,7 @@ class Sources(dict[str, set[str]]):
     """Paths of the properties, and of whole prims, from which each part of a record was read."""
 
     def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
-        """What a reader answers, which is a part of the record."""
+        """The answer of a reader, which is a part of the record."""
         with taking() as taken:
             answer = reader(*arguments)
         self.setdefault(part, set()).update(taken)

@@ -1,4 +1,4 @@
-"""What USD viewers without our plug-in need: in the dataset.usda of a build, or inserted into the text of a stage.
+"""Aids for USD viewers without our plug-in: in the dataset.usda of a build, or inserted into the text of a stage.
 
 The dataset.usda of an output folder is a stage in one layer. Beside the composed stage it has fallback types for our
 prim types, the field of view of each Camera as a USD pinhole, a mesh for each target, and what a build makes besides:

@@ -21,7 +21,7 @@ class AskedCamera:
 
     @classmethod
     def of(cls, asked: Camera | FocusRequest) -> "AskedCamera":
-        """What a stage asks for, with numbers for names of lens groups, and without what only `planes` reads."""
+        """The request of a stage, with numbers for names of lens groups, and without what only `planes` reads."""
         groups = asked.prescription.groups
         numbered = tuple(replace(group, name=str(number)) for number, group in enumerate(groups))
         prescription = replace(asked.prescription, groups=numbered)

@@ -1,7 +1,5 @@
 """The cheap task, once per frame."""
 
-VERSION = 1
-
 
 def run(params, inputs, out):
     """Write an image."""
