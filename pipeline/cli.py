@@ -240,10 +240,7 @@ def main() -> None:
 
 
 def _spare_last_search() -> None:
-    """Keep the interpreter from searching all objects for garbage once more at its end.
-
-    Not beside OpenImageIO, which colour-science loads where it is installed: it would report its own as leaks.
-    """
+    """Keep Python from a last search for garbage; not beside OpenImageIO, which would report its own as leaks."""
     if "OpenImageIO" not in sys.modules:
         gc.freeze()
 

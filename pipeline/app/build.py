@@ -60,23 +60,12 @@ def default_out(stage: Path) -> Path:
 
 
 def project(
-    path: str | Path,
-    out: str | Path | None = None,
-    allow_roots: Iterable[str | Path] = (),
-    *,
-    preview: bool = False,
+    path: str | Path, out: str | Path | None = None, allow_roots: Iterable[str | Path] = (), *, preview: bool = False
 ) -> Project:
     """The parts of a build of a stage: tasks, files and options. Nothing is run or written.
 
-    Parameters
-    ----------
-    preview : bool
-        Plan small pictures only, a quarter of the size (see `graph.variants`), by default for another output folder.
-
-    Raises
-    ------
-    StageError
-        The stage does not pass `check`; the error carries all problems.
+    With `preview` small pictures only, a quarter of the size (see `graph.variants`), by default for another output
+    folder. StageError if the stage does not pass `check`.
     """
     place = Path(out) if out else default_out(Path(path))
     place = folder_of(place) if preview and not out else place

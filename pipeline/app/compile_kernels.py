@@ -77,14 +77,6 @@ _SQUARES = Checkerboard(columns=2, rows=1, square_mm=1.0)
 """A pattern, of any size."""
 
 
-def _single_rays() -> None:
-    single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))
-
-
-def _bundles() -> None:
-    _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
-
-
 def _edges() -> None:
     outlines = edges(_tracer().arrays, _POSITION, _NO_LENS)
     outlines.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
@@ -153,7 +145,11 @@ def _sensor() -> None:
 
 
 _RUN: dict[str, tuple[Callable[[], object], ...]] = {
-    "lens": (_single_rays, _bundles, _edges),
+    "lens": (
+        lambda: single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3))),
+        lambda: _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64)),
+        _edges,
+    ),
     "microlenses": (lambda: micro_images(_plenoptic(1.0)),),
     "micro_images": (_micro_images,),
     "images": (lambda: _pictures(_tracer()), lambda: _pictures(_plenoptic(0.0))),

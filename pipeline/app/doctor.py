@@ -1,5 +1,6 @@
 """Findings about versions, processor, device, store, disk and settings, with mends."""
 
+import importlib.metadata
 import importlib.util
 import os
 import platform
@@ -70,7 +71,7 @@ def _libraries() -> Iterator[Finding]:
     for name in _NEEDED:
         try:
             yield Finding(name, installed_version(name))
-        except EnvironmentFault:
+        except importlib.metadata.PackageNotFoundError:
             mend = 'install it: python -m pip install "plenoptic-pipeline"'
             yield Finding(name, "is not installed", mend, is_wrong=True)
 

@@ -27,13 +27,7 @@ class Imported:
 
 
 def import_lens(path: Path, spacing: str | None = None, **options: Any) -> Imported:
-    """Import the lens of a file as a stage; the arguments are those of `read_lens`.
-
-    Raises
-    ------
-    UnreadableLens
-        The file cannot be read, or its lens cannot be represented.
-    """
+    """Import the lens of a file as a stage; arguments and errors are those of `read_lens`."""
     lens = read_lens(path, spacing, **options)
     return _imported(path, lens, lens.lost, lens_text)
 

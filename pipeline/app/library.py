@@ -28,17 +28,17 @@ class LibraryPart:
 
 
 def library(kind: str | None = None) -> dict[str, list[LibraryPart]]:
-    """Parts by kind, of one kind or of all.
-
-    Raises
-    ------
-    UsageError
-        There is no such kind.
-    """
+    """Parts by kind, of one kind or of all; UsageError if there is no such kind."""
     if kind is not None and kind not in KINDS:
         hint = _of_part(Path(kind).stem) or did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
         raise UsageError(f"the library has no {kind}", hint=hint)
-    return {name: [_part(path) for path in _files(name)] for name in (KINDS if kind is None else (kind,))}
+    return {
+        name: [
+            LibraryPart(name=f"{name}/{path.name}", title=title_of(path), figures=_FIGURES[name](path))
+            for path in _files(name)
+        ]
+        for name in (KINDS if kind is None else (kind,))
+    }
 
 
 def _of_part(name: str) -> str | None:
@@ -53,11 +53,6 @@ def _of_part(name: str) -> str | None:
 
 def _files(kind: str) -> list[Path]:
     return sorted((share("stages") / kind).glob("*.usda"))
-
-
-def _part(path: Path) -> LibraryPart:
-    kind = path.parent.name
-    return LibraryPart(name=f"{kind}/{path.name}", title=title_of(path), figures=_FIGURES[kind](path))
 
 
 def _of_lens(path: Path) -> Figures:

@@ -38,9 +38,7 @@ class TargetPrint:
         return lines
 
     def write(self, path: Path) -> str:
-        """Write one SVG file with all pages, one below the other, or a PDF file with one page per chart; returns the
-        paper that they need, in words.
-        """
+        """Write an SVG file of all pages, one below the other, or a PDF file; the paper that they need, in words."""
         if isinstance(self.entry.target, MeshTarget):
             raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
         pages = pages_of(self.entry.target, self.entry.name)
@@ -53,10 +51,7 @@ class TargetPrint:
 
 
 def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> TargetPrint:
-    """The artwork of a target of a stage, which may be a dataset or a file of the library.
-
-    StageError, if the stage does not pass `check` or holds no target; UsageError, as `chosen`.
-    """
+    """The artwork of a target of a stage; StageError if the stage is wrong or has no target, UsageError as `chosen`."""
     loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.targets]
     if not names:

@@ -56,10 +56,7 @@ class Lines:
         return f"[{self._counts.total()}/{self._total} hit {hit} run {run} fail {fail}]"
 
     def _seconds_left(self) -> float | None:
-        """Estimate from recorded times of each kind of task [s]; None while nothing is known.
-
-        Unknown kinds count with the mean of the others.
-        """
+        """Estimate from recorded times by kind of task [s], of unknown kinds the mean; None while nothing is known."""
         means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
         if not means:
             return None

@@ -29,13 +29,7 @@ def report(
     """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
 
     `diary` has notes about the build that has just ended; without it the history of an earlier report stays, or is made
-    of the records in the store.
-
-    Raises
-    ------
-    UsageError
-        There is no finished build, or the folder of the report holds something else.
-    DamagedFile
+    of the records in the store. It raises as `write_page`.
     """
     out = Path(out)
     where = place_of(out) if place is None else Path(place)

@@ -71,11 +71,7 @@ class Shown:
 
 
 def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> list[Shown]:
-    """The cameras of a dataset or a rig, or only the one named; of a stage without a camera, its lens.
-
-    StageError, if the stage does not pass `check` or holds neither camera nor lens; UsageError, if no camera has that
-    name.
-    """
+    """The cameras of a stage, or the one named, or its lens; StageError without these, UsageError as `chosen`."""
     loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.cameras]
     if not names and loaded.lens and camera is None:
@@ -141,10 +137,7 @@ class PointImages:
 def draw_points(
     shown: list[Shown], path: Path, at_px: tuple[float, float] | None, distance_mm: float | None
 ) -> PointImages:
-    """Write the drawing of images of points by one camera; UsageError, if there are several, or none.
-
-    They are at one image position or at a few, and at a distance from the stop or in focus.
-    """
+    """Write the drawing of images of points by one camera, by default in focus; UsageError if it is not just one."""
     entry = _single(shown).entry
     if isinstance(entry, LensEntry):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")

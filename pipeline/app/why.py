@@ -33,10 +33,7 @@ _TARGET = re.compile(r"\btargets(?:\[(\d+)\]|\.(\w+))")
 def with_edits(
     tasks: Sequence[PlannedTask], project: Project, sources: Mapping[str, Any], path: Path
 ) -> list[PlannedTask]:
-    """The same tasks, with the edits of the stage added to their reasons.
-
-    `sources` are those of the project at the last build of each task, and `path` is the stage in its present state.
-    """
+    """The tasks with edits in their reasons, since the `sources` at the last build of each; `path` is the stage now."""
     if not sources:
         return list(tasks)
     distinct = {id(source): source for source in sources.values()}

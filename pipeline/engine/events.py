@@ -115,10 +115,7 @@ def fan_out(listeners: Sequence[Emit]) -> Emit:
 
 
 class EventFile:
-    """A file with one event per line, each written at once. The first event creates the file.
-
-    UsageError if the path holds some other file, which would be overwritten.
-    """
+    """A file with a line per event, made by the first one; UsageError if the path holds some other file."""
 
     def __init__(self, path: Path) -> None:
         # Nothing can be overwritten in a pipe or on a terminal.

@@ -42,10 +42,7 @@ def is_machines_fault(error: BaseException) -> bool:
 
 @contextlib.contextmanager
 def machine_errors(doing: str, folder: Path, *, needed: Callable[[], int] | None = None) -> Iterator[None]:
-    """Turn a full disk or a read-only folder into an `EnvironmentFault` that names the operation.
-
-    `needed` tells the least disk space that it needs [bytes]; it is asked after an error.
-    """
+    """Turn a full disk or read-only folder into an `EnvironmentFault`; `needed` is then asked for the least bytes."""
     try:
         yield
     except OSError as error:

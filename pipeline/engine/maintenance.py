@@ -27,10 +27,7 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inventory:
-    """Numbers and sizes [bytes] of the entries of a store.
-
-    Pinned are blobs of the last builds whose output folders still exist: they are never removed.
-    """
+    """Numbers and sizes [bytes] of entries of a store; pinned are blobs of builds whose output folders are there."""
 
     records: int
     blobs: int
@@ -82,7 +79,7 @@ def bytes_of(text: str, setting: str) -> int:
     return int(float(match[1]) * _UNITS[match[2]])
 
 
-def info(store: Store, limit_bytes: int | None = None) -> Inventory:
+def info(store: Store) -> Inventory:
     """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     pinned = filter(None, map(store.peek, pinned_keys(store)))
@@ -93,7 +90,7 @@ def info(store: Store, limit_bytes: int | None = None) -> Inventory:
         blobs=len(sizes),
         bytes=sum(sizes.values()),
         pinned_bytes=sum(sizes.get(name, 0) for name in kept),
-        limit_bytes=limit_from_environment() if limit_bytes is None else limit_bytes,
+        limit_bytes=limit_from_environment(),
         quarantined=len(damaged),
         quarantine_bytes=sum(path.lstat().st_size for path in damaged),
     )

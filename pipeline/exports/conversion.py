@@ -53,12 +53,10 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
     """The pinholes of the rows in our conventions, by the keys of camera.json; null where rows determine none."""
     pinholes: dict[str, Any] = {}
     for camera in material.cameras:
-        pinhole = camera.row_pinhole
-        pinholes[camera.name] = None
-        if pinhole is not None:
-            record = asdict(pinhole)
-            residual_px = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
-            pinholes[camera.name] = {**record, "residual_px": residual_px}
+        record = asdict(camera.row_pinhole) if camera.row_pinhole else None
+        if record:
+            record["residual_px"] = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
+        pinholes[camera.name] = record
     return pinholes
 
 

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -171,13 +171,8 @@ class Observations:
 
     def only(self, rows: np.ndarray) -> "Observations":
         """Some of the rows."""
-        return Observations(
-            rows=self.rows[rows],
-            ids=self.ids[rows],
-            positions=self.positions[rows],
-            microlenses=None if self.microlenses is None else self.microlenses[rows],
-            rho_px=self.rho_px[rows],
-        )
+        columns = {name: values for name in self.__dataclass_fields__ if (values := getattr(self, name)) is not None}
+        return replace(self, **{name: values[rows] for name, values in columns.items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

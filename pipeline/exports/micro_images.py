@@ -80,10 +80,7 @@ class MicroImageGrid:
         return np.stack([column, line] if self.across else [line, column], axis=1)
 
     def renumbered(self, images: MicroImages) -> MicroImages:
-        """The micro-images that matter with the numbers of the grid; focal lengths by its types.
-
-        Raises ExportError: their types do not repeat as the grid counts them.
-        """
+        """The micro-images that matter, by numbers and types of the grid; ExportError if its types do not repeat so."""
         cells, ours = self.cells(images.microlenses[self.rows]), images.types[self.rows]
         types = self._types(cells, ours, len(images.focal_lengths_mm))
         return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), types, types[ours])
@@ -146,10 +143,7 @@ def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> Micr
 
 
 def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
-    """The grid of micro-images, in our conventions: its smallest column and row are 0.
-
-    `seeing`: (n, 2) int64, microlenses that see a point.
-    """
+    """The grid of micro-images from column and row 0; `seeing`, (n, 2) int64, are microlenses that see a point."""
     matter = ((images.centres >= 0) & (images.centres <= np.array(size_px) - 1)).all(axis=1)  # in the image
     known = {tuple(pair) for pair in seeing.tolist()}
     matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])

@@ -50,10 +50,7 @@ class Noise:
 
 
 def noise_of(text: str) -> Noise:
-    """Noise as a person writes it: `0.1`, or `0.1,outliers=0.01,missed=0.02,seed=3`.
-
-    Raises ExportError: a part of it means nothing.
-    """
+    """Noise of a text, `0.1` or `0.1,outliers=0.01,missed=0.02,seed=3`; ExportError if a part means nothing."""
     given: dict[str, Any] = {}
     for part in text.split(","):
         name, equals, value = part.strip().rpartition("=")

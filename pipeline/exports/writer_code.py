@@ -13,10 +13,7 @@ def code_of_writer(name: str) -> str:
 
 
 def require_code(name: str, digest: str) -> None:
-    """Refuse to write a format by other code than a plan has seen.
-
-    Raises EnvironmentFault: the code was edited since, or this is another machine with another version.
-    """
+    """Refuse code other than a plan has seen by EnvironmentFault: edited since, or of another version elsewhere."""
     if code_of_writer(name) != digest or edited(entry_of(name).module):
         raise EnvironmentFault(
             f"the code of the export format {name!r} is not the one that this build was planned with",

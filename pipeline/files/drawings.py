@@ -17,10 +17,7 @@ _POINTS_PER_MM = 72 / 25.4
 
 
 def write_drawing(path: Path, drawing: str | bytes) -> None:
-    """Write a drawing, SVG (text without the comment) or PDF (bytes with it), in place of an earlier one of ours.
-
-    Raises UsageError: the name belongs to a link or to a file that is not one of our drawings.
-    """
+    """Write a drawing, SVG text or PDF bytes, in place of one of ours; UsageError if something else is there."""
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:
         raise UsageError(f"{path} is there and is no drawing of ours", hint="choose another name, or remove it")

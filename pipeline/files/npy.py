@@ -16,10 +16,7 @@ _HEADER_BYTES = 4096
 
 
 def write_npy(path: str | Path, array: np.ndarray) -> None:
-    """Write an array of numbers to a file of any name.
-
-    NumPy's own `save` writes in C, and reports a full disk only by the number of bytes written.
-    """
+    """Write an array of numbers; `np.save` would report a full disk only by the number of bytes written."""
     rows_first = np.ascontiguousarray(array)
     with Path(path).open("wb") as stream:
         npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows_first))
@@ -38,10 +35,7 @@ def read_npy(path: str | Path) -> np.ndarray:
 
 
 class StackedRows:
-    """Arrays in files written by `write_npy`, from the top, alike but for their number of rows, read as one.
-
-    Raises DamagedFile: as `read_npy`.
-    """
+    """Arrays in files of `write_npy`, alike but for their number of rows, read as one; DamagedFile as of `read_npy`."""
 
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths

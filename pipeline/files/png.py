@@ -33,10 +33,7 @@ def png_bytes(image: np.ndarray) -> bytes:
 
 
 def read_png(path: str | Path) -> np.ndarray:
-    """Read an image written by `write_png`, (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16.
-
-    Raises DamagedFile: if it is not a PNG file, pixels are lost or altered, or they are of another kind.
-    """
+    """Read an image of `write_png`; DamagedFile if it is no PNG file, damaged, or has pixels of another kind."""
     data = Path(path).read_bytes()
     width_px, height_px = _size(path, data)
     if width_px * height_px > 8 * MAX_COMPRESSION_RATIO * len(data):  # a pixel has a bit or more

@@ -22,10 +22,7 @@ def number(value: float, decimals: int = FINE) -> str:
 
 
 def element(name: str, *inside: str, **attributes: str | float) -> str:
-    """An element with others inside, which are texts of this module.
-
-    Attributes are written with - for _ and in their order; words are escaped, numbers have `FINE` decimals.
-    """
+    """An element with others inside; attributes have - for _, words are escaped, numbers have `FINE` decimals."""
     written = (value if isinstance(value, str) else number(value) for value in attributes.values())
     given = "".join(f' {key.replace("_", "-")}="{escape(text)}"' for key, text in zip(attributes, written, strict=True))
     content = "\n".join(inside)

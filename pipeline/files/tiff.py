@@ -100,10 +100,7 @@ def _text(about: dict[str, Any]) -> str:
 
 
 def read_tiff(path: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """Digital numbers (h, w) uint16 and description of a file that `write_tiff` or `write_dng` wrote.
-
-    Raises DamagedFile: it is truncated, altered, or not from these.
-    """
+    """Digital numbers (h, w) uint16 and description of a file of this module; DamagedFile if it is none, or altered."""
     data = Path(path).read_bytes()
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
@@ -142,10 +139,7 @@ class Negative:
 
 
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[str, Any], negative: Negative) -> None:
-    """Write digital numbers band by band as a negative; the first four arguments as of `write_tiff`.
-
-    Raises ValueError: if a filter array names a colour that DNG does not know.
-    """
+    """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG does not know."""
     maker, model = _MAKER, negative.model.encode("ascii", "backslashreplace").decode()
     tags = [
         _tag("Make", DATATYPE.ASCII, maker),

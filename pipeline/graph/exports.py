@@ -16,10 +16,7 @@ from pipeline.tasks.params.outputs import Export, SeenFrame, SightedCamera
 
 
 def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
-    """Add the exports of a dataset, after all tasks that make the files of its build; `files` receives theirs.
-
-    `bare` are all targets and occluders, without colours.
-    """
+    """Add the exports of a dataset, after the tasks of all `files`, which receives theirs; `bare` has no colours."""
     asked = dataset.exports
     for name in asked.formats:
         wanted = format_of(name)

@@ -30,10 +30,7 @@ def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.nd
 
 
 class Things:
-    """All targets and occluders of a dataset; `tasks.artefacts.surroundings` reads them again.
-
-    Painted ones have the radiances of the stage; else white is 1 and black is 0.
-    """
+    """All targets and occluders of a dataset: painted with the radiances of the stage, or white 1 and black 0."""
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
         targets = {entry.name: entry.target for entry in dataset.targets}

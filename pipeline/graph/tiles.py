@@ -71,10 +71,7 @@ def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
 
 
 def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, tuple[int, int]]]:
-    """First and end of the points of each target, by name, in each tile of truth that is solved point by point.
-
-    `points` has the number of points of each target.
-    """
+    """First and end of the points of each target, by name, in each tile of truth; `points` has their numbers."""
     count = sum(points.values())
     rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
     tiles = []

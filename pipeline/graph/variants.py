@@ -86,10 +86,7 @@ def on_device(project: Project, options: BuildOptions) -> Project:
 
 
 def _on(device: str, task: Task) -> Params:
-    """Parameters of a task with the device, if it can use one.
-
-    White images that are smooth cannot: they are by quadrature.
-    """
+    """Parameters of a task with the device, if it can use one: not of smooth white images, made by quadrature."""
     if task.short_kind in BUNDLES:
         return {**task.params, "device": device}
     if task.short_kind in IMAGES and not task.params.get("is_smooth"):

@@ -81,7 +81,8 @@ def _page(drawing: Drawing, line: str) -> PrintPage:
     height = 2 * drawing.half_y_mm + 2 * _MARGIN_MM + foot
     at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
     paths = [
-        PrintPath(is_black, [_moved(outline, at) for outline in outlines]) for is_black, outlines in _paths(drawing)
+        PrintPath(getattr(shape, "is_black", True), [_moved(outline, at) for outline in _outlines(shape)])
+        for shape in drawing.shapes
     ]
     places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
     bottom = _MARGIN_MM + len(words) * _LINE_MM + 1.0
@@ -98,11 +99,6 @@ def _bar(bottom: float) -> PrintPath:
         (left + thick, bottom + tick / 2, left + BAR_MM - thick, bottom + tick / 2 + thick),
     )
     return PrintPath(True, [_polygon(((a, b), (c, b), (c, d), (a, d))) for a, b, c, d in boxes])
-
-
-def _paths(drawing: Drawing) -> Iterator[tuple[bool, list[tuple[Point, list[Curve]]]]]:
-    for shape in drawing.shapes:
-        yield getattr(shape, "is_black", True), list(_outlines(shape))
 
 
 def _outlines(shape: Shape) -> Iterator[tuple[Point, list[Curve]]]:

@@ -159,10 +159,7 @@ class _Columns:
 
 
 def layout(reads: Mapping[str, Sequence[str]]) -> Layout:
-    """Place boxes, sources to the left.
-
-    `reads` has the names that each reads, in an order in which sources come first; a line from a later name goes back.
-    """
+    """Place boxes, sources to the left; `reads` has sources first, and a line from a later name goes back."""
     graph = _Columns(reads)
     for column in graph.columns:
         _stack(column)

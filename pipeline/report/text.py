@@ -37,7 +37,8 @@ def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
     for section in figures(document, curves):
         lines += ["", section.heading, *map(_line, section.rows)]
     if "mla" in document:
-        lines += ["", *_types(document["mla"]), *_gaps(document["mla"])]
+        lines += ["", *_types(document["mla"])]
+        lines += [f"  no type is sharp from {_range(*gap)}" for gap in document["mla"]["depth_of_field_gaps_mm"]]
     return [*lines, "", *_curves(curves)]
 
 
@@ -204,11 +205,6 @@ def _types(array: Json) -> Iterator[str]:
         for number, kind in enumerate(array["types"])
     ]
     return _table(columns, rows)
-
-
-def _gaps(array: Json) -> Iterator[str]:
-    for near, far in array["depth_of_field_gaps_mm"]:
-        yield f"  no type is sharp from {_range(near, far)}"
 
 
 def _curves(curves: FieldCurves) -> Iterator[str]:

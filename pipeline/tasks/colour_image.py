@@ -11,13 +11,11 @@ from pipeline.files.exr import PRIMARIES_XY
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.artefacts.cameras import Inputs, in_bands
 from pipeline.tasks.params.outputs import SPECTRAL, ColourImage
 
 _LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
 """Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""
-_ROWS = 512
-"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
 def letter_of(channel: str) -> str:
@@ -50,8 +48,7 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])
-    preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]
-    write_png(out / f"{name}.png", np.concatenate(preview))
+    write_png(out / f"{name}.png", in_bands(shape[0], lambda first, end: _picture(rows(first, end))))
     if params.is_spectral:
         _write_spectral(out / SPECTRAL, images, params)
 

@@ -25,7 +25,7 @@ from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, stacked, tracer_alone
+from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
 from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
@@ -33,8 +33,6 @@ from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
 WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
 MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
-_PREVIEW_ROWS = 512
-"""Rows of a preview that are converted at once: the formula takes some hundred bytes per pixel."""
 
 
 class SoFar(NamedTuple):
@@ -63,10 +61,7 @@ def is_handed_on(number: int, inputs: Inputs, out: Path) -> bool:
 
 
 def means_of(number: int, samples: int, inputs: Inputs, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
-    """Means over all samples so far of each replica, (replicas, ...), after a pass of batches.
-
-    The first pass takes `samples` rays in all replicas together.
-    """
+    """Means of each replica so far, (replicas, ...), after a pass; `samples` are those of the first in all replicas."""
     first = max(1, samples // REPLICAS)
     now = np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
     return joined(read_npy(inputs[BEFORE][MEANS]) if number else None, now)
@@ -271,9 +266,7 @@ def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, trace
         **(image.labels or {}),
     }
     write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *image.parts])
-    bands = range(0, len(pixels), _PREVIEW_ROWS)
-    preview = [srgb_preview(pixels[first : first + _PREVIEW_ROWS], 1.0) for first in bands]
-    write_png(out / f"{name}.png", np.concatenate(preview))
+    write_png(out / f"{name}.png", in_bands(len(pixels), lambda first, end: srgb_preview(pixels[first:end], 1.0)))
 
 
 def labels_of(exposure: Exposure) -> dict[str, str | float | int]:

@@ -46,7 +46,9 @@ def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
     tracer, images = rig.tracer, rig.images
     grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
-    light = _joined(inputs, params.tiles) if params.tiles else micro_light(tracer, images)
+    names = [field.name for field in dataclasses.fields(MicroLight)]
+    parts = [stacked(inputs, params.tiles, f"{name}.npy") for name in names if params.tiles]
+    light = MicroLight(*parts) if parts else micro_light(tracer, images)
     pitch = tracer.camera.sensor.pitch_mm
     centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
     centroid[light.rows] = tracer.pixels_at(light.centroid_mm)
@@ -75,10 +77,6 @@ def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
         radii = np.round(radii_mm / pitch, _DECIMALS)
         outlines |= {f"{name}_{angle}_px": radii[:, i] for i, angle in enumerate(OUTLINE_DEG)}
     write_table(out / "micro_image_outlines.csv", OUTLINES_HEADER, outlines)
-
-
-def _joined(inputs: Inputs, tiles: int) -> MicroLight:
-    return MicroLight(*(stacked(inputs, tiles, f"{field.name}.npy") for field in dataclasses.fields(MicroLight)))
 
 
 def _is_inside(tracer: Tracer, light: MicroLight) -> np.ndarray:

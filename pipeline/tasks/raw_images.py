@@ -18,14 +18,12 @@ from pipeline.render.sensor.colours import PRIMARIES, has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, in_bands
 from pipeline.tasks.colour_image import letter_of
 from pipeline.tasks.params.outputs import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
-_PREVIEW_ROWS = 512
-"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
 def expose(params: Expose, inputs: Inputs, out: Path) -> None:
@@ -126,17 +124,15 @@ def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
 def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, float] | None) -> np.ndarray:
     """The numbers from black to white as sRGB, (h, w, 3) uint8; a mosaic of red, green and blue in colour."""
     black, white = response.black_level_dn, max(float(response.white_dn), response.black_level_dn + 1.0)
-    if not has_colours(response):
-        bands = range(0, len(numbers), _PREVIEW_ROWS)
-        parts = [srgb_preview(numbers[first : first + _PREVIEW_ROWS] - black, white - black) for first in bands]
-        return np.concatenate(parts)
-    parts, margin = [], response.period_px
-    for first in range(0, len(numbers), _PREVIEW_ROWS):
-        low, end = max(0, first - margin), min(len(numbers), first + _PREVIEW_ROWS)
-        around = in_colour(numbers[low : min(len(numbers), end + margin)], response, low, photons)
-        colours = around[first - low : end - low]
-        parts.append(np.stack([srgb_preview(channel, 1.0)[..., 0] for channel in np.moveaxis(colours, -1, 0)], axis=-1))
-    return np.concatenate(parts)
+
+    def picture(first: int, end: int) -> np.ndarray:
+        if not has_colours(response):
+            return srgb_preview(numbers[first:end] - black, white - black)
+        low, high = max(0, first - response.period_px), min(len(numbers), end + response.period_px)
+        colours = in_colour(numbers[low:high], response, low, photons)[first - low : end - low]
+        return np.stack([srgb_preview(channel, 1.0)[..., 0] for channel in np.moveaxis(colours, -1, 0)], axis=-1)
+
+    return in_bands(len(numbers), picture)
 
 
 _ALONE = "mono"

@@ -1,12 +1,12 @@
 """`pipeline library` and `pipeline doctor`: what ships, and what is wrong with a machine."""
 
 import json
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 
 from pipeline.app import doctor
-from pipeline.errors import EnvironmentFault
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -61,7 +61,7 @@ def test_the_doctor_says_what_to_mend(in_this_process, monkeypatch):
 
     def version(name: str) -> str:
         if name == "embreex":
-            raise EnvironmentFault("embreex is not installed")
+            raise PackageNotFoundError(name)
         return "1.0"
 
     monkeypatch.setattr(doctor, "installed_version", version)

@@ -103,17 +103,12 @@ def PlenDataset "{self.name}" (
 def new_dataset(
     out: Path, rig: Path, target: Path, wish: Wish, camera: str | None, tell: Callable[[str], None]
 ) -> Loaded:
-    """Write a dataset whose poses fill the fields of view and the depths of field of cameras; returns it as read again.
+    """Write a dataset whose poses fill the fields of view and the depths of field of cameras, and read it again.
 
     Rig and target are files, or names of the library such as `rigs/conventional_100mm.usda`. All cameras of the rig see
     each pose unless one is named. `tell` hears of each pose as soon as it is found, and what all of them fill.
-
-    Raises
-    ------
-    StageError
-        The rig or the target does not pass `check`.
-    UsageError
-        A part is missing, the file cannot be written, or the target is too large for the cameras.
+    StageError if the rig or the target does not pass `check`; UsageError if a part is missing, the file cannot be
+    written, or the target is too large for the cameras.
     """
     require_free(out)
     plan = _plan(out, rig, target, camera)

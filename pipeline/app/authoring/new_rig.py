@@ -36,14 +36,10 @@ _AS_OPTIONS = {
 
 
 def new_rig(out: Path, wish: RigWish) -> Loaded:
-    """Write a rig; returns it as it was read again.
+    """Write a rig and read it again.
 
-    Raises
-    ------
-    StageError
-        The lens or the rig does not pass `check`; then there is no file.
-    UsageError
-        A part is missing or is none, demands contradict each other, or the file cannot be written.
+    StageError if the lens or the rig does not pass `check`; then there is no file. UsageError if a part is missing or
+    is none, demands contradict each other, or the file cannot be written.
     """
     require_free(out)
     if (wish.focus_mm is None) == (wish.sensor_distance_mm is None):
@@ -59,10 +55,8 @@ def new_rig(out: Path, wish: RigWish) -> Loaded:
     try:
         return write_whole(_text(out, wish, _lens(out, wish)), out)
     except StageError as error:
-        problems = [
-            replace(problem, hint=_AS_OPTIONS.get(str(problem.hint), problem.hint)) for problem in error.problems
-        ]
-        raise StageError(problems) from None
+        mended = [replace(problem, hint=_AS_OPTIONS.get(str(problem.hint), problem.hint)) for problem in error.problems]
+        raise StageError(mended) from None
 
 
 def _lens(out: Path, wish: RigWish) -> str:

@@ -48,10 +48,7 @@ class Task:
 
 
 class TaskGraph:
-    """Tasks and what they read; acyclic by construction, because a task can only read tasks added before it.
-
-    Kinds of tasks are accepted below certain packages only.
-    """
+    """Tasks of kinds below certain packages; acyclic, because a task can only read tasks added before it."""
 
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
         self.packages = packages

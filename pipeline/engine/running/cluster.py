@@ -39,10 +39,7 @@ _SETTINGS = {
 
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """The engine of `--engine dask:WHERE`, an address or the file of a scheduler.
-
-    UsageError if the text is neither, EnvironmentFault if the extra [cluster] is not installed.
-    """
+    """The engine of `--engine dask:WHERE`; UsageError if the text is none, EnvironmentFault without [cluster]."""
     kind, _, where = text.partition(":")
     if kind != "dask" or not where:
         hint = (

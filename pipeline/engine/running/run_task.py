@@ -14,10 +14,7 @@ from pipeline.records.plain import from_plain
 
 
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
-    """Write 0.json, 1.json, … for all tasks of a plan that can run now; older such files are removed.
-
-    A file with such a name that is not a spec must not be overwritten: UsageError.
-    """
+    """Write 0.json, 1.json, … for all tasks that can run now, in place of older ones; UsageError if one is no spec."""
     folder.mkdir(parents=True, exist_ok=True)
     old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]
     for path in old:

@@ -214,10 +214,7 @@ class Status:
 
 
 def status_of(project: Project, *, store: Store | None = None) -> Status:
-    """States of the files of the output folder: built, if they are as a build of the present stage would leave them.
-
-    It is read from the folder and the store only, so no task is ever shown as running.
-    """
+    """States of the files of the output folder: built, if they are as a build of the present stage would leave them."""
     store = store or Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}

@@ -188,10 +188,7 @@ class StoreFolder:
 
 
 def _require_store(root: Path) -> None:
-    """Refuse a folder that is neither empty nor a store of this version; then nothing was touched.
-
-    A store may have lost its VERSION, or may have been hardly begun by a process that was killed.
-    """
+    """Refuse a folder that is no store of this version: not one without its VERSION, or hardly begun when killed."""
     names, version = sorted(_listed(root)), read_regular(root / "VERSION") or b""
     if version == VERSION:
         return

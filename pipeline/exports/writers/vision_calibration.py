@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.exports.material import ExportView, Material
+from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
 from pipeline.formats import Board, Cameras, ExportError, Format, Origin, Unit
 
@@ -27,12 +27,9 @@ def write(material: Material, folder: Path) -> None:
         if not target.is_flat:
             raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")
     for camera in material.cameras:
-        views = [view for view in material.of(camera) if len(view.observations.ids) >= _LEAST]
-        record = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
-        write_json(folder / f"{camera.name}.json", record)
-
-
-def _view(material: Material, view: ExportView) -> dict[str, object]:
-    points, observations = material.target(view.target).points, view.observations
-    observed = {"points_3d": points[observations.ids].tolist(), "points_2d": observations.positions.tolist()}
-    return {"obs": observed, "meta": None}
+        views = []
+        for view in material.of(camera):
+            points, observed = material.target(view.target).points[view.observations.ids], view.observations.positions
+            if len(points) >= _LEAST:
+                views.append({"obs": {"points_3d": points.tolist(), "points_2d": observed.tolist()}, "meta": None})
+        write_json(folder / f"{camera.name}.json", {"about": list(material.remarks), "views": views})

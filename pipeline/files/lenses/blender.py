@@ -118,10 +118,7 @@ class _Keys:
 
 
 def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCamera:
-    """A camera from a CSV file of the add-on.
-
-    `lens`: the lens table; by default the one that the file names, in the same folder or in `Lenses` beside it.
-    """
+    """A camera of the add-on; the lens table is by default the one that it names, beside it or in `Lenses` there."""
     keys = _Keys(path)
     printed = _stopped(keys, read_blender(lens or _lens_path(keys)))
     try:

@@ -38,10 +38,7 @@ class _File:
 
 
 def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens:
-    """A lens from a `.lens` file.
-
-    `apertures`: meaning of the column semi_ap; by default decided from the numbers.
-    """
+    """A lens from a `.lens` file; `apertures`, the meaning of its semi_ap, is by default decided from the numbers."""
     file = _parsed(path)
     line, text = file.settings.get("focal_length", (0, ""))
     efl_mm = number(path, line, text, "focal_length") if text else None

@@ -56,10 +56,7 @@ def is_optical_bench(lines: list[str]) -> bool:
 
 
 def read_optical_bench(path: str | Path, scenario: int | None = None) -> PrintedLens:
-    """A lens from a text of the Optical Bench.
-
-    `scenario`: column of `[variable distances]`, counted from 1; by default the first, which is then reported.
-    """
+    """A lens of the Optical Bench; `scenario`, a column of its distances from 1, is by default the first."""
     bench = _Bench(path, 0 if scenario is None else scenario - 1)
     _split(bench)
     _choose(bench, scenario)

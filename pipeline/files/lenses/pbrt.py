@@ -16,10 +16,7 @@ _OTHER = {"before": "after", "after": "before"}
 
 
 def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
-    """A lens from a `.dat` file.
-
-    `spacing`: meaning of the second column; by default decided from the numbers.
-    """
+    """A lens from a `.dat` file; `spacing`, the meaning of its second column, is by default decided by numbers."""
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)
     chosen, why = (spacing, "as told") if spacing else spacing_of(path, surfaces)

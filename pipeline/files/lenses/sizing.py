@@ -136,10 +136,7 @@ def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
 
 
 def efl_mm(lens: PrintedLens) -> float:
-    """Focal length, positive; semi-diameters do not matter.
-
-    Raises PrescriptionError: the lens is afocal, or cannot be represented.
-    """
+    """Focal length, positive, whatever the semi-diameters; PrescriptionError if the lens is afocal, or impossible."""
     open_wide = tuple(replace(surface, semi_diameter_mm=1e-9) for surface in lens.surfaces)
     return abs(first_order(prescription_of(replace(lens, surfaces=open_wide))).efl_mm)
 

@@ -35,10 +35,7 @@ def computing(path: str | Path) -> Iterator[None]:
 
 
 def read_lines(path: str | Path) -> list[str]:
-    """Lines of a text in UTF-16 with a byte-order mark, in UTF-8, or else in latin-1.
-
-    Raises UnreadableLens: the file does not exist or is not text.
-    """
+    """Lines of a text in UTF-16 with a byte-order mark, in UTF-8, or in latin-1; UnreadableLens if it is no text."""
     try:
         raw = Path(path).read_bytes()
     except OSError as error:
@@ -87,10 +84,7 @@ AIR = Medium(1.0, None, "")
 
 
 def glass_of(path: str | Path, line: int, surface: int, name: str, vendors: Sequence[str]) -> Medium:
-    """A glass that a lens file only names, of these vendors or, if none is stated, of any.
-
-    Raises UnreadableLens: the glass is unknown: a lens with a guessed index would be another lens.
-    """
+    """A glass of these vendors, or of any; UnreadableLens if it is unknown: a guessed index makes another lens."""
     listed = in_catalogue(name, vendors)
     if isinstance(listed, Medium):
         return listed

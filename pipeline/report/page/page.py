@@ -1,13 +1,10 @@
 """The report of a build: one page that works from disk, in a folder beside the output folder.
 
 It is neither a task nor part of the output folder: it tells when and where tasks ran, and OUT is the same to the byte
-wherever it was made. What an earlier report holds and is still true is not made again: images by their digests, the
-optical part of a camera by the digest of the camera.
+wherever it was made. Images that an earlier report holds are not made again: their names are digests.
 """
 
-import functools
 import hashlib
-import json
 import shutil
 from importlib import resources
 from pathlib import Path
@@ -15,7 +12,6 @@ from typing import Any
 
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
-from pipeline.records.plain import to_plain
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, replace, target_part
 from pipeline.report.page.records import CameraPart, History, Page
@@ -28,9 +24,6 @@ INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
-_OPTICS = ("report/page/optics.py", "report/text.py", "report/page/shapes.py", "results/spots.py", "results/drawing.py")
-_NAME = 12
-"""Digits of a digest in the name of a script."""
 
 
 def place_of(out: Path) -> Path:
@@ -79,7 +72,8 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
     source = ReportedBuild(
         output=output, folder=folder, points=manifest["points"], certificate=manifest["certificate"], scripts=scripts
     )
-    entries = _entries(loaded)
+    bodies = loaded.dataset.cameras if loaded and loaded.dataset else ()
+    entries = {seen.full_name: seen for entry in bodies for seen in entry.in_channels}
     cameras = [
         camera_part(source, camera, _optics(source, entries.get(name), camera.record))
         for name, camera in output.cameras.items()
@@ -119,27 +113,12 @@ def _page(source: ReportedBuild, manifest: Json, cameras: list[CameraPart], targ
     )
 
 
-def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
-    if loaded is None or loaded.dataset is None:
-        return {}
-    return {seen.full_name: seen for entry in loaded.dataset.cameras for seen in entry.in_channels}
-
-
 def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> str | None:
-    """Script of the optical part of a camera; traced only if no earlier report has it."""
+    """Script of the optical part of a camera."""
     if entry is None:
         return None
     camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
-    plain = json.dumps([to_plain(camera), record["lens"]["name"], entry.full_name, _optics_code()], sort_keys=True)
-    name = f"optics.{entry.full_name}.{hashlib.sha256(plain.encode()).hexdigest()[:_NAME]}"
-    return source.scripts.keep(name) or source.scripts.write(name, optics(camera, entry.full_name, record))
-
-
-@functools.cache
-def _optics_code() -> str:
-    """Digest of the modules that make the optical part: other code, another script."""
-    package = resources.files("pipeline")
-    return hashlib.sha256(b"".join((package / name).read_bytes() for name in _OPTICS)).hexdigest()
+    return source.scripts.write(f"optics.{entry.full_name}", optics(camera, entry.full_name, record))
 
 
 def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:

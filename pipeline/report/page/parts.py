@@ -230,10 +230,7 @@ def _plain(column: np.ndarray) -> tuple[Any, ...]:
 
 
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
-    """Put an image of the build into the folder of the report, unless it is there; returns where it is.
-
-    Raises UsageError if the image is gone, and DamagedFile.
-    """
+    """Put an image of the build into the report, unless it is there; UsageError if it is gone, or DamagedFile."""
     source, name = folder.present(file), f"images/{folder.digests[file][:_NAME]}"
     width, height = png_size(source)
     shown = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)

@@ -32,10 +32,10 @@ CHILD = "Pinhole"
 """Name of the camera at the centre of projection, below ours, whose origin is the centre of the aperture stop."""
 
 
-def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
+def lens_text(lens: PrintedLens) -> str:
     """Text of a layer with a printed lens; PrescriptionError if it cannot be represented."""
     prescription_of(lens)  # raises
-    name = prim_name or identifier(lens.name)
+    name = identifier(lens.name)
     layer = _new_layer(name, _lens_documentation(lens), ("PlenLens", "PlenSurface"))
     prim = Sdf.PrimSpec(layer, name, Sdf.SpecifierDef, "PlenLens")
     prim.kind = "component"

@@ -3,8 +3,9 @@
 import dataclasses
 import functools
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ Inputs = dict[str, dict[str, Path]]
 FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
 """Positions in a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
+_PICTURE_ROWS = 512
+"""Rows that become a picture at once: the formula takes some hundred bytes per pixel."""
 _KEPT = 4
 """Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
@@ -70,6 +73,12 @@ def _tracer(camera: str, seed: int) -> Tracer:
 @functools.lru_cache(maxsize=_KEPT)
 def _images(camera: str, seed: int) -> MicroImages:
     return micro_images(_tracer(camera, seed))
+
+
+def in_bands(height: int, picture: Callable[[int, int], np.ndarray]) -> np.ndarray:
+    """A picture, (h, w, 3), of which some rows are made at a time."""
+    ends = [*range(0, height, _PICTURE_ROWS), height]
+    return np.concatenate([picture(first, end) for first, end in pairwise(ends)])
 
 
 def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:

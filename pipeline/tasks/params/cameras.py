@@ -187,19 +187,24 @@ class Exposure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class White:
-    """The image of a white scene: whole, from a number of tiles, or the first to an end row of it.
+class Rendering:
+    """An image: whole, from a number of tiles, or the first to an end row of it.
 
-    `is_smooth`: neither microlenses nor diffraction. Then it is by quadrature, wherever that knows the light.
     `noise`: the standard error that was asked for, of the last passes over strips; passes are numbered from 0.
     """
 
     exposure: Exposure
-    is_smooth: bool
     rows: tuple[int, int] | None = None
     number: int = 0
     tiles: int = 0
     noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class White(Rendering):
+    """The image of a white scene; `is_smooth`: neither microlenses nor diffraction, so that quadrature may know it."""
+
+    is_smooth: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

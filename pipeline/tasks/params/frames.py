@@ -7,7 +7,7 @@ from pipeline.camera.parts.spectrum import Slices
 from pipeline.files.jsonfile import Json
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.prints import Colours
-from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Exposure
+from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Rendering
 from pipeline.truth.settings import TruthSettings
 
 Matrix = list[list[float]]
@@ -81,15 +81,10 @@ class Sheet:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Image:
-    """An image from a number of tiles, or the task's own view; fields as of `White`."""
+class Image(Rendering):
+    """An image of what is in a frame: from tiles, or of the task's own view."""
 
-    exposure: Exposure
     view: PaintedView | None
-    rows: tuple[int, int] | None = None
-    number: int = 0
-    tiles: int = 0
-    noise: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,10 +123,7 @@ class TruthTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """A table from a number of tiles, or of the task's own view.
-
-    `points`: of a tile, first and end index of the points of each target, by its name.
-    """
+    """A table from tiles, or of the task's own view; `points`: first and end of those of a tile, by target."""
 
     table: TruthTable
     view: PlacedView | None
