@@ -190,9 +190,7 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
-    """Folders of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
-    which this process meets and reports then.
-    """
+    """Folders of kernels that two processes compiled; None if anything is wrong, which this process then meets."""
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
         processes = []
         for order in ("1", "-1"):
@@ -221,9 +219,7 @@ def _are_whole(listed: Path) -> bool:
 
 
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
-    """Steps of compilation that these tasks need, in the order of `STEPS`; a worker compiles what is missing all the
-    same.
-    """
+    """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles what is missing all the same."""
     steps = {"lens"}
     for task in tasks:
         kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")

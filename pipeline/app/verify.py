@@ -59,9 +59,7 @@ _OF_OTHERS = re.compile(r"exports/|pictures/[0-9a-f]{16}\.\w+$")
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Findings of a verification: missing, unexpected or altered files, broken contracts and rows with another
-    visibility, and by name of the camera the certificate of the new sample.
-    """
+    """Findings about files, contracts and rows, and by name of the camera the certificate of the new sample."""
 
     problems: list[str]
     cameras: dict[str, dict[str, Any]] = field(default_factory=dict)

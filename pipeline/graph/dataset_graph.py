@@ -7,6 +7,8 @@ appear only in the params of tasks that write them.
 import dataclasses
 from typing import NamedTuple
 
+import numpy as np
+
 from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
@@ -66,12 +68,10 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
 
 def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
     names = [camera.name for camera in dataset.cameras]
-    in_frames = [
-        frames.RigFrame(
-            number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names)
-        )
-        for frame in dataset.frames
-    ]
+    in_frames = []
+    for frame in dataset.frames:
+        poses = tuple(matrix(np.array(frame.camera_from_world[name])) for name in names)
+        in_frames.append(frames.RigFrame(number=frame.number, camera_from_world=poses))
     reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
     return add(graph, "baselines", frames.Baselines(cameras=tuple(names), frames=tuple(in_frames)), reads)
 
@@ -80,7 +80,7 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     posed = [
         frames.PosedFrame(
             number=frame.number,
-            camera_from_world=_matrix(frame.camera_from_world[entry.name]),
+            camera_from_world=matrix(np.array(frame.camera_from_world[entry.name])),
             targets={name: matrix(pose) for name, pose in target_poses(dataset, frame, entry.name).items()},
         )
         for frame in dataset.frames
@@ -89,10 +89,6 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     task = add(graph, f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
     for frame in dataset.frames:
         files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, frames.poses_file(frame.number))
-
-
-def _matrix(rows: tuple[tuple[float, ...], ...]) -> frames.Matrix:
-    return [list(row) for row in rows]
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:

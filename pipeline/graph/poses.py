@@ -19,14 +19,9 @@ from pipeline.targets.target import Target, bare, plain_from_target
 from pipeline.tasks.params.frames import Matrix, PlacedOccluder, PlacedTarget
 
 
-def vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
-    """Pose of a target in a camera's vision frame, (4, 4) [mm]."""
-    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
-
-
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
     """vision_from_target of all targets of a dataset, by name."""
-    return {target.name: vision_from_target(frame, camera, target.name) for target in dataset.targets}
+    return {target.name: frame.vision_from_target(camera, target.name) for target in dataset.targets}
 
 
 class Things:
@@ -53,10 +48,9 @@ class Things:
 
     def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
         """The visible occluders of a frame."""
+        vision = np.array(frame.camera_from_world[camera])
         return tuple(
-            PlacedOccluder(
-                occluder=occluder, vision_from_occluder=_pose(frame, camera, frame.world_from_occluder[path])
-            )
+            PlacedOccluder(occluder=occluder, vision_from_occluder=matrix(vision @ frame.world_from_occluder[path]))
             for path, occluder in self._occluders.items()
             if path in frame.world_from_occluder
         )
@@ -65,18 +59,14 @@ class Things:
         """The lamps that shine in a frame, and what everything is made of; None if the dataset has no lamps."""
         if not self._lamps:
             return None
+        vision = np.array(frame.camera_from_world[camera])
         lamps = [
-            PlacedLamp(lamp=lamp, vision_from_lamp=_pose(frame, camera, frame.world_from_lamp[path]))
+            PlacedLamp(lamp=lamp, vision_from_lamp=matrix(vision @ frame.world_from_lamp[path]))
             for path, lamp in self._lamps.items()
             if path in frame.world_from_lamp
         ]
         finishes = [finish for path, finish in self._finishes.items() if path in frame.world_from_occluder]
         return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
-
-
-def _pose(frame: Frame, camera: str, world_from_thing: tuple[tuple[float, ...], ...]) -> Matrix:
-    """vision_from_thing as a param."""
-    return matrix(np.array(frame.camera_from_world[camera]) @ np.array(world_from_thing))
 
 
 def matrix(transform: np.ndarray) -> Matrix:

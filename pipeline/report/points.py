@@ -5,6 +5,8 @@ from pipeline.spelling import frames_in_words
 
 _ROWS = 20
 """A table of more frames is no table that anybody reads: its columns are summarised."""
+_Column = tuple[str, str]
+_Seen = dict[_Column, dict[int, int]]
 
 
 def lines(cameras: dict[str, Json]) -> list[str]:
@@ -25,9 +27,7 @@ def lines(cameras: dict[str, Json]) -> list[str]:
     return [*text, *_blank(cameras, numbers)]
 
 
-def _table(
-    numbers: list[int], seen: dict[tuple[str, str], dict[int, int]], of: dict[tuple[str, str], int]
-) -> list[str]:
+def _table(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
     heads = [f"{camera} {target}" for camera, target in seen]
     width = max(5, *(len(str(number)) for number in numbers))
     text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
@@ -38,9 +38,7 @@ def _table(
     return text
 
 
-def _summary(
-    numbers: list[int], seen: dict[tuple[str, str], dict[int, int]], of: dict[tuple[str, str], int]
-) -> list[str]:
+def _summary(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
     text = [f"points seen in {len(numbers)} frames:"]
     for (camera, target), counts in seen.items():
         values = sorted(counts.values())

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
 from pipeline.camera.parts.camera import Camera, Sampling
@@ -176,6 +178,10 @@ class Frame:
     world_from_target: dict[str, Matrix]
     world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
     world_from_lamp: dict[str, Matrix] = field(default_factory=dict)
+
+    def vision_from_target(self, camera: str, target: str) -> np.ndarray:
+        """Pose of a target in a camera's vision frame, (4, 4) [mm]."""
+        return np.array(self.camera_from_world[camera]) @ np.array(self.world_from_target[target])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -86,9 +86,7 @@ def is_picture(attribute: Usd.Attribute) -> bool:
 
 
 def picture_of(attribute: Usd.Attribute) -> PictureFile:
-    """The picture that an attribute names; UnreadableValue if it is not there, lies outside of the folders that the
-    stage may read, is no plain file, larger than the limits, of another kind, or broken.
-    """
+    """The picture that an attribute names; UnreadableValue if it is missing, outside, too large, or cannot be read."""
     value = attribute.Get()
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)

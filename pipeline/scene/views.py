@@ -134,7 +134,7 @@ def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> _View:
     count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
     kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
     points, front, kinds = marked.position_mm[kept], marked.plane_axes[kept][:, :, 2], np.array(marked.kinds)[kept]
-    poses = np.array([_vision_from_target(frame, name, target.name) for frame in frames])
+    poses = np.array([frame.vision_from_target(name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
     outlooks = outlook(camera, places, fronts)
@@ -172,15 +172,11 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
 
 
-def _vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
-    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
-
-
 def surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
     """All targets and occluders of a frame, in the vision frame of a camera."""
     from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 
-    targets = [(entry.target, _vision_from_target(frame, name, entry.name)) for entry in dataset.targets]
+    targets = [(entry.target, frame.vision_from_target(name, entry.name)) for entry in dataset.targets]
     vision = np.array(frame.camera_from_world[name])
     occluders = [
         (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))

@@ -9,7 +9,6 @@ from laws.lit import lamp, towards
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.graph.poses import vision_from_target
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
@@ -33,7 +32,7 @@ class Scene:
     def __init__(self, name: str, shift_px: float = 0.0) -> None:
         dataset = load(DATA / TINY[name] / "dataset.usda").dataset
         entry, frame = dataset.cameras[0], dataset.frames[1]
-        targets = [(one.target, vision_from_target(frame, entry.name, one.name)) for one in dataset.targets]
+        targets = [(one.target, frame.vision_from_target(entry.name, one.name)) for one in dataset.targets]
         sensor = entry.camera.sensor
         moved = dataclasses.replace(sensor, offset_x_mm=sensor.offset_x_mm + shift_px * sensor.pitch_mm)
         camera = dataclasses.replace(entry.camera, sensor=moved)

@@ -27,7 +27,6 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply, inverse, rigid
-from pipeline.graph.poses import vision_from_target
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.render.imaging import irradiance
@@ -86,7 +85,7 @@ def test_moving_rig_and_board_together_changes_no_position_image() -> None:
             camera_from_world={"rig": camera_from_world @ inverse(moved_from_world)},
             world_from_target={"board": moved_from_world @ world_from_board},
         )
-        pose = vision_from_target(frame, "rig", "board")
+        pose = frame.vision_from_target("rig", "board")
         images.append(on_target(values[:, :2], values[:, 2:4], 374.0, 494.0, pose))
     still = on_target(values[:, :2], values[:, 2:4], 374.0, 494.0, rigs.facing(430.0, 25.0, 4.0, 2.0))
     for image in images:

@@ -17,7 +17,6 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
-from pipeline.graph.poses import vision_from_target
 from pipeline.scene.load import open_dataset
 
 STAGE = """#usda 1.0
@@ -77,7 +76,7 @@ class Built:
         dataset = open_dataset(stage)
         self.target = dataset.targets[0].target
         self.points = self.target.points()
-        self.pose = vision_from_target(dataset.frames[0], "Rig.Camera", "Thing")
+        self.pose = dataset.frames[0].vision_from_target("Rig.Camera", "Thing")
         self.camera = focused(dataset.cameras[0].camera)
         frame = folder / "out/frames/0001/Rig.Camera"
         self.rows: Table = read_table(frame / "correspondences.csv")

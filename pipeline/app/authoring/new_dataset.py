@@ -44,9 +44,7 @@ _Frame = tuple[np.ndarray, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _DatasetText:
-    """Contents of a new dataset: `cameras` are paths below the rig, `values` lengths of the target in place of its own
-    [mm].
-    """
+    """Contents of a new dataset: paths of `cameras` below the rig, and `values`, lengths of the target [mm]."""
 
     name: str
     doc: str

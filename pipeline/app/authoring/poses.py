@@ -274,9 +274,7 @@ def _uncertainty(
 
 
 def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: tuple[float, ...]) -> BoardPose | None:
-    """The pose of six numbers in [0, 1) in the image of one of the cameras, by one of `_TRIES` and with or without room
-    around points; None where a camera sees too little.
-    """
+    """The pose of six numbers in [0, 1) in the image of a camera, by a way; None where a camera sees too little."""
     field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[index], numbers, way
     (near, far), middle = field.depth_mm, field.middle_px
     # Steep tilts tell the principal distance from the distance of the target.

@@ -56,9 +56,7 @@ def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] |
 
 
 def library_file(path: Any) -> Any:
-    """The path of a stage as typed; if no such file exists, the one in the shipped library, found as `@lenses/...@`
-    is.
-    """
+    """The path as typed, or if there is no such file that of the shipped library, as `@lenses/...@` finds it."""
     if isinstance(path, (list, tuple)):
         return [library_file(part) for part in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():

@@ -22,9 +22,7 @@ _PATHS_SHOWN = 4
 
 
 def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
-    """Lines about a plan: counts, expected work, and for each group of similar tasks the first with its reasons and the
-    number of others.
-    """
+    """Lines about a plan: counts, expected work, and of each group of similar tasks the first with its reasons."""
     tasks = list(planned)
     counts = Counter(task.state for task in tasks)
     yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ def optics(camera: Camera, name: str, record: Json) -> Optics:
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
         figures=(*text.figures(shown, curves), *_types(shown)),
-        charts=(_distortion(curves), _illumination(curves), field_curvature(camera), transfer(camera, bundles)),
+        charts=(*_over_height(curves), field_curvature(camera), transfer(camera, bundles)),
         spots=spots(camera, bundles),
         surfaces=surface_shapes(camera.prescription),
         sensor_z_mm=-camera.sensor_distance_mm,
@@ -65,22 +65,16 @@ def _types(record: Json) -> Iterable[Figures]:
         yield Figures(heading="types of microlenses", rows=tuple(rows))
 
 
-def _distortion(curves: FieldCurves) -> Chart:
+def _over_height(curves: FieldCurves) -> Iterator[Chart]:
     place = "infinity" if math.isinf(curves.object_mm) else f"{curves.object_mm:.1f} mm"
-    return _over_height(
-        "Distortion", f"of chief rays, for objects at {place}", "distortion [%]", curves, 100 * curves.distortion
-    )
-
-
-def _illumination(curves: FieldCurves) -> Chart:
-    remark = "weight of the bundle over that on the axis: vignetting, cosine and pupil"
-    return _over_height("Relative illumination", remark, "share", curves, curves.relative_illumination)
-
-
-def _over_height(title: str, remark: str, y_name: str, curves: FieldCurves, y: np.ndarray) -> Chart:
-    lines = (Line(name=title.lower(), y=tuple(value if math.isfinite(value) else None for value in y.tolist())),)
-    x = drawn(curves.height_mm)
-    return Chart(title=title, remark=remark, x_name="height on the sensor [mm]", y_name=y_name, x=x, lines=lines)
+    light = "weight of the bundle over that on the axis: vignetting, cosine and pupil"
+    for title, remark, y_name, y in (
+        ("Distortion", f"of chief rays, for objects at {place}", "distortion [%]", 100 * curves.distortion),
+        ("Relative illumination", light, "share", curves.relative_illumination),
+    ):
+        lines = (Line(name=title.lower(), y=tuple(value if math.isfinite(value) else None for value in y.tolist())),)
+        x = drawn(curves.height_mm)
+        yield Chart(title=title, remark=remark, x_name="height on the sensor [mm]", y_name=y_name, x=x, lines=lines)
 
 
 def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:

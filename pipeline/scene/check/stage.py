@@ -261,9 +261,7 @@ def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
 
 
 def _check_merged(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if two independent files define a part and something of the weaker remains; files that build on each
-    other, and opinions of the stage itself, are no problem.
-    """
+    """A problem if two files define a part independently, and something of the weaker one remains."""
     link = next((link for name, link in _LINKS.items() if prim.IsA(name)), None)
     index = prim.GetPrimIndex() if link else None
     if not index or not index.rootNode:
