@@ -11,7 +11,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
-from pipeline.truth.judging.judges import Rows, differences
+from pipeline.truth.judging import Rows, differences
 from pipeline.truth.planes import tangent_planes
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"

@@ -41,7 +41,7 @@ from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_o
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
 from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
-from pipeline.truth.judging.judges import sample
+from pipeline.truth.judging import sample
 from pipeline.truth.visibility import visibility
 
 _STAGE = "dataset.usda"
@@ -264,18 +264,18 @@ def _labels(rig: Rig, frame: _FrameTable) -> Iterator[tuple[tuple[str, ...], set
 
 
 def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed: int) -> list[str]:
-    """Faults in the visibility of up to `judging.judges.ROWS` rows of a camera, determined again with other rays."""
+    """Faults in the visibility of up to `judging.ROWS` rows of a camera, determined again with other rays."""
     faults, first = [], 0
     drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for _, table in tables), bool), seed)
     for frame, table in tables:
         targets = frame.view.targets
         surroundings = surroundings_of(targets, frame.view.occluders)
         names = np.array(table.columns["target"], str)
-        for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):
-            here = drawn[(drawn >= first) & (drawn < first + len(cell))] - first
-            first += len(cell)
+        for number, of_target in enumerate(rows_of(rig, targets, table)):
+            here = drawn[(drawn >= first) & (drawn < first + len(of_target.cell))] - first
+            first, rows = first + len(of_target.cell), of_target.only(here)
             stated = table.numbers("visibility")[names == targets[number].name][here]
-            share, _ = visibility(rig, surroundings, number, rig.microlens(cell[here]), x_px[here], planes[here])
+            share, _ = visibility(rig, surroundings, number, rig.microlens(rows.cell), rows.x_px, rows.planes)
             wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"

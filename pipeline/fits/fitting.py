@@ -1,4 +1,8 @@
-"""The model nearest to exact rays: least squares of image positions on two planes, by SciPy.
+"""Projection models of other programs, image positions of points seen from one centre in their own equations, and the
+one nearest to exact rays: least squares of image positions on two planes, by SciPy.
+
+Every model is analytic in its parameters, so that derivatives follow from complex steps, without cancelled digits. The
+image plane is parallel to the sensor and the axes are those of the vision frame: no rotation is fitted.
 
 A narrow field does not tell the coefficients of high powers from each other: values of a million would cancel, and fall
 apart in single precision or a pixel outside of the image. So each coefficient's effect in the image counts as a
@@ -11,7 +15,148 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError
-from pipeline.fits.models import MODELS, Model
+
+CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
+"""Parameters that all models begin with: the centre of projection, vision frame."""
+_PLANE = ("fx", "fy", "cx", "cy")
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "taux", "tauy")
+"""Coefficients of OpenCV's distortion, in its order."""
+_NEWTON_STEPS = 30
+"""Most steps of the inverse of a polynomial: it converges quadratically from the radius without distortion."""
+_INVERTED = 1e-15
+"""Relative change of a step that ends them [1]: a few roundings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """A projection model."""
+
+    name: str
+    consumer: str  # who has it, and under which name
+    parameters: tuple[str, ...]  # `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians
+    # Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
+    # positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.
+    project: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    coefficients: tuple[str, ...]  # parameters that are 0 without distortion
+    nearest: str | None = None  # a simpler model with the same parameters and fewer, from whose fit this one's starts
+
+    def positions(self, p: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
+        """Image positions of points of the vision frame, (n, 2); `p` holds all parameters."""
+        return self.project(p[len(CENTRE) :], points_mm - p[: len(CENTRE)])
+
+
+def _opencv(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """`projectPoints` with 0, 5, 8, 12 or 14 coefficients: opencv/opencv, modules/calib3d, projectPoints."""
+    fx, fy, cx, cy = p[:4]
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, taux, tauy = np.concatenate([p[4:], np.zeros(18 - len(p))])
+    u, v = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+    r2 = u * u + v * v
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u) + r2 * (s1 + r2 * s2)
+    y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v + r2 * (s3 + r2 * s4)
+    if len(p) > 16:
+        seen = _tilted(taux, tauy) @ np.stack([x, y, np.ones_like(x)])
+        x, y = seen[0] / seen[2], seen[1] / seen[2]
+    return np.stack([fx * x + cx, fy * y + cy], axis=1)
+
+
+def _tilted(taux: complex, tauy: complex) -> np.ndarray:
+    """Projection onto a tilted sensor, (3, 3): computeTiltProjectionMatrix of OpenCV."""
+    cos_x, sin_x, cos_y, sin_y = np.cos(taux), np.sin(taux), np.cos(tauy), np.sin(tauy)
+    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
+    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
+    turn = about_y @ about_x
+    upright = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
+    return np.asarray(upright @ turn)
+
+
+def _angle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angle with the axis, and x and y of the unit vector away from it, (n,) each; analytic."""
+    across = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2)
+    is_off = across != 0
+    safe = np.where(is_off, across, 1.0)
+    # arctan of complex numbers has its cut where |z| > 1 on the imaginary axis: never reached
+    theta = np.where(points[:, 2].real > 0, np.arctan(across / np.where(points[:, 2] == 0, 1.0, points[:, 2])), np.nan)
+    return theta, np.where(is_off, points[:, 0] / safe, 0.0), np.where(is_off, points[:, 1] / safe, 0.0)
+
+
+def _fisheye(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """`cv2.fisheye`: theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), without skew."""
+    fx, fy, cx, cy, k1, k2, k3, k4 = p
+    theta, x, y = _angle(points)
+    t2 = theta * theta
+    radius = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    return np.stack([fx * radius * x + cx, fy * radius * y + cy], axis=1)
+
+
+def _kannala_brandt(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The radius in px is k0 theta + k1 theta^3 + k2 theta^5 + k3 theta^7: Kannala and Brandt 2006, equation 6."""
+    cx, cy, k0, k1, k2, k3 = p
+    theta, x, y = _angle(points)
+    t2 = theta * theta
+    radius = theta * (k0 + t2 * (k1 + t2 * (k2 + t2 * k3)))
+    return np.stack([radius * x + cx, radius * y + cy], axis=1)
+
+
+def _ftheta(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The angle in radians is k1 r + k2 r^2 + k3 r^3 + k4 r^4, r in px: solved for r by Newton's method."""
+    cx, cy, k1, k2, k3, k4 = p
+    theta, x, y = _angle(points)
+    radius = theta / k1
+    for _ in range(_NEWTON_STEPS):
+        value = radius * (k1 + radius * (k2 + radius * (k3 + radius * k4)))
+        slope = k1 + radius * (2 * k2 + radius * (3 * k3 + radius * 4 * k4))
+        step = (theta - value) / slope
+        radius = radius + step
+        if not (np.abs(step) > _INVERTED * np.abs(radius)).any():
+            break
+    return np.stack([radius * x + cx, radius * y + cy], axis=1)
+
+
+def _of_opencv(name: str, count: int, consumer: str, nearest: str | None) -> Model:
+    coefficients = _COEFFICIENTS[:count]
+    parameters = (*CENTRE, *_PLANE, *coefficients)
+    return Model(
+        name=name,
+        consumer=consumer,
+        parameters=parameters,
+        project=_opencv,
+        coefficients=coefficients,
+        nearest=nearest,
+    )
+
+
+_ALL = (
+    _of_opencv("pinhole", 0, "a pinhole without distortion", None),
+    _of_opencv("brown", 5, "OpenCV, 5 coefficients: Brown", "pinhole"),
+    _of_opencv("rational", 8, "OpenCV, 8 coefficients: CALIB_RATIONAL_MODEL", "brown"),
+    _of_opencv("thin-prism", 12, "OpenCV, 12 coefficients: CALIB_THIN_PRISM_MODEL", "rational"),
+    _of_opencv("tilted", 14, "OpenCV, 14 coefficients: CALIB_TILTED_MODEL", "thin-prism"),
+    Model(
+        name="fisheye",
+        consumer="cv2.fisheye",
+        parameters=(*CENTRE, *_PLANE, "k1", "k2", "k3", "k4"),
+        project=_fisheye,
+        coefficients=("k1", "k2", "k3", "k4"),
+    ),
+    Model(
+        name="kannala-brandt",
+        consumer="Kannala and Brandt 2006, four radial terms; kannalaBrandtK3 of Omniverse",
+        parameters=(*CENTRE, "cx", "cy", "k0", "k1", "k2", "k3"),
+        project=_kannala_brandt,
+        coefficients=("k1", "k2", "k3"),
+    ),
+    Model(
+        name="ftheta",
+        consumer="ftheta of Omniverse",
+        parameters=(*CENTRE, "cx", "cy", "k1", "k2", "k3", "k4"),
+        project=_ftheta,
+        coefficients=("k2", "k3", "k4"),
+    ),
+)
+MODELS = {model.name: model for model in _ALL}
+"""Name -> model, in the order of `pipeline fit --list`."""
+
 
 _IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
-from pipeline.fits.fitting import Fit, fitted, rms
-from pipeline.fits.models import MODELS
+from pipeline.fits.fitting import MODELS, Fit, fitted, rms
 from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.spelling import did_you_mean

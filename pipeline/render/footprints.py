@@ -22,9 +22,9 @@ from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.jit.decorators import inline, kernel
 from pipeline.render.pixel_rays import Band, Rows
-from pipeline.targets.drawing_kernels import BESIDE, MIXED, colour_of_box
-from pipeline.targets.patches import Patch
+from pipeline.targets.drawing import BESIDE, MIXED, colour_of_box
 from pipeline.targets.surface_kernels import on_plane
+from pipeline.targets.surfaces import Patch
 from pipeline.targets.vectors import row
 
 _TILE_PX = 32

@@ -12,7 +12,7 @@ from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 from pipeline.render.embree import MeshScene
 from pipeline.targets.mesh import MeshTarget, Occluder
-from pipeline.targets.patches import PLANE
+from pipeline.targets.surfaces import PLANE
 from pipeline.targets.target import AnyTarget
 
 _TOUCHING_MM = 1e-6

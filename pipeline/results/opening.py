@@ -9,8 +9,8 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.errors import UsageError
 from pipeline.results.answers import SeenScene
-from pipeline.results.folder import finished_folder
 from pipeline.results.ready_camera import ReadyCamera
+from pipeline.results.records import finished_folder
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.usd.problems import StageError, blamed_on

@@ -10,9 +10,8 @@ import numpy as np
 
 from pipeline.channel_names import body_and_channel, name_with
 from pipeline.errors import UsageError
-from pipeline.results.folder import BuiltFolder, finished_folder
 from pipeline.results.notebook import html_table
-from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView, target
+from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltTarget, BuiltView, finished_folder, target
 from pipeline.results.rows import CorrespondenceRows, all_of, as_pandas, joined, rows_of
 from pipeline.spelling import did_you_mean
 

@@ -10,7 +10,7 @@ from pxr import Usd
 
 from pipeline.camera.parts.spectrum import Channel, Slices, SpectralNode
 from pipeline.channel_names import colour_of
-from pipeline.optics.glass.errors import GlassError
+from pipeline.optics.glass.medium import GlassError
 from pipeline.optics.glass.row import doubt_of
 from pipeline.render.spectral.nodes import SpectrumError, Table, gauss_nodes, points_of, slices_of
 from pipeline.scene.lens import (

@@ -14,8 +14,7 @@ from pxr import Sdf, Usd
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass import row
-from pipeline.optics.glass.errors import GlassError
-from pipeline.optics.glass.medium import Medium
+from pipeline.optics.glass.medium import GlassError, Medium
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem

@@ -8,7 +8,7 @@ from pxr import Usd
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.glass.absorption import Absorption, measured, stated
-from pipeline.optics.glass.errors import BadAbsorption, GlassError
+from pipeline.optics.glass.medium import BadAbsorption, GlassError
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.rays import front_grid
 from pipeline.optics.table import towards_scene

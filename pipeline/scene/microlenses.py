@@ -8,7 +8,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
-from pipeline.optics.glass.errors import GlassError, OutOfRange
+from pipeline.optics.glass.medium import GlassError, OutOfRange
 from pipeline.optics.printed import D_LINE_NM
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read

@@ -11,8 +11,8 @@ import numpy as np
 from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.patches import Patch
 from pipeline.targets.patterns.pattern import Pattern
+from pipeline.targets.surfaces import Patch
 from pipeline.targets.target import AnyTarget
 
 _CIRCLE_MM = 1e-3

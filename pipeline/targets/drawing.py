@@ -1,18 +1,221 @@
 """Drawings: artwork of a target as shapes painted on a white sheet one after the other, exact and without a resolution.
 
-A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and
-`report/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre of the sheet [mm].
+A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and of a box
+that has only one, and `report/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre
+of the sheet [mm]. In kernels `drawing` is a `DrawingArrays`.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
-from pipeline.targets import drawing_kernels as kernels
+
+KINDS = ("Polygon", "Disc", "Spokes", "Checks")
+"""Kinds of shapes, by their number in kernels."""
+POLYGON, DISC, SPOKES, CHECKS = range(4)
+"""Numbers of the kinds of shapes."""
+
+NOT_PAINTED = -1.0
+"""Value for a point beside a shape; black is 0 and white is 1."""
+COLOUR, LEFT, RIGHT, BOTTOM, TOP = range(5)
+"""Columns of the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
+MIDDLE_X, MIDDLE_Y, RADIUS = 1, 2, 3
+"""Columns of a disc after its colour; spokes have a centre, too."""
+SPOKES_COUNT, INNER, OUTER, PHASE = 0, 3, 4, 5
+"""Columns of spokes: their number, both radii, the direction of the first [rad]."""
+COLUMNS, ROWS, SQUARE = range(3)
+"""Columns of checks: inner corners along x and y, and the edge of a square."""
+NUMBERS = 6
+"""Number of columns for a shape; spokes need all."""
+BESIDE, MIXED = -1.0, -2.0
+"""Values for a box besides 0 (black) and 1 (white): off the sheet; of several colours, or possibly so."""
+_MOST_BINS = 16
+"""Most bins in which a box may lie before it is called mixed: to examine more costs more than the rays that this saves.
+"""
+
+
+class DrawingArrays(NamedTuple):
+    """A drawing for the kernels, from `drawing.Drawing.arrays`; chart, mm.
+
+    `half_x`, `half_y`: half the width and half the height of the sheet.
+    `kinds`, (s,) int64: kinds of the shapes, numbers of `KINDS`.
+    `numbers`, (s, NUMBERS) float64: numbers of each shape, in columns that depend on its kind.
+    `first`, (s + 1,) int64: index of the first of the `corners`, (c, 2) float64, of each shape.
+    `bins`: bins of a grid over the sheet, along each axis.
+    `starts`, `items`, (bins^2 + 1,), (i,) int64: shapes that may be seen in each bin, the last one first, and where
+        those of each begin.
+    """
+
+    half_x: float
+    half_y: float
+    kinds: np.ndarray
+    numbers: np.ndarray
+    first: np.ndarray
+    corners: np.ndarray
+    bins: int
+    starts: np.ndarray
+    items: np.ndarray
+
+
+@inline
+def in_polygon(corners, first, end, x, y):
+    """Even-odd rule: of two polygons that share an edge only one holds a point of it."""
+    inside = False
+    j = end - 1
+    for i in range(first, end):
+        xi, yi, xj, yj = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        if (yi > y) != (yj > y) and x < (xj - xi) * (y - yi) / (yj - yi) + xi:
+            inside = not inside
+        j = i
+    return inside
+
+
+@inline
+def check_colour(columns, rows, square, x, y):
+    """0 on the black squares of a checkerboard, 1 on its white ones, NOT_PAINTED beside it."""
+    column = math.floor(x / square + 0.5 * (columns + 1))
+    row = math.floor(0.5 * (rows + 1) - y / square)
+    if 0 <= column <= columns and 0 <= row <= rows:
+        return 0.0 if (int(column) + int(row)) % 2 == 0 else 1.0
+    return NOT_PAINTED
+
+
+@inline
+def spoke_colour(count, inner, outer, phase, x, y):
+    """0 on the black sectors of a ring about the origin, NOT_PAINTED elsewhere."""
+    squared = x * x + y * y
+    if squared > outer * outer or squared < inner * inner:
+        return NOT_PAINTED
+    turn = (math.atan2(y, x) - phase) * count / (2.0 * math.pi)
+    return 0.0 if turn - math.floor(turn) < 0.5 else NOT_PAINTED
+
+
+@inline
+def painted(drawing, s, x, y):
+    """Colour that shape number s gives a point, NOT_PAINTED beside it."""
+    kind, numbers, first = drawing.kinds[s], drawing.numbers, drawing.first
+    if kind == CHECKS:
+        return check_colour(numbers[s, COLUMNS], numbers[s, ROWS], numbers[s, SQUARE], x, y)
+    if kind == POLYGON:
+        if x < numbers[s, LEFT] or x > numbers[s, RIGHT] or y < numbers[s, BOTTOM] or y > numbers[s, TOP]:
+            return NOT_PAINTED
+        return numbers[s, COLOUR] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
+    dx, dy = x - numbers[s, MIDDLE_X], y - numbers[s, MIDDLE_Y]
+    if kind == DISC:
+        return numbers[s, COLOUR] if dx * dx + dy * dy <= numbers[s, RADIUS] * numbers[s, RADIUS] else NOT_PAINTED
+    return spoke_colour(numbers[s, SPOKES_COUNT], numbers[s, INNER], numbers[s, OUTER], numbers[s, PHASE], dx, dy)
+
+
+@inline
+def _bin(x, half, n):
+    return min(int((x + half) / (2.0 * half) * n), n - 1)
+
+
+@inline
+def whiteness(drawing, x, y):
+    """1 on white, 0 on black, NaN beside the sheet: the last shape that holds the point decides."""
+    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
+    if not (abs(x) <= half_x and abs(y) <= half_y):
+        return math.nan
+    bin_ = _bin(y, half_y, n) * n + _bin(x, half_x, n) if n > 1 else 0
+    for place in range(starts[bin_], starts[bin_ + 1]):
+        colour = painted(drawing, drawing.items[place], x, y)
+        if colour != NOT_PAINTED:
+            return colour
+    return 1.0
+
+
+@kernel
+def whiteness_at_points(drawing, x, y, value):
+    """`whiteness` at many points, (n,) each; `value` is written."""
+    for i in range(x.size):
+        value[i] = whiteness(drawing, x[i], y[i])
+
+
+@inline
+def only_checks(drawing):
+    """Whether a drawing is one checkerboard, and its columns, rows and square."""
+    if drawing.kinds.size == 1 and drawing.kinds[0] == CHECKS:
+        return True, drawing.numbers[0, COLUMNS], drawing.numbers[0, ROWS], drawing.numbers[0, SQUARE]
+    return False, 0.0, 0.0, 1.0
+
+
+@inline
+def colour_of_box(drawing, left, right, bottom, top):
+    """1 if a box is entirely white, 0 if entirely black, else `BESIDE` or `MIXED`.
+
+    An answer of one colour is always right; with many or round shapes, a box of one colour may be called mixed.
+    """
+    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
+    if not (left <= right and bottom <= top):  # NaN
+        return MIXED
+    if right < -half_x or left > half_x or top < -half_y or bottom > half_y:
+        return BESIDE
+    if left < -half_x or right > half_x or bottom < -half_y or top > half_y:
+        return MIXED
+    i0, i1 = _bin(left, half_x, n), _bin(right, half_x, n)
+    j0, j1 = _bin(bottom, half_y, n), _bin(top, half_y, n)
+    if (i1 - i0 + 1) * (j1 - j0 + 1) > _MOST_BINS:
+        return MIXED
+    for j in range(j0, j1 + 1):
+        for i in range(i0, i1 + 1):
+            bin_ = j * n + i
+            for place in range(starts[bin_], starts[bin_ + 1]):
+                if _has_edge_in(drawing, drawing.items[place], left, right, bottom, top):
+                    return MIXED
+    x, y = 0.5 * (left + right), 0.5 * (bottom + top)
+    return whiteness(drawing, x, y)
+
+
+@inline
+def _has_edge_in(drawing, s, left, right, bottom, top):
+    """Whether the outline of shape number s may pass through a box."""
+    kind, numbers, first, corners = drawing.kinds[s], drawing.numbers, drawing.first, drawing.corners
+    if kind == CHECKS:
+        return _checks_change(numbers[s, COLUMNS], numbers[s, ROWS], numbers[s, SQUARE], left, right, bottom, top)
+    if kind == POLYGON:
+        if right < numbers[s, LEFT] or left > numbers[s, RIGHT] or top < numbers[s, BOTTOM] or bottom > numbers[s, TOP]:
+            return False
+        j = first[s + 1] - 1
+        for i in range(first[s], first[s + 1]):
+            ax, ay, bx, by = corners[j, 0], corners[j, 1], corners[i, 0], corners[i, 1]
+            if _may_cross(ax, ay, bx, by, left, right, bottom, top):
+                return True
+            j = i
+        return False
+    x, y = numbers[s, MIDDLE_X], numbers[s, MIDDLE_Y]
+    near_x, near_y = max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0)
+    far_x, far_y = max(right - x, x - left), max(top - y, y - bottom)
+    near, far = near_x * near_x + near_y * near_y, far_x * far_x + far_y * far_y
+    inner, outer = (numbers[s, RADIUS], numbers[s, RADIUS]) if kind == DISC else (numbers[s, INNER], numbers[s, OUTER])
+    return near <= outer * outer and far >= inner * inner
+
+
+@inline
+def _checks_change(columns, rows, square, left, right, bottom, top):
+    """Whether a box meets several squares of a checkerboard, or its rim."""
+    i0, i1 = math.floor(left / square + 0.5 * (columns + 1)), math.floor(right / square + 0.5 * (columns + 1))
+    j0, j1 = math.floor(0.5 * (rows + 1) - top / square), math.floor(0.5 * (rows + 1) - bottom / square)
+    if i1 < 0 or i0 > columns or j1 < 0 or j0 > rows:
+        return False
+    return i0 != i1 or j0 != j1
+
+
+@inline
+def _may_cross(ax, ay, bx, by, left, right, bottom, top):
+    """Whether a segment may meet a box: neither the box's sides nor the line through the segment separate them."""
+    if max(ax, bx) < left or min(ax, bx) > right or max(ay, by) < bottom or min(ay, by) > top:
+        return False
+    ex, ey = bx - ax, by - ay
+    middle = ex * (0.5 * (bottom + top) - ay) - ey * (0.5 * (left + right) - ax)
+    return abs(middle) <= 0.5 * (abs(ex) * (top - bottom) + abs(ey) * (right - left)) * (1.0 + 1e-12)
+
 
 Points = tuple[tuple[float, float], ...]
 
@@ -91,20 +294,20 @@ class Drawing:
     def whiteness(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
         """1 on white, 0 on black, NaN beside the sheet, (n,)."""
         value = np.empty(len(x_mm))
-        kernels.whiteness_at_points(self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)
+        whiteness_at_points(self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)
         return value
 
     @cached_property
-    def arrays(self) -> kernels.DrawingArrays:
+    def arrays(self) -> DrawingArrays:
         """The drawing for the kernels."""
-        kinds = np.array([kernels.KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
-        numbers = np.array([_numbers(shape) for shape in self.shapes], float).reshape(-1, kernels.NUMBERS)
+        kinds = np.array([KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
+        numbers = np.array([_numbers(shape) for shape in self.shapes], float).reshape(-1, NUMBERS)
         outlines = [shape.corners if isinstance(shape, Polygon) else () for shape in self.shapes]
         first = np.cumsum([0, *map(len, outlines)])
         corners = np.array([corner for outline in outlines for corner in outline], float).reshape(-1, 2)
         sheet = float(self.half_x_mm), float(self.half_y_mm)
         bins, starts, items = _bins(*sheet, self.shapes)
-        return kernels.DrawingArrays(*sheet, kinds, numbers, first, corners, bins, starts, items)
+        return DrawingArrays(*sheet, kinds, numbers, first, corners, bins, starts, items)
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:

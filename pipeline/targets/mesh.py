@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.patches import MESH, Patch
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.points import TargetPoints, frames_at
+from pipeline.targets.surfaces import MESH, Patch
 
 Triple = tuple[float, float, float]
 

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64, Int64
 from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes, bounds
-from pipeline.targets.patches import CYLINDER, PLANE, Patch
+from pipeline.targets.surfaces import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
 
 _DISC_STEPS, _SIDE_STEPS = 16, 10

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import buffers, inline, kernel
-from pipeline.targets.drawing_kernels import DrawingArrays, check_colour, only_checks, whiteness
+from pipeline.targets.drawing import DrawingArrays, check_colour, only_checks, whiteness
 from pipeline.targets.vectors import along, column, cross, dot, local, minus, row
 
 COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)

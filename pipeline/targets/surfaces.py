@@ -1,18 +1,149 @@
-"""Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs.
+"""Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs; and their patches,
+pieces each with its own chart, used for images and for the positions of marks.
 
 Target frame: origin at the centre of the pattern (of a cube: of the cube), x right, y up, z towards the viewer.
 """
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from pipeline.frames import rigid
+from pipeline.frames import apply, rigid
+from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.patches import CYLINDER, HEIGHTS, PLANE, Kind, Patch
 from pipeline.targets.patterns.pattern import Pattern, TargetError
+from pipeline.targets.surface_kernels import heights_at_points
+
+SAG_MM = 1e-4
+"""Largest distance of a mesh from a curved surface [mm], only seen at silhouettes: hits are refined to the surface."""
+_MOST_CELLS = 600
+"""Most cells of a mesh along an axis: a surface with more curvature gets a coarser mesh, which is reported."""
+
+Kind = Literal["plane", "heights", "cylinder", "mesh"]
+PLANE: Kind = "plane"
+HEIGHTS: Kind = "heights"
+CYLINDER: Kind = "cylinder"
+MESH: Kind = "mesh"
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A piece of a surface. Patch frame: chart x right and y up, z out of the front, origin at the middle of the chart.
+
+    `kind`: `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`.
+    `drawing`: its sheet is the extent of the patch.
+    `colours`: radiance of black and of white.
+    `shape`: numbers of a curved surface, see `surface_kernels`; for a cylinder the radius.
+    `triangles`, `albedo`: for a mesh: corners in the patch frame, and radiance at the corners.
+    """
+
+    kind: Kind
+    target_from_patch: Float64[np.ndarray, "4 4"]
+    drawing: Drawing
+    colours: tuple[float, float]
+    shape: Float64[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0))
+    triangles: Float64[np.ndarray, "m 3 3"] | None = None
+    albedo: Float64[np.ndarray, "m 3"] | None = None
+
+    def mesh(self) -> np.ndarray:
+        """Triangles near the surface, anticlockwise as seen from the front, patch frame (m, 3, 3) [mm]."""
+        if self.triangles is not None:
+            return self.triangles
+        nx, ny = self._cells()
+        x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
+        u, v = np.meshgrid(np.linspace(-x, x, nx + 1), np.linspace(y, -y, ny + 1))
+        points, _, _ = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        corner = np.arange(points.shape[0]).reshape(ny + 1, nx + 1)
+        a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+        # Top left, bottom left, bottom right; top left, bottom right, top right.
+        triangles = np.stack([np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)], axis=2)
+        return points[triangles.reshape(-1, 3)]
+
+    def mesh_sag_mm(self) -> float:
+        """Largest distance of the mesh from the surface, to second order."""
+        if self.kind in (PLANE, MESH):
+            return 0.0
+        nx, ny = self._cells()
+        x, y = 2 * self.drawing.half_x_mm / nx, 2 * self.drawing.half_y_mm / ny
+        return self._curvature() * (x**2 if self.kind == CYLINDER else x**2 + y**2) / 8
+
+    def _cells(self) -> tuple[int, int]:
+        if self.kind == PLANE:
+            return 1, 1
+        # The sag of a chord of length s is curvature * s^2 / 8; the longest chord is the diagonal of a cell.
+        step = math.sqrt(8 * SAG_MM / max(self._curvature(), 1e-12))
+        if self.kind == CYLINDER:
+            return _count(self.drawing.half_x_mm, step, 10 * _MOST_CELLS), 1
+        step /= math.sqrt(2)
+        return _count(self.drawing.half_x_mm, step, _MOST_CELLS), _count(self.drawing.half_y_mm, step, _MOST_CELLS)
+
+    def _curvature(self) -> float:
+        """Upper bound of the curvature over the patch, from samples [1/mm]."""
+        if self.kind == CYLINDER:
+            return 1 / abs(float(self.shape[0]))
+        x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
+        u, v = np.meshgrid(np.linspace(-x, x, 101), np.linspace(-y, y, 101))
+        _, _, bent = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        return float(np.max(bent))
+
+    def place(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of the chart on the surface, patch frame: positions (n, 3) [mm]; axes (n, 3, 3), columns: x and y of
+        the chart on the surface made orthonormal, and the normal; largest curvature without sign, (n,) [1/mm].
+        """
+        n = len(xy_mm)
+        if self.kind == PLANE:
+            return np.pad(xy_mm, ((0, 0), (0, 1))), np.tile(np.eye(3), (n, 1, 1)), np.zeros(n)
+        if self.kind == CYLINDER:
+            radius = float(self.shape[0])
+            s, c = np.sin(xy_mm[:, 0] / radius), np.cos(xy_mm[:, 0] / radius)
+            zero, ones = np.zeros(n), np.ones(n)
+            axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, ones, zero), (s, zero, c))], axis=2)
+            return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, ones / abs(radius)
+        height = np.empty((n, 6))
+        heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), height)
+        return np.column_stack([xy_mm, height[:, 0]]), *_bent(height)
+
+    def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
+        """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` of `place`.
+
+        Patch frame. A cylinder is rolled without stretching; height maps keep x and y of the chart.
+        """
+        flat = np.stack([np.cos(direction_rad), np.sin(direction_rad)], axis=-1)
+        if self.kind != HEIGHTS:
+            return flat @ axes[:, :, :2].transpose(0, 2, 1)
+        normal = axes[:, :, 2]
+        rise = -np.einsum("nki,ni->nk", flat, normal[:, :2]) / normal[:, 2:]
+        raised = np.concatenate([flat, rise[..., None]], axis=-1)
+        return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
+
+    def hull_mm(self) -> np.ndarray:
+        """Points of the target frame that enclose the patch, (n, 3) [mm]."""
+        return apply(self.target_from_patch, self.mesh().reshape(-1, 3))
+
+
+def _count(half_mm: float, step_mm: float, most: int) -> int:
+    return max(1, min(most, math.ceil(2 * half_mm / step_mm)))
+
+
+def _bent(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (n, 3, 3) and largest curvature (n,) of a surface z(x, y) from z, zx, zy, zxx, zxy, zyy."""
+    _, zx, zy, zxx, zxy, zyy = heights.T
+    zero, ones = np.zeros(len(zx)), np.ones(len(zx))
+    normal = np.stack([-zx, -zy, ones], axis=1)
+    length = np.linalg.norm(normal, axis=1)
+    normal /= length[:, None]
+    along = np.stack([ones, zero, zx], axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    axes = np.stack([along, np.cross(normal, along), normal], axis=2)
+    # Eigenvalues of the second fundamental form by the first: their mean and their product.
+    e, f, g = 1 + zx**2, zx * zy, 1 + zy**2
+    l, m, n = zxx / length, zxy / length, zyy / length
+    mean = (e * n - 2 * f * m + g * l) / (2 * (e * g - f**2))
+    product = (l * n - m**2) / (e * g - f**2)
+    return axes, np.abs(mean) + np.sqrt(np.maximum(mean**2 - product, 0))
+
 
 Pieces = list[tuple[Patch, Pattern | None]]
 """Patches of a surface, each with the pattern on it; None for a blank one."""

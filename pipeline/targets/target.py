@@ -10,7 +10,6 @@ import numpy as np
 from pipeline.frames import apply
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.patches import PLANE, Patch
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -20,7 +19,7 @@ from pipeline.targets.patterns.lines import Lines, SlantedEdge
 from pipeline.targets.patterns.pattern import Pattern, TargetError
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.points import TargetPoints, frames_at
-from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Surface, Warped
+from pipeline.targets.surfaces import PLANE, Cube, Cylinder, Flat, HeightMap, Patch, Stairs, Surface, Warped
 
 PATTERNS: dict[str, type] = {
     kind.KIND: kind

@@ -15,8 +15,7 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.params.frames import Certificate, PlacedTarget
-from pipeline.truth.judging.certificate import certify
-from pipeline.truth.judging.judges import ROWS, Rows, rows_of_build
+from pipeline.truth.judging import ROWS, Rows, certify, rows_of_build
 from pipeline.truth.planes import tangent_planes
 
 _STREAM = 0x5EA1
@@ -61,27 +60,24 @@ def certificate(
     rows: int = ROWS,
 ) -> Json:
     """Draw a sample of rows from the tables of all frames, solve it again, and state the differences."""
-    parts = [part for targets, table in tables for part in rows_of(rig, targets, table)]
-    if not parts:
-        parts = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return certify(rig, Rows(*columns).drawn(seed, rows), len(columns[1]), claim_px)
+    all_rows = Rows.joined([part for targets, table in tables for part in rows_of(rig, targets, table)])
+    return certify(rig, all_rows.drawn(seed, rows), len(all_rows.cell), claim_px)
 
 
-def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[tuple[np.ndarray, ...]]:
-    """Fields of `Rows` for each target of a table."""
+def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[Rows]:
+    """Rows of each target of a table."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
     x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
     is_direct = np.array(table.columns["method"]) == "direct"
     cell = cells_of(rig, table)
-    parts: list[tuple[np.ndarray, ...]] = []
+    parts = []
     for entry in targets:
         target, pose = placed_target(entry)
         points = target.points()
         planes = tangent_planes(pose, points.position_mm, points.plane_axes)
         here = names == entry.name
-        parts.append((planes[point[here]], cell[here], x[here], is_direct[here]))
+        parts.append(Rows(planes[point[here]], cell[here], x[here], is_direct[here]))
     return parts
 
 

@@ -12,9 +12,9 @@ from pipeline.exports.noise import with_noise
 from pipeline.files.jsonfile import Json
 from pipeline.render.surroundings import Surroundings
 from pipeline.results.answers import SeenScene
-from pipeline.results.folder import BuiltFolder
 from pipeline.results.output import output_of
 from pipeline.results.ready_camera import ReadyCamera
+from pipeline.results.records import BuiltFolder
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import surroundings_of
 from pipeline.tasks.params.outputs import Export

@@ -21,7 +21,7 @@ from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column
 from pipeline.tasks.params.frames import Truth
 from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
-from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
+from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.planes import faces_camera, plane_name

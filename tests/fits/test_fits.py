@@ -16,8 +16,7 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.fits.field import FieldRays, field_rays, pupil_curve
-from pipeline.fits.fitting import fitted
-from pipeline.fits.models import MODELS
+from pipeline.fits.fitting import MODELS, fitted
 from pipeline.fits.result import ALL, by_distance, document, fit_camera, worst
 from pipeline.fits.thin_plenoptic import positions_mm, thin_plenoptic
 from pipeline.optics.first_order import first_order

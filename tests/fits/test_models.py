@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.fits.models import CENTRE, MODELS
+from pipeline.fits.fitting import CENTRE, MODELS
 
 RANDOM = np.random.default_rng(11)
 POINTS = np.column_stack([RANDOM.uniform(-200, 200, (60, 2)), RANDOM.uniform(380, 500, 60)])

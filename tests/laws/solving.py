@@ -13,13 +13,13 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.grid.correspond import correspond
+from pipeline.truth.grid.correspond import find, with_light
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.judging.judges import Rows
+from pipeline.truth.judging import Rows
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.column_sets import column_set
-from pipeline.truth.rows import Correspondences, Solutions
+from pipeline.truth.rows import Correspondences, Solutions, existing
 from pipeline.truth.settings import TruthSettings
 
 STEPS = np.array([[0.0, 0.0], [0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]])
@@ -40,6 +40,15 @@ def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
 
 
 UNFILTERED = TruthSettings(method="moments", filter="none")
+
+
+def correspond(
+    image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, pose: np.ndarray, settings: TruthSettings
+) -> Correspondences:
+    """The points of one plane, in its frame: all rows that exist, with blur and error."""
+    solutions, counts = find(image, points_mm, grid, settings)
+    rows = with_light(solutions, grid, pose, settings)
+    return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 
 def truth_of(

@@ -12,9 +12,8 @@ from shorter import few_cases
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.judging import judges
-from pipeline.truth.judging.certificate import _verdict, certify
-from pipeline.truth.judging.judges import ROWS, Rows, rows_of_build, sample
+from pipeline.truth import judging
+from pipeline.truth.judging import ROWS, Rows, _verdict, certify, rows_of_build, sample
 from pipeline.truth.planes import tangent_planes
 
 CLAIM_PX = 1e-4
@@ -35,7 +34,7 @@ def moved(rows: Rows, x_px: float, y_px: float) -> Rows:
 
 def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few random rays cannot tell 1e-4 px; they can tell a tenth of a pixel."""
-    monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 12,))
+    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 12,))
     rig, rows = by_direct()
     open_ = certify(rig, rows, 2, CLAIM_PX)
     assert open_["own_sigma_px"] > CLAIM_PX / 3
@@ -47,12 +46,12 @@ def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pyte
 def test_more_batches_of_rays_sharpen_a_judge_until_it_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that one batch is a little too blunt for: five more halve its error, and the mean stays as true."""
     rig, rows = by_direct()
-    monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 14,))
-    monkeypatch.setattr(judges, "_BATCHES", 1)
+    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 14,))
+    monkeypatch.setattr(judging, "_BATCHES", 1)
     blunt = certify(rig, rows, 2, 1e-9)["own_sigma_px"]
     claim = 3 * blunt / 1.3
     assert certify(rig, rows, 2, claim)["passed"] is None
-    monkeypatch.setattr(judges, "_BATCHES", 6)
+    monkeypatch.setattr(judging, "_BATCHES", 6)
     sharp = certify(rig, rows, 2, claim)
     assert sharp["passed"] is True and sharp["own_sigma_px"] < claim / 3
 
@@ -61,10 +60,10 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
     """Over forty seeds, of rows at the border of two pixels, where other random numbers begin."""
     rig, rows = by_direct()
     assert np.allclose(rows.x_px[:, 1] % 1.0, 0.5, atol=1e-6)
-    monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 10, 1 << 12))
-    monkeypatch.setattr(judges, "_BATCHES", 1)
+    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 10, 1 << 12))
+    monkeypatch.setattr(judging, "_BATCHES", 1)
     rigs_of_seeds = [replace(rig, tracer=Tracer(rig.tracer.camera, seed)) for seed in range(40)]
-    apart, sigma = map(np.array, zip(*(judges.differences(one, rows, 1e-9) for one in rigs_of_seeds), strict=True))
+    apart, sigma = map(np.array, zip(*(judging.differences(one, rows, 1e-9) for one in rigs_of_seeds), strict=True))
     assert 0.7 < np.sqrt(np.mean((apart / sigma) ** 2)) < 1.3
     assert np.abs(apart / sigma).max() < 5
 
@@ -81,19 +80,19 @@ def test_an_error_of_more_than_the_claim_is_seen_although_rows_begin_with_few_ra
 
 def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, rows = by_direct()
-    traced, trace = [], judges.random_integrals
+    traced, trace = [], judging.random_integrals
 
     def counted(*arguments: Any, **others: Any) -> Any:
         traced.append(arguments[2])
         return trace(*arguments, **others)
 
-    monkeypatch.setattr(judges, "random_integrals", counted)
+    monkeypatch.setattr(judging, "random_integrals", counted)
     certify(rig, rows, 2, 1.0)
     assert traced == [1 << 14]
     for claim_px in (3e-4, 1e-3, 3e-3):
-        apart, sigma = judges.differences(rig, rows, claim_px)
+        apart, sigma = judging.differences(rig, rows, claim_px)
         length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
-        assert ((length + judges.SHARPER * own <= claim_px) | (own <= claim_px / judges.SHARPER / 2)).all()
+        assert ((length + judging.SHARPER * own <= claim_px) | (own <= claim_px / judging.SHARPER / 2)).all()
     assert max(traced) > 1 << 14
 
 

@@ -34,8 +34,7 @@ from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.bundle_map import BundleMap
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.column_sets import column_set
-from pipeline.truth.positions.corner_image import CornerImage, hessian_of
-from pipeline.truth.positions.saddle import corner_plane, saddle
+from pipeline.truth.positions.saddle import CornerImage, corner_plane, hessian_of, saddle
 
 FLIP = np.array([1.0, -1.0, -1.0])
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from laws import rigs
 from laws.rigs import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
-from laws.solving import STEPS, by_quadrature, rig_of, solved
+from laws.solving import STEPS, by_quadrature, correspond, rig_of, solved
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
@@ -30,7 +30,7 @@ from pipeline.report.certificate import failed, lines
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import correction, crossing_share, on_target
-from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.judging import Rows, certify
 from pipeline.truth.planes import tangent_planes
 
 
@@ -173,7 +173,6 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
     The short sibling, of random scenes, is in test_methods.py.
     """
     from pipeline.tasks.positions import position_image
-    from pipeline.truth.grid.correspond import correspond
     from pipeline.truth.grid.position_image import corrected
     from pipeline.truth.settings import TruthSettings
 

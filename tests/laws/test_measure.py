@@ -26,7 +26,7 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.records import Acceptance
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.judging.certificate import certify
+from pipeline.truth.judging import certify
 from pipeline.truth.planes import tangent_planes
 
 ODD = {"irradiance": "area", "area": "irradiance"}

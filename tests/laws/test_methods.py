@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.random_scenes import random_camera, random_pose, random_target
-from laws.solving import judged_rows, rig_of, solved
+from laws.solving import correspond, judged_rows, rig_of, solved
 from scipy import stats
 from shorter import few
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE, ONCE_IN_A_MILLION
@@ -28,11 +28,10 @@ from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import by_two_planes, correspondences
 from pipeline.truth.direct.direct_rows import polished
 from pipeline.truth.grid import per_plane
-from pipeline.truth.grid.correspond import correspond
-from pipeline.truth.grid.per_plane import correspond_points
+from pipeline.truth.grid.correspond import correspond_points
 from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.judging.certificate import WITHIN, WORST, Rows, certify
+from pipeline.truth.judging import WITHIN, WORST, Rows, certify
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from laws.solving import correspond
 from naive import slow_microlens
 from tolerances import MEAN_SHARE, SAMPLED_SHARE, SIGMAS
 
@@ -24,7 +25,6 @@ from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
 from pipeline.truth.planes import tangent_planes

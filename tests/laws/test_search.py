@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
-from laws.solving import truth_of
+from laws.solving import correspond, truth_of
 from tolerances import HALF_PIXEL_PX
 
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.grid import quad_search, quadratic
-from pipeline.truth.grid.correspond import _pooled_error, correspond, find
+from pipeline.truth.grid import quad_search
+from pipeline.truth.grid.correspond import _pooled_error, find
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image
 from pipeline.truth.settings import TruthSettings
 
@@ -235,7 +235,7 @@ def test_a_surface_through_sixteen_values_is_exact_where_they_exist_and_abstains
     quads = np.stack(np.meshgrid(np.arange(width - 1), np.arange(height - 1)), axis=-1).reshape(-1, 2)
     quads = quads[quads[:, 0] != edge - 1]  # a quad lies in one cell
     inside = np.random.default_rng(4).uniform(0.1, 0.9, quads.shape)
-    fit = quadratic.solve(j(column, row), cell, quads, j(*(quads + inside).T))
+    fit = quad_search.solve_surfaces(j(column, row), cell, quads, j(*(quads + inside).T))
     i, k = quads.T
     whole = (i > 0) & (i < width - 2) & (k > 0) & (k < height - 2) & (i != edge - 2) & (i != edge)
     assert 20 < whole.sum() < len(quads) - 20

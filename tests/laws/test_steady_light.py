@@ -22,12 +22,12 @@ from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import (
     colours_in_lights,
     in_all,
+    known_flux,
     known_white_parts,
     pictures_in_lights,
     sampled_in_lights,
     white_parts,
 )
-from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
 from pipeline.render.passes import Batch, joined, noise_of, standard_error

@@ -8,7 +8,7 @@ from tolerances import BISECTED
 
 from pipeline.optics.glass.absorption import measured, stated
 from pipeline.optics.glass.catalogue import find
-from pipeline.optics.glass.errors import BadAbsorption, OutOfRange, UnknownAbsorption
+from pipeline.optics.glass.medium import BadAbsorption, OutOfRange, UnknownAbsorption
 from pipeline.optics.glass.row import medium
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor

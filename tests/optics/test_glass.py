@@ -14,8 +14,21 @@ from tolerances import (
 )
 
 from pipeline.optics.glass.catalogue import catalogue, find, near_names, nearest
-from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassMismatch, OutOfRange, UnknownGlass
-from pipeline.optics.glass.medium import C_UM, D_UM, F_UM, Cauchy, Constant, NormalLine, Polynomial, Sellmeier
+from pipeline.optics.glass.medium import (
+    C_UM,
+    D_UM,
+    F_UM,
+    AmbiguousGlass,
+    BadFormula,
+    Cauchy,
+    Constant,
+    GlassMismatch,
+    NormalLine,
+    OutOfRange,
+    Polynomial,
+    Sellmeier,
+    UnknownGlass,
+)
 from pipeline.optics.glass.row import doubt_of, medium
 
 D_NM = 587.5618

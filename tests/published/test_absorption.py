@@ -13,7 +13,7 @@ from tolerances import BISECTED, PRINTED_3_SHARE
 
 from pipeline.optics.glass.absorption import Absorption, measured
 from pipeline.optics.glass.catalogue import Glass, catalogue, find
-from pipeline.optics.glass.errors import UnknownAbsorption
+from pipeline.optics.glass.medium import UnknownAbsorption
 
 PRINTED = {
     2500: (0.665, 0.360),

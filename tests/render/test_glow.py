@@ -7,8 +7,7 @@ from laws.rigs import facing
 from render.lens_rays import lens_rays, nearest
 
 from pipeline.frames import apply, rigid
-from pipeline.render.glow import TargetLight
-from pipeline.render.glow_kernels import first_sheet, may_meet
+from pipeline.render.glow import TargetLight, first_sheet, may_meet
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

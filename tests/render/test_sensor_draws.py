@@ -9,8 +9,7 @@ from tolerances import ONCE_IN_A_MILLION, SIGMAS
 
 from pipeline.camera.tracing.records import Squares
 from pipeline.render.lighting import draws
-from pipeline.render.sensor.draws import philox, stream, unit_interval
-from pipeline.render.sensor.read_out import fixed_pattern
+from pipeline.render.sensor.read_out import fixed_pattern, philox, stream, unit_interval
 
 SHAPE = (400, 500)
 MANY = (1500, 2000)

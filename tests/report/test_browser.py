@@ -17,7 +17,7 @@ from pipeline.app.reporting import report
 from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
 from pipeline.report.page.parts import picture_of
-from pipeline.results.folder import BuiltFolder
+from pipeline.results.records import BuiltFolder
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time

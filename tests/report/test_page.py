@@ -21,8 +21,7 @@ from pipeline.files.png import read_png, write_png
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.optics import field_curvature, transfer
 from pipeline.report.page.parts import picture_of
-from pipeline.results.folder import BuiltFolder
-from pipeline.results.records import BuiltPinhole
+from pipeline.results.records import BuiltFolder, BuiltPinhole
 from pipeline.results.spots import field_bundles, spots
 
 ROOT = Path(__file__).resolve().parents[2]

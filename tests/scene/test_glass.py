@@ -8,7 +8,7 @@ from pxr import Usd
 
 from pipeline.optics.glass.absorption import measured
 from pipeline.optics.glass.catalogue import find
-from pipeline.optics.glass.errors import UnknownAbsorption
+from pipeline.optics.glass.medium import UnknownAbsorption
 from pipeline.optics.transmission import Coating, Film
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.losses import check_losses, losses_at, read_losses, wavelengths_seen

@@ -5,8 +5,7 @@ import pytest
 from targets.examples import EXAMPLES, name_of
 
 from pipeline.targets.corners import corner_edges, corners_of
-from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Spokes
-from pipeline.targets.drawing_kernels import BESIDE, MIXED, colour_of_box
+from pipeline.targets.drawing import BESIDE, MIXED, Checks, Disc, Drawing, Polygon, Spokes, colour_of_box
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard

@@ -92,7 +92,7 @@ def export(
 def _print_models(wanted: bool) -> None:
     if not wanted:
         return
-    from pipeline.fits.models import MODELS
+    from pipeline.fits.fitting import MODELS
     from pipeline.fits.result import ALL, THIN_LENS
 
     for name, model in MODELS.items():

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.optics.glass.errors import BadAbsorption, OutOfRange, UnknownAbsorption
-from pipeline.optics.glass.medium import Medium
+from pipeline.optics.glass.medium import BadAbsorption, Medium, OutOfRange, UnknownAbsorption
 
 _TABLE = Path(__file__).with_name("absorption.csv.gz")
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from pipeline.optics.glass.errors import AmbiguousGlass, UnknownGlass
-from pipeline.optics.glass.medium import Dispersion, Medium, Polynomial, Sellmeier
+from pipeline.optics.glass.medium import AmbiguousGlass, Dispersion, Medium, Polynomial, Sellmeier, UnknownGlass
 
 _TABLE = Path(__file__).with_name("catalogue.csv.gz")
 _NEAR_NAMES = 4

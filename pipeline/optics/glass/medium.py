@@ -1,4 +1,5 @@
-"""Transparent media: dispersion formulas, and the wavelengths for which they hold.
+"""Transparent media: dispersion formulas, and the wavelengths for which they hold; errors of glasses, each with the
+stable name under which `check` reports it.
 
 A formula is the index relative to air as a function of the wavelength in air, in micrometres, because coefficients are
 printed for them; everywhere else wavelengths are nanometres.
@@ -8,7 +9,56 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from pipeline.optics.glass.errors import OutOfRange
+from pipeline.errors import PipelineError
+
+
+class GlassError(PipelineError):
+    """A medium whose index cannot be known."""
+
+    code = "glass"
+
+
+class UnknownGlass(GlassError):
+    """No catalogue entry of this name."""
+
+    code = "unknown-glass"
+
+
+class AmbiguousGlass(GlassError):
+    """A name without a vendor that several vendors use."""
+
+    code = "ambiguous-glass"
+
+
+class GlassMismatch(GlassError):
+    """A catalogue entry whose index or Abbe number is not the printed one."""
+
+    code = "glass-mismatch"
+
+
+class OutOfRange(GlassError):
+    """A wavelength for which the dispersion formula does not hold."""
+
+    code = "wavelength-out-of-range"
+
+
+class BadFormula(GlassError):
+    """A written dispersion formula that cannot be evaluated."""
+
+    code = "glass-formula"
+
+
+class UnknownAbsorption(GlassError):
+    """A glass whose absorption is in no table."""
+
+    code = "unknown-absorption"
+
+
+class BadAbsorption(GlassError):
+    """An internal transmittance that no glass has."""
+
+    code = "internal-transmittance"
+
 
 D_UM, F_UM, C_UM = 0.5875618, 0.4861327, 0.6562725
 """The lines of n_d and V_d: helium d, hydrogen F and C, in air."""

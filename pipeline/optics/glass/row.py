@@ -9,8 +9,20 @@ import math
 from dataclasses import dataclass
 
 from pipeline.optics.glass.catalogue import find, listed, nearest
-from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassError, GlassMismatch, UnknownGlass
-from pipeline.optics.glass.medium import Cauchy, Constant, Dispersion, Medium, NormalLine, Polynomial, Sellmeier
+from pipeline.optics.glass.medium import (
+    AmbiguousGlass,
+    BadFormula,
+    Cauchy,
+    Constant,
+    Dispersion,
+    GlassError,
+    GlassMismatch,
+    Medium,
+    NormalLine,
+    Polynomial,
+    Sellmeier,
+    UnknownGlass,
+)
 
 MAX_INDEX_DIFFERENCE = 5e-4
 """Difference beyond which a printed index belongs to another glass [1]: prints are rounded to 1e-3."""

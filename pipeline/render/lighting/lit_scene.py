@@ -17,8 +17,7 @@ from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Footprints
-from pipeline.render.glow import PatchLight, inked
-from pipeline.render.glow_kernels import add_values
+from pipeline.render.glow import PatchLight, add_values, inked
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.draws import Names

@@ -26,8 +26,8 @@ from pipeline.render.lighting.materials import (
 )
 from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
-from pipeline.targets.patches import CYLINDER, HEIGHTS, Patch
 from pipeline.targets.surface_kernels import path_to, shares
+from pipeline.targets.surfaces import CYLINDER, HEIGHTS, Patch
 from pipeline.targets.vectors import along, cross, dot, minus, row, times, unit
 
 

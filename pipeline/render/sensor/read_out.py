@@ -1,5 +1,11 @@
-"""Read-out of a sensor: from expected photons to digital numbers, in the order of stages of EMVA 1288, release 4.0."""
+"""Read-out of a sensor: from expected photons to digital numbers, in the order of stages of EMVA 1288, release 4.0.
 
+Random numbers are a function of (seed, camera, frame, pixel, stage) alone, by the counter-based generator
+Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel Random Numbers: As Easy as 1, 2, 3", SC 2011). No state: any
+pixel can be computed first, alone, or twice, in any process.
+"""
+
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,8 +15,134 @@ import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
-from pipeline.render.sensor import draws
 from pipeline.render.sensor.response import PatternSpread, SensorError, SensorResponse
+
+_LOW = np.uint64(0xFFFFFFFF)
+"""The lower 32 bits of a word [1]."""
+_MULTIPLY_0, _MULTIPLY_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+"""Multipliers of Philox4x32 [1]: the paper chose them for the best diffusion of bits."""
+_ADD_0, _ADD_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+"""What is added to the key after each round [1]: the golden ratio and sqrt(3) - 1, as the paper has them."""
+_ROUNDS = 10
+"""Rounds [1]: seven pass all tests of the paper; ten are its margin of safety."""
+_SHIFT_32, _SHIFT_6 = np.uint64(32), np.uint64(6)
+"""Shifts [bit]: to the upper half of a product, and from 32 bits to the upper 26."""
+_FIRST_26, _STEP = 2.0**-26, 2.0**-52
+"""Units of the upper and of the lower half of a random number of 52 bits [1]."""
+
+DRAWS = 1 << 16
+"""Random numbers that a stage of a pixel may draw [pairs]: trials of a rejection, of which two are usual."""
+ELECTRONS, DARK_NOISE, ROW_NOISE, COLUMN_NOISE = 0, 1, 2, 3
+"""Stages of a frame [1]: each has random numbers of its own, so that one that is switched off moves no other."""
+PATTERN, PATTERN_OF_ROW, PATTERN_OF_COLUMN, DEFECTS = 16, 17, 18, 19
+"""Stages of the fixed pattern [1]."""
+
+
+_FEW = 10.0
+"""Mean up to which a count is found by inversion [e-]: rejection needs a mean of 10, and inversion takes as many steps
+as the count."""
+_NEVER = 1e-20
+"""Probability below which no further count is tried [1]: random numbers have steps of 2e-16."""
+_MOST = 1e9
+"""Means beyond this are taken as this [e-]: ten times the largest full well, so that none of them is seen."""
+
+
+class Stream(NamedTuple):
+    """Origin of random numbers: two keys of 32 bits, and the frame."""
+
+    seed: np.uint64
+    camera: np.uint64
+    frame: np.uint64
+
+
+def stream(seed: int, camera: str, frame: int = 0) -> Stream:
+    """The random numbers of a camera, by its name, in a frame."""
+    name = int.from_bytes(hashlib.sha256(camera.encode()).digest()[:4], "little")
+    return Stream(np.uint64(seed & 0xFFFFFFFF), np.uint64(name), np.uint64(frame & 0xFFFFFFFF))
+
+
+@inline
+def philox(a, b, c, d, key_0, key_1):
+    """Four words of 32 bits, from a counter of four and a key of two; all in uint64."""
+    for _ in range(_ROUNDS):
+        first, second = _MULTIPLY_0 * a, _MULTIPLY_1 * c
+        a = (second >> _SHIFT_32) ^ b ^ key_0
+        c = (first >> _SHIFT_32) ^ d ^ key_1
+        b, d = second & _LOW, first & _LOW
+        key_0, key_1 = (key_0 + _ADD_0) & _LOW, (key_1 + _ADD_1) & _LOW
+    return a, b, c, d
+
+
+@inline
+def unit_interval(high, low):
+    """A number in (0, 1), its ends excluded, from two words: (n + 1/2) / 2^52."""
+    return np.float64(high >> _SHIFT_6) * _FIRST_26 + (np.float64(low >> _SHIFT_6) + 0.5) * _STEP
+
+
+@inline
+def uniforms(keys, row, column, stage, draw):
+    """Two independent numbers in (0, 1), a function of the arguments alone."""
+    a, b, c, d = philox(
+        np.uint64(column), np.uint64(row), keys.frame, np.uint64(stage * DRAWS + draw), keys.seed, keys.camera
+    )
+    return unit_interval(a, b), unit_interval(c, d)
+
+
+@inline
+def normals(keys, row, column, stage):
+    """Two independent numbers of mean 0 and variance 1 (Box and Muller 1958)."""
+    first, second = uniforms(keys, row, column, stage, 0)
+    radius, angle = math.sqrt(-2.0 * math.log(first)), 2.0 * math.pi * second
+    return radius * math.cos(angle), radius * math.sin(angle)
+
+
+@inline
+def poisson(keys, row, column, stage, mean):
+    """Poisson-distributed count of a mean, as a float.
+
+    Small means by inversion of the distribution function, others by transformed rejection with squeeze (PTRS): both
+    are exact but for rounding.
+
+    Source: W. Hormann, The transformed rejection method for generating Poisson random variables, Insurance: Mathematics
+    and Economics 12 (1993) 39-45.
+    """
+    if mean <= 0.0:
+        return 0.0
+    if mean < _FEW:
+        return _by_inversion(mean, uniforms(keys, row, column, stage, 0)[0])
+    return _by_rejection(keys, row, column, stage, min(mean, _MOST))
+
+
+@inline
+def _by_inversion(mean, level):
+    count, probability = 0.0, math.exp(-mean)
+    total = probability
+    while level > total and probability > _NEVER:
+        count += 1.0
+        probability *= mean / count
+        total += probability
+    return count
+
+
+@inline
+def _by_rejection(keys, row, column, stage, mean):
+    b = 0.931 + 2.53 * math.sqrt(mean)
+    a = -0.059 + 0.02483 * b
+    inverse_alpha, squeeze = 1.1239 + 1.1328 / (b - 3.4), 0.9277 - 3.6224 / (b - 2.0)
+    count = mean
+    for draw in range(DRAWS):
+        first, second = uniforms(keys, row, column, stage, draw)
+        first -= 0.5
+        edge = 0.5 - abs(first)
+        count = math.floor((2.0 * a / edge + b) * first + mean + 0.43)
+        if edge >= 0.07 and second <= squeeze:
+            break
+        if count < 0.0 or (edge < 0.013 and second > edge):
+            continue
+        bound = count * math.log(mean) - mean - math.lgamma(count + 1.0)
+        if math.log(second * inverse_alpha / (a / (edge * edge) + b)) <= bound:
+            break
+    return count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +187,7 @@ def digital_numbers(
     electrons = np.ascontiguousarray(after_crosstalk(electrons, response.crosstalk))
     pattern = fixed_pattern(response.spread, shot.camera, corner, electrons.shape)
     result = np.empty(electrons.shape, np.uint16)
-    keys = draws.stream(shot.seed, shot.camera, shot.frame)
+    keys = stream(shot.seed, shot.camera, shot.frame)
     table = np.array(response.nonlinearity, np.float64).reshape(-1, 2)
     chain = Chain(
         counts=response.shot_noise,
@@ -134,7 +266,7 @@ def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], s
     """
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
     deviations, defects = (spread.dark_e, spread.response), (spread.dead_share, spread.hot_share)
-    keys = draws.stream(spread.specimen, camera)
+    keys = stream(spread.specimen, camera)
     fill_maps(deviations, (*defects, spread.hot_current_e_per_s), keys, corner, np.zeros((2, shape[1])), maps)
     return maps
 
@@ -146,44 +278,44 @@ def fill_maps(deviations, defects, keys, corner, of_columns, maps):
     dead_share, hot_share, hot_e_per_s = defects
     height, width = maps.dark_e.shape
     for j in range(width):
-        dark, response = draws.normals(keys, 0, corner[1] + j, draws.PATTERN_OF_COLUMN)
+        dark, response = normals(keys, 0, corner[1] + j, PATTERN_OF_COLUMN)
         of_columns[0, j], of_columns[1, j] = columns_dark * dark, columns_response * response
     for i in range(height):
         row = corner[0] + i
-        dark, response = draws.normals(keys, row, 0, draws.PATTERN_OF_ROW)
+        dark, response = normals(keys, row, 0, PATTERN_OF_ROW)
         row_dark, row_response = rows_dark * dark, rows_response * response
         for j in range(width):
             column = corner[1] + j
-            dark, response = draws.normals(keys, row, column, draws.PATTERN)
+            dark, response = normals(keys, row, column, PATTERN)
             maps.dark_e[i, j] = pixel_dark * dark + row_dark + of_columns[0, j]
             maps.response[i, j] = max(0.0, 1.0 + pixel_response * response + row_response + of_columns[1, j])
-            hot, dead = draws.uniforms(keys, row, column, draws.DEFECTS, 0)
+            hot, dead = uniforms(keys, row, column, DEFECTS, 0)
             if dead < dead_share:
                 maps.response[i, j] = 0.0
             if hot < hot_share:
-                maps.hot_e_per_s[i, j] = -hot_e_per_s * math.log(draws.uniforms(keys, row, column, draws.DEFECTS, 1)[0])
+                maps.hot_e_per_s[i, j] = -hot_e_per_s * math.log(uniforms(keys, row, column, DEFECTS, 1)[0])
 
 
 @kernel
-def read_out(chain: Chain, keys: draws.Stream, corner, electrons, pattern: FixedPattern, of_columns, result):
+def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPattern, of_columns, result):
     """Fill `result` with digital numbers; `electrons` are expected ones, `of_columns` room for the noise of columns."""
     height, width = electrons.shape
     time_s, current = chain.dark_s_and_current
     for j in range(width):
-        of_columns[j] = chain.temporal_e[2] * draws.normals(keys, 0, corner[1] + j, draws.COLUMN_NOISE)[0]
+        of_columns[j] = chain.temporal_e[2] * normals(keys, 0, corner[1] + j, COLUMN_NOISE)[0]
     for i in range(height):
         row = corner[0] + i
-        of_row = chain.temporal_e[1] * draws.normals(keys, row, 0, draws.ROW_NOISE)[0]
+        of_row = chain.temporal_e[1] * normals(keys, row, 0, ROW_NOISE)[0]
         for j in range(width):
             column = corner[1] + j
             # Light and dark current are both Poisson-distributed, and so is their sum.
             charge = electrons[i, j] * pattern.response[i, j] + (current + pattern.hot_e_per_s[i, j]) * time_s
             if chain.counts:
-                charge = draws.poisson(keys, row, column, draws.ELECTRONS, charge)
+                charge = poisson(keys, row, column, ELECTRONS, charge)
             charge = _bent(chain, min(charge, chain.full_well_e))
             charge += pattern.dark_e[i, j] + of_row + of_columns[j]
             if chain.temporal_e[0] > 0.0:
-                charge += chain.temporal_e[0] * draws.normals(keys, row, column, draws.DARK_NOISE)[0]
+                charge += chain.temporal_e[0] * normals(keys, row, column, DARK_NOISE)[0]
             number = math.floor(chain.scale[0] + chain.scale[1] * charge + 0.5)
             result[i, j] = np.uint16(min(max(number, 0.0), chain.scale[2]))
 

@@ -15,8 +15,8 @@ from pipeline.files.jsonfile import Json, read_json
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, replace, target_part
 from pipeline.report.page.records import CameraPart, History, Page
-from pipeline.results.folder import finished_folder
 from pipeline.results.output import open_output
+from pipeline.results.records import finished_folder
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded
 

@@ -30,9 +30,8 @@ from pipeline.report.page.records import (
 )
 from pipeline.report.page.shapes import matrix
 from pipeline.report.text import Figure
-from pipeline.results.folder import BuiltFolder
 from pipeline.results.output import Output
-from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
+from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltView
 from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target

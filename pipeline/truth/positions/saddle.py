@@ -4,17 +4,164 @@ An infinite X-corner with the edges of the target point lies in its tangent plan
 of a pixel at a continuous position x, is a smooth function E(x); the saddle is where grad E = 0 and det Hess E < 0. By
 Gauss's theorem the derivative of E is the light on one side of the pixel minus that on the opposite side, so a gradient
 needs the image along four lines only. Weight, stop and own microlens are those of J.
+
+The corner's coordinates are those along its two edges: white where they have the same sign. The bundle is a disc of
+triangles on which coordinates are linear, so the two edges cut them exactly; what remains is the error of the linear
+interpolation, which falls with the square of the triangles' size.
 """
 
+import itertools
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.tracer import Tracer
+from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map, bundle_maps
-from pipeline.truth.positions.corner_image import CornerImage, CornerImages
+
+
+@kernel
+def blend(fields, basis, nodes):
+    """Nodes (a, r, 3), written: the sum of fields (k, a, r, 3) with weights (k,)."""
+    for i in range(nodes.shape[0]):
+        for j in range(nodes.shape[1]):
+            for c in range(nodes.shape[2]):
+                nodes[i, j, c] = 0.0
+                for k in range(basis.shape[0]):
+                    nodes[i, j, c] += basis[k] * fields[k, i, j, c]
+
+
+@kernel
+def corner_light(nodes, ratio):
+    """Integral of weight times (ratio + 1) on white and (ratio - 1) on black, with `ratio` as of `saddle`.
+
+    `nodes` (a, r, 3): per direction and share 0, 1 / (r - 1), ..., 1 of the radius, both coordinates and the density on
+    the unit disc.
+    """
+    directions, rings = nodes.shape[0], nodes.shape[1] - 1
+    total = 0.0
+    for i in range(directions):
+        j = i + 1 if i + 1 < directions else 0
+        for k in range(rings):
+            a, b, c, d = nodes[i, k], nodes[i, k + 1], nodes[j, k + 1], nodes[j, k]
+            if (i + k) % 2 == 1:  # Diagonals alternate, otherwise all would lean to one side.
+                a, b, c, d = d, c, b, a
+            outer = (k + 1.0) * (a[2] + b[2] + c[2]) * (ratio + signed_share(a, b, c))
+            inner = k * (a[2] + c[2] + d[2]) * (ratio + signed_share(a, c, d)) if k > 0 else 0.0
+            # The ring's sector, of area (2 k + 1) pi / (directions rings^2), is divided in the ratio k + 1 to k.
+            total += (outer + inner) / 3.0
+    return total * math.pi / (directions * rings * rings)
+
+
+@inline
+def signed_share(a, b, c):
+    """Share of a triangle where u and v have equal signs, minus that where they differ."""
+    if (a[0] > 0.0) == (b[0] > 0.0) == (c[0] > 0.0):
+        sign = 1.0 if a[0] > 0.0 else -1.0
+        return sign * mean_sign(a[1], b[1], c[1])
+    # Rotate the corners so that the first one lies alone beyond u = 0.
+    if (a[0] > 0.0) == (b[0] > 0.0):
+        a, b, c = c, a, b
+    elif (a[0] > 0.0) == (c[0] > 0.0):
+        a, b, c = b, c, a
+    to_b, to_c = a[0] / (a[0] - b[0]), a[0] / (a[0] - c[0])
+    at_b, at_c = a[1] + to_b * (b[1] - a[1]), a[1] + to_c * (c[1] - a[1])
+    alone = to_b * to_c * mean_sign(a[1], at_b, at_c)
+    # The rest: (b', b, c') and (b, c, c').
+    rest = (1.0 - to_b) * to_c * mean_sign(at_b, b[1], at_c) + (1.0 - to_c) * mean_sign(b[1], c[1], at_c)
+    return (alone - rest) if a[0] > 0.0 else (rest - alone)
+
+
+@inline
+def mean_sign(p, q, r):
+    """Mean sign over a triangle of a linear function with these values at its corners."""
+    if p > 0.0 and q > 0.0 and r > 0.0:
+        return 1.0
+    if not (p > 0.0 or q > 0.0 or r > 0.0):
+        return -1.0
+    if (p > 0.0) == (q > 0.0):
+        p, r = r, p
+    elif (p > 0.0) == (r > 0.0):
+        p, q = q, p
+    alone = p / (p - q) * (p / (p - r))
+    return 2.0 * alone - 1.0 if p > 0.0 else 1.0 - 2.0 * alone
+
+
+_DIFFERENCE_PX = 0.05
+"""Half the step of difference quotients for the Hessian [px]: the image of a corner, integrated over a pixel, bends
+little over it.
+"""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""Gauss-Legendre nodes on [-1, 1] along each part of a pixel's side, and their weights: exact to the seventh degree."""
+_SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
+"""Ends of the right, left, lower and upper side of a pixel."""
+
+
+class CornerImage:
+    """The image of a corner as seen by every `step`-th node of a map; `ratio` is (white + black) / (white - black)."""
+
+    def __init__(self, around: BundleMap, ratio: float, step: int = 1) -> None:
+        self.around, self.ratio = around, ratio
+        self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
+        self.nodes = np.empty(self.fields.shape[1:])
+
+    def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
+        """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
+        right, left, lower, upper = (self._along(x_px + side) for side in _SIDES)
+        return np.array([right - left, lower - upper])
+
+    def _at(self, x_px: np.ndarray) -> np.ndarray:
+        blend(self.fields, self.around.basis(x_px), self.nodes)
+        return self.nodes
+
+    def _along(self, ends: np.ndarray) -> float:
+        """Integral of the point image along a line of length 1 px.
+
+        If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes lie between
+        the positions where the first and the last ray cross an edge.
+        """
+        first, last = (self._extremes(end) for end in ends)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cut = first / (first - last)
+        cuts = np.sort(np.concatenate([[0.0, 1.0], cut[(cut > 0) & (cut < 1)]]))
+        total = 0.0
+        for low, high in itertools.pairwise(cuts):
+            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+                t = (low + high) / 2 + (high - low) / 2 * node
+                light = corner_light(self._at(ends[0] + t * (ends[1] - ends[0])), self.ratio)
+                total += (high - low) / 2 * weight * light
+        return total
+
+    def _extremes(self, x_px: np.ndarray) -> np.ndarray:
+        flat = self._at(x_px)[..., :2].reshape(-1, 2)
+        return np.concatenate([flat.min(axis=0), flat.max(axis=0)])
+
+
+class CornerImages:
+    """The sum of the images that a corner has in the wavelengths of a camera's light, each with its share."""
+
+    def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
+        self.images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]
+
+    def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
+        """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
+        return np.sum([share * image.gradient(x_px) for share, image in self.images], axis=0)
+
+    def hessian(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
+        """Its derivative, (2, 2), by differences."""
+        return hessian_of(self.gradient, x_px)
+
+
+def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
+    """Symmetric derivative of a gradient, (2, 2), by differences over a small part of a pixel."""
+    steps = _DIFFERENCE_PX * np.eye(2)
+    rows = np.array([gradient(x_px + step) - gradient(x_px - step) for step in steps])
+    return (rows + rows.T) / (4 * _DIFFERENCE_PX)
+
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the triangles of a bundle; the error falls with the square of these numbers."""
@@ -38,7 +185,7 @@ _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
 _START_NODES = Polar(np.arange(17) / 16, 64)
 """Nodes of the bundle of a first guess: the coarsest level suffices."""
-_DIFFERENCE_PX = 0.25
+_LOOK_PX = 0.25
 """Half the step of difference quotients of a first guess [px]: within the traced positions."""
 _WIDE_PX = 1.0
 """Standard deviation of a bundle above which its image may have several stationary points [px]; a narrower one is
@@ -149,11 +296,11 @@ def _median(values: np.ndarray, weight: np.ndarray) -> float:
 
 def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
     """Derivative of the mean hit by the position, (2, 2) [mm per px]."""
-    steps = _DIFFERENCE_PX * np.eye(2)
+    steps = _LOOK_PX * np.eye(2)
     means = [
         [weight @ around.at(around.x_px + sign * step)[..., :2].reshape(-1, 2) for sign in (1, -1)] for step in steps
     ]
-    return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _DIFFERENCE_PX)
+    return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _LOOK_PX)
 
 
 def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
