@@ -57,30 +57,21 @@ class Box(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Pixels and the blocks to which they belong.
+    """Pixels and the blocks to which they belong."""
 
-    `positions`, (n, 2): on the sensor, vision frame [mm].
-    `blocks`, (n, s): indices of the blocks; -1 for none.
-    `centre_mm`, `step_mm`, (b, 2), (b,): centres and node distances of the blocks.
-    """
-
-    positions: np.ndarray
-    blocks: np.ndarray
+    positions: np.ndarray  # (n, 2), on the sensor, vision frame [mm]
+    blocks: np.ndarray  # (n, s), indices of the blocks; -1 for none
+    # (b, 2), (b,), centres and node distances of the blocks
     centre_mm: np.ndarray
     step_mm: np.ndarray
 
 
 class Meeting(NamedTuple):
-    """Points where beams meet a plane.
+    """Points where beams meet a plane."""
 
-    `points`, (b, NODES^2, 2, RAYS): x and y in the plane [mm].
-    `side`, (b,): relation of all rays of a beam to the plane.
-    `more`, (b, 2): margin of the footprints of pixels over the rays of their centres [mm].
-    """
-
-    points: np.ndarray
-    side: np.ndarray
-    more: np.ndarray
+    points: np.ndarray  # (b, NODES^2, 2, RAYS), x and y in the plane [mm]
+    side: np.ndarray  # (b,), relation of all rays of a beam to the plane
+    more: np.ndarray  # (b, 2), margin of the footprints of pixels over the rays of their centres [mm]
 
 
 class Footprints:

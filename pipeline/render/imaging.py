@@ -62,13 +62,10 @@ def known_flux(band: Band) -> np.ndarray | None:
 
 @dataclass(frozen=True, slots=True)
 class _Cubics:
-    """Cubics through positions along an edge of an image.
+    """Cubics through positions along an edge of an image."""
 
-    `positions_px`, (m,): all lie in the image; a pixel has the same four whichever others are asked for.
-    `place`, `weight`, (n, 4): those of each pixel, and their weights in its value, by Lagrange.
-    """
-
-    positions_px: np.ndarray
+    positions_px: np.ndarray  # (m,), all lie in the image; a pixel has the same four whichever others are asked for
+    # (n, 4), those of each pixel, and their weights in its value, by Lagrange
     place: np.ndarray
     weight: np.ndarray
 

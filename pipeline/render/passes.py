@@ -21,14 +21,10 @@ _SEED_BITS = 0xFFFFFFFF
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Samples of one replica that one pass takes.
+    """Samples of one replica that one pass takes."""
 
-    `first`: samples of the first pass through a microlens, a power of two.
-    `number`: the pass, from 0.
-    """
-
-    first: int
-    number: int = 0
+    first: int  # samples of the first pass through a microlens, a power of two
+    number: int = 0  # the pass, from 0
     replica: int = 0
 
     @property

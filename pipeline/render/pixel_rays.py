@@ -26,16 +26,12 @@ Rows = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Rows of an image.
-
-    `positions_mm`: centres of their pixels on the sensor, row by row, vision frame.
-    `strata`: microlenses that light each pixel, see `camera.micro_images.centres`.
-    """
+    """Rows of an image."""
 
     rig: Rig
     rows: Rows
-    positions_mm: Float64[np.ndarray, "n 2"]
-    strata: Int64[np.ndarray, "n s"]
+    positions_mm: Float64[np.ndarray, "n 2"]  # centres of their pixels on the sensor, row by row, vision frame
+    strata: Int64[np.ndarray, "n s"]  # microlenses that light each pixel, see `camera.micro_images.centres`
 
     @classmethod
     def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":
@@ -52,21 +48,16 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class PixelRays:
-    """Rays of some pixels.
+    """Rays of some pixels."""
 
-    `pixels`: the pixels, counted from the first row that is wanted.
-    `squares`: of these pixels.
-    `leaving`: owners are places of pixels in `pixels` times the number of microlenses in `squares`, plus the microlens.
-    `row`, `way`: both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell.
-    `seed`: that of the random numbers of these rays.
-    """
-
-    pixels: Int64[np.ndarray, "m"]
-    squares: Squares
+    pixels: Int64[np.ndarray, "m"]  # the pixels, counted from the first row that is wanted
+    squares: Squares  # of these pixels
+    # owners are places of pixels in `pixels` times the number of microlenses in `squares`, plus the microlens
     leaving: Leaving
+    # both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell
     row: Int64[np.ndarray, "n"]
     way: Int64[np.ndarray, "n"]
-    seed: int
+    seed: int  # that of the random numbers of these rays
 
 
 @dataclass(frozen=True, slots=True)

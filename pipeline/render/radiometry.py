@@ -38,19 +38,15 @@ _BISECTIONS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldTransmission:
-    """Transmission of the lens of a conventional camera over the image.
+    """Transmission of the lens of a conventional camera over the image."""
 
-    `axis`, `axis_px`: share of light that passes on the axis, and its image position x, y.
-    `places`: places of nodes, ascending: heights above the axis alone, or rows and columns [px].
-    `shares`: share that passes there, in rows: a single one where places are heights.
-    `error`: largest relative error of the next coarser spline at nodes new to it: that of this one is smaller.
-    """
-
+    # share of light that passes on the axis, and its image position x, y
     axis: float
     axis_px: tuple[float, float]
+    # places of nodes, ascending: heights above the axis alone, or rows and columns [px]
     places: tuple[tuple[float, ...], ...]
-    shares: tuple[tuple[float, ...], ...]
-    error: float
+    shares: tuple[tuple[float, ...], ...]  # share that passes there, in rows: a single one where places are heights
+    error: float  # largest relative error of the next coarser spline at nodes new to it: that of this one is smaller
 
     def __post_init__(self) -> None:
         settle(self, SensorError)

@@ -29,15 +29,12 @@ _STRAIGHT_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Corners:
-    """Surroundings of each point of a target, in the order of their ids.
+    """Surroundings of each point of a target, in the order of their ids."""
 
-    `edges`: unit vectors along the surface of the two edges through an X-corner, target frame: white lies between the
-        first and the second, and opposite. NaN at all other points.
-    `mean_over_contrast`: (white + black) / (white - black) of the pattern.
-    """
-
+    # unit vectors along the surface of the two edges through an X-corner, target frame: white lies between the first
+    # and the second, and opposite. NaN at all other points
     edges: Float64[np.ndarray, "n 2 3"]
-    mean_over_contrast: Float64[np.ndarray, "n"]
+    mean_over_contrast: Float64[np.ndarray, "n"]  # (white + black) / (white - black) of the pattern
 
 
 def corners_of(target: AnyTarget) -> Corners:

@@ -41,24 +41,17 @@ _MOST_BINS = 16
 
 
 class DrawingArrays(NamedTuple):
-    """A drawing for the kernels, from `drawing.Drawing.arrays`; chart, mm.
+    """A drawing for the kernels, from `drawing.Drawing.arrays`; chart, mm."""
 
-    `half_x`, `half_y`: half the width and half the height of the sheet.
-    `kinds`, (s,) int64: kinds of the shapes, numbers of `KINDS`.
-    `numbers`, (s, NUMBERS) float64: numbers of each shape, in columns that depend on its kind.
-    `first`, (s + 1,) int64: index of the first of the `corners`, (c, 2) float64, of each shape.
-    `bins`: bins of a grid over the sheet, along each axis.
-    `starts`, `items`, (bins^2 + 1,), (i,) int64: shapes that may be seen in each bin, the last one first, and where
-        those of each begin.
-    """
-
+    # half the width and half the height of the sheet
     half_x: float
     half_y: float
-    kinds: np.ndarray
-    numbers: np.ndarray
-    first: np.ndarray
+    kinds: np.ndarray  # (s,) int64, kinds of the shapes, numbers of `KINDS`
+    numbers: np.ndarray  # (s, NUMBERS) float64, numbers of each shape, in columns that depend on its kind
+    first: np.ndarray  # (s + 1,) int64, index of the first of the `corners`, (c, 2) float64, of each shape
     corners: np.ndarray
-    bins: int
+    bins: int  # bins of a grid over the sheet, along each axis
+    # (bins^2 + 1,), (i,) int64, shapes that may be seen in each bin, the last one first, and where those of each begin
     starts: np.ndarray
     items: np.ndarray
 

@@ -42,20 +42,15 @@ class Occluder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTarget:
-    """Flat triangles with points on them, for anything of known shape. Everything is in the target frame.
-
-    `triangles`: corners anticlockwise as seen from the front.
-    `albedo`: radiance at the corners of each triangle, relative; between them it is interpolated.
-    `points_mm`, `normals`: the marked points in the order of their ids, and the normals of their tangent planes, of any
-        length.
-    """
+    """Flat triangles with points on them, for anything of known shape. Everything is in the target frame."""
 
     KIND: ClassVar[str] = "mesh"
     ORDER: ClassVar[str] = "id: place in the list of marked points of the stage"
 
     vertices_mm: tuple[Triple, ...]
-    triangles: tuple[tuple[int, int, int], ...]
-    albedo: tuple[Triple, ...]
+    triangles: tuple[tuple[int, int, int], ...]  # corners anticlockwise as seen from the front
+    albedo: tuple[Triple, ...]  # radiance at the corners of each triangle, relative; between them it is interpolated
+    # the marked points in the order of their ids, and the normals of their tangent planes, of any length
     points_mm: tuple[Triple, ...]
     normals: tuple[Triple, ...]
 

@@ -25,22 +25,17 @@ class TangentPlane:
 
 @dataclass(frozen=True, slots=True)
 class TargetPoints:
-    """Points of a target in the order of their ids: the index is the id.
+    """Points of a target in the order of their ids: the index is the id."""
 
-    `position_mm`, `nominal_mm`: on the surface and on a flat board, which differ only on warped ones, target frame.
-    `axes`: columns: x and y along the surface, and the normal out of its front, target frame.
-    `curvature_per_mm`: largest curvature of the surface there, without sign.
-    `kinds`: see `pattern.Marks`.
-    `radius_mm`: of the disc around the point; NaN without a disc.
-    `plane`, `frames`: index of the tangent plane of each point, and target_from_plane of all planes.
-    """
-
+    # on the surface and on a flat board, which differ only on warped ones, target frame
     position_mm: Float64[np.ndarray, "n 3"]
     nominal_mm: Float64[np.ndarray, "n 3"]
+    # columns: x and y along the surface, and the normal out of its front, target frame
     axes: Float64[np.ndarray, "n 3 3"]
-    curvature_per_mm: Float64[np.ndarray, "n"]
-    kinds: list[str]
-    radius_mm: Float64[np.ndarray, "n"]
+    curvature_per_mm: Float64[np.ndarray, "n"]  # largest curvature of the surface there, without sign
+    kinds: list[str]  # see `pattern.Marks`
+    radius_mm: Float64[np.ndarray, "n"]  # of the disc around the point; NaN without a disc
+    # index of the tangent plane of each point, and target_from_plane of all planes
     plane: Int64[np.ndarray, "n"]
     frames: Float64[np.ndarray, "p 4 4"]
 

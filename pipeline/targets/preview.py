@@ -31,16 +31,12 @@ _SAME = 7
 
 @dataclass(frozen=True, slots=True)
 class PreviewFaces:
-    """Quadrilaterals in the target frame.
-
-    `faces`: corners, anticlockwise as seen from the front.
-    `radiance`: relative radiance of each face.
-    `sheet`: place of each point on the picture of all patches side by side, from (0, 0), lower left, to (1, 1).
-    """
+    """Quadrilaterals in the target frame."""
 
     points_mm: Float64[np.ndarray, "n 3"]
-    faces: Int64[np.ndarray, "m 4"]
-    radiance: Float64[np.ndarray, "m"]
+    faces: Int64[np.ndarray, "m 4"]  # corners, anticlockwise as seen from the front
+    radiance: Float64[np.ndarray, "m"]  # relative radiance of each face
+    # place of each point on the picture of all patches side by side, from (0, 0), lower left, to (1, 1)
     sheet: Float64[np.ndarray, "n 2"]
 
 

@@ -30,20 +30,15 @@ MESH: Kind = "mesh"
 
 @dataclass(frozen=True)
 class Patch:
-    """A piece of a surface. Patch frame: chart x right and y up, z out of the front, origin at the middle of the chart.
+    """A piece of a surface. Patch frame: chart x right and y up, z out of the front, origin in the chart's middle."""
 
-    `kind`: `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`.
-    `drawing`: its sheet is the extent of the patch.
-    `colours`: radiance of black and of white.
-    `shape`: numbers of a curved surface, see `surface_kernels`; for a cylinder the radius.
-    `triangles`, `albedo`: for a mesh: corners in the patch frame, and radiance at the corners.
-    """
-
-    kind: Kind
+    kind: Kind  # `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`
     target_from_patch: Float64[np.ndarray, "4 4"]
-    drawing: Drawing
-    colours: tuple[float, float]
+    drawing: Drawing  # its sheet is the extent of the patch
+    colours: tuple[float, float]  # radiance of black and of white
+    # numbers of a curved surface, see `surface_kernels`; for a cylinder the radius
     shape: Float64[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0))
+    # for a mesh: corners in the patch frame, and radiance at the corners
     triangles: Float64[np.ndarray, "m 3 3"] | None = None
     albedo: Float64[np.ndarray, "m 3"] | None = None
 
@@ -170,13 +165,11 @@ class Warped:
 
     The pattern keeps its x and y, as in mrcal. (A bent print keeps lengths along the surface instead; the total
     difference is 8/3 of the squared deflection over the width.)
-
-    `deflection_mm`: dx and dy, positive if the middle stands out towards the viewer.
     """
 
     KIND: ClassVar[str] = "warped"
 
-    deflection_mm: tuple[float, float]
+    deflection_mm: tuple[float, float]  # dx and dy, positive if the middle stands out towards the viewer
 
     def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
@@ -188,15 +181,12 @@ class HeightMap:
     """A measured board: heights on a grid over the whole sheet, its edges included, joined by Catmull-Rom cubics.
 
     The pattern keeps its x and y.
-
-    `resolution`: number of heights along x and along y.
-    `heights_mm`: z, rows from the top, each from the left.
     """
 
     KIND: ClassVar[str] = "height-map"
 
-    resolution: tuple[int, int]
-    heights_mm: tuple[float, ...]
+    resolution: tuple[int, int]  # number of heights along x and along y
+    heights_mm: tuple[float, ...]  # z, rows from the top, each from the left
 
     def __post_init__(self) -> None:
         across, down = self.resolution
@@ -214,13 +204,11 @@ class HeightMap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder:
-    """A sheet rolled about an upright axis without stretching; its middle touches the plane z = 0.
-
-    `radius_mm`: positive: the pattern is on the outside, the axis behind it. Negative: a hollow, seen from inside.
-    """
+    """A sheet rolled about an upright axis without stretching; its middle touches the plane z = 0."""
 
     KIND: ClassVar[str] = "cylinder"
 
+    # positive: the pattern is on the outside, the axis behind it. Negative: a hollow, seen from inside
     radius_mm: float
 
     def patches(self, pattern: Pattern) -> Pieces:
@@ -240,8 +228,6 @@ class Cube:
     """A cube with the pattern on every face; tag numbers go on from face to face. The origin is its centre.
 
     Faces: 0 front (+z), 1 right (+x), 2 top (+y), 3 left, 4 bottom, 5 back.
-
-    `edge_mm`: the part of a face beyond the sheet of the pattern is white.
     """
 
     KIND: ClassVar[str] = "cube"
@@ -254,7 +240,7 @@ class Cube:
         ((0, 0, -1), (0, 1, 0)),
     )
 
-    edge_mm: float
+    edge_mm: float  # the part of a face beyond the sheet of the pattern is white
 
     def patches(self, pattern: Pattern) -> Pieces:
         """The six faces."""
@@ -282,14 +268,12 @@ class Stairs:
     """Stairs: the pattern on the front of each step, white treads between the fronts.
 
     The origin is the centre of the lowest front, step 0. Tags go on counting from step to step.
-
-    `depth_mm`: distance from one front back to the next.
     """
 
     KIND: ClassVar[str] = "stairs"
 
     steps: int
-    depth_mm: float
+    depth_mm: float  # distance from one front back to the next
 
     def __post_init__(self) -> None:
         if self.steps < 2 or not self.depth_mm > 0:

@@ -40,18 +40,13 @@ _BATCHES = 6
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of a table that are to be judged.
+    """Rows of a table that are to be judged."""
 
-    `planes`: tangent planes at their target points.
-    `cell`: index of their microlens; 0 for a conventional camera.
-    `is_direct`: whether they were found by quadrature.
-    `stands_for`: number of rows of the table that each one represents; None: one each.
-    """
-
-    planes: Float64[np.ndarray, "n 4 3"]
-    cell: Int64[np.ndarray, "n"]
+    planes: Float64[np.ndarray, "n 4 3"]  # tangent planes at their target points
+    cell: Int64[np.ndarray, "n"]  # index of their microlens; 0 for a conventional camera
     x_px: Float64[np.ndarray, "n 2"]
-    is_direct: Bool[np.ndarray, "n"]
+    is_direct: Bool[np.ndarray, "n"]  # whether they were found by quadrature
+    # number of rows of the table that each one represents; None: one each
     stands_for: Float64[np.ndarray, "n"] | None = None
 
     def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":

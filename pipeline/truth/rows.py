@@ -12,19 +12,16 @@ from pipeline.records.shapes import Bool, Float64, Int64, Shaped
 
 @dataclass(frozen=True, slots=True)
 class Solutions:
-    """Raw solutions of a search, one row each.
-
-    `jacobian`: derivative of J by image position, mm on the target per px; columns are x and y.
-    `noise_gain`: standard error of the solution over that of a single position of the grid.
-    `error_px`: expected error from noise and from the assumptions of the search; NaN if unknown.
-    """
+    """Raw solutions of a search, one row each."""
 
     point: Int64[np.ndarray, "n"]
     cell: Int64[np.ndarray, "n"]
     x_px: Float64[np.ndarray, "n"]
     y_px: Float64[np.ndarray, "n"]
+    # derivative of J by image position, mm on the target per px; columns are x and y
     jacobian: Float64[np.ndarray, "n 2 2"]
-    noise_gain: Float64[np.ndarray, "n"]
+    noise_gain: Float64[np.ndarray, "n"]  # standard error of the solution over that of a single position of the grid
+    # expected error from noise and from the assumptions of the search; NaN if unknown
     error_px: Float64[np.ndarray, "n"]
 
     @property
@@ -43,21 +40,15 @@ class Solutions:
 
 @dataclass(frozen=True, slots=True)
 class Correspondences:
-    """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
-
-    `sigma_px`: standard error from the ray sampling.
-    `blur_px2`: NaN if the second moments are unknown.
-    `counts`: numbers of solutions found, rejected and dropped, by reason.
-    `method`: that by which each row was found.
-    """
+    """Rows of correspondences.csv that depend on optics, sorted by point, l, k."""
 
     solutions: Solutions
-    sigma_px: Float64[np.ndarray, "n 2"]
+    sigma_px: Float64[np.ndarray, "n 2"]  # standard error from the ray sampling
     hit_fraction: Float64[np.ndarray, "n"]
-    blur_px2: Float64[np.ndarray, "n 2 2"]
+    blur_px2: Float64[np.ndarray, "n 2 2"]  # NaN if the second moments are unknown
     rho_px: Float64[np.ndarray, "n"]
-    counts: dict[str, int]
-    method: Shaped[np.ndarray, "n"]
+    counts: dict[str, int]  # numbers of solutions found, rejected and dropped, by reason
+    method: Shaped[np.ndarray, "n"]  # that by which each row was found
 
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":
         """The rows selected by a mask or by indices; counts are not changed."""

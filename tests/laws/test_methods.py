@@ -27,7 +27,7 @@ from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import by_two_planes, correspondences
 from pipeline.truth.direct.direct_rows import polished
-from pipeline.truth.grid import per_plane
+from pipeline.truth.grid import correspond as searching
 from pipeline.truth.grid.correspond import correspond_points
 from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
@@ -174,7 +174,7 @@ def test_rows_of_a_bent_target_are_those_of_the_whole_image(tmp_path: Path, monk
 
     found = correspond_points(points, grid, pose, TruthSettings(method="two-plane"), image_of)
     assert len(made) == len(points.position_mm) and np.mean([w * h for w, h in made]) < 0.5 * 96 * 72
-    monkeypatch.setattr(per_plane, "_window", lambda grid, _: tuple(slice(0, size) for size in grid.size_px[::-1]))
+    monkeypatch.setattr(searching, "_window", lambda grid, _: tuple(slice(0, size) for size in grid.size_px[::-1]))
     whole = correspond_points(points, grid, pose, TruthSettings(method="two-plane"), image_of)
     assert set(made[len(points.position_mm) :]) == {(96, 72)}
     assert found is not None and whole is not None

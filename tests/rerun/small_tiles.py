@@ -5,7 +5,7 @@ import pytest
 from pipeline.files import exr_bands
 from pipeline.graph import tiles
 from pipeline.tasks import images
-from pipeline.truth.grid import per_plane
+from pipeline.truth.grid import correspond as searching
 
 
 def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -17,6 +17,6 @@ def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(tiles, "bands", bands)
     monkeypatch.setattr(tiles, "_MICROLENSES", 12)
-    monkeypatch.setattr(per_plane, "_BAND_POSITIONS", 1)
+    monkeypatch.setattr(searching, "_BAND_POSITIONS", 1)
     monkeypatch.setattr(exr_bands, "_BAND_PX", 1)
     monkeypatch.setattr(images, "_PREVIEW_ROWS", 7)

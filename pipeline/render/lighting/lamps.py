@@ -40,29 +40,21 @@ _FLOOR = 0.05
 
 
 class Dome(NamedTuple):
-    """A picture of the sky in one light.
+    """A picture of the sky in one light."""
 
-    `texels`, (h, w, 4) float32: red, green and blue as factors of the lamp's radiance; (0, 0, 4): none.
-    `raised`, (3,): weights of red, green and blue in the light.
-    `rows`, `columns`, (h + 1,), (h, w + 1): cumulated probability of the rows, and of the columns of each row.
-    """
-
-    texels: np.ndarray
-    raised: np.ndarray
+    texels: np.ndarray  # (h, w, 4) float32, red, green and blue as factors of the lamp's radiance; (0, 0, 4): none
+    raised: np.ndarray  # (3,), weights of red, green and blue in the light
+    # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
     rows: np.ndarray
     columns: np.ndarray
 
 
 class Lamps(NamedTuple):
-    """All lamps of a scene, with surfaces that shine by themselves.
-
-    `dome`: the picture of the textured dome; without texels there is none.
-    `background`: radiance that the camera sees where nothing is, if there is no dome.
-    """
+    """All lamps of a scene, with surfaces that shine by themselves."""
 
     table: np.ndarray
-    dome: Dome
-    background: float
+    dome: Dome  # the picture of the textured dome; without texels there is none
+    background: float  # radiance that the camera sees where nothing is, if there is no dome
     glow: Glow
 
 

@@ -43,21 +43,15 @@ _Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 
 @dataclass(frozen=True, slots=True)
 class LitView:
-    """Everything before a camera.
-
-    `pictures`: (h, w, 4) pictures of materials and domes, by name.
-    `background`: radiance that the camera sees where there is nothing, if no dome is there.
-    `lights`: light of each wavelength of the image, in the order of `Rig.in_each_light`.
-    `colours`: colours of each target; empty: all of them are neutral.
-    """
+    """Everything before a camera."""
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]
     occluders: Sequence[tuple[Occluder, np.ndarray]]
     lighting: Lighting
-    pictures: Mapping[str, Num[np.ndarray, "h w c"]]
-    background: float
-    lights: tuple[Slices, ...]
-    colours: Sequence[Colours] = ()
+    pictures: Mapping[str, Num[np.ndarray, "h w c"]]  # (h, w, 4) pictures of materials and domes, by name
+    background: float  # radiance that the camera sees where there is nothing, if no dome is there
+    lights: tuple[Slices, ...]  # light of each wavelength of the image, in the order of `Rig.in_each_light`
+    colours: Sequence[Colours] = ()  # colours of each target; empty: all of them are neutral
 
     def in_light(self, number: int) -> "LitScene":
         """The view at one of its wavelengths."""

@@ -37,16 +37,12 @@ REPEAT, MIRROR, CLAMP, BLACK = range(4)
 
 
 class Materials(NamedTuple):
-    """All materials in one light: inputs (m, INPUTS, COLUMNS) and flags (m, FLAGS).
-
-    `pictures`, (k, 3) int64: first texel, width and height of each texture.
-    `texels`, (n, 4) float32: linear, the first row of a picture is its top.
-    """
+    """All materials in one light: inputs (m, INPUTS, COLUMNS) and flags (m, FLAGS)."""
 
     inputs: np.ndarray
     flags: np.ndarray
-    pictures: np.ndarray
-    texels: np.ndarray
+    pictures: np.ndarray  # (k, 3) int64, first texel, width and height of each texture
+    texels: np.ndarray  # (n, 4) float32, linear, the first row of a picture is its top
 
 
 @inline

@@ -48,53 +48,40 @@ _LEAST = 0.05
 
 
 class Paths(NamedTuple):
-    """Paths of a batch, each with the ray (n, 3) on which it continues, away from the camera.
-
-    `power`: part of the light along this ray that reaches the camera.
-    `density`, `cosine`: with which density the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at
-        the surface.
-    `key`, `place`, (n,) uint32, (n,) int64: `draws.Names`.
-    `ray`, (n,) int64: the ray of the camera that it belongs to.
-    """
+    """Paths of a batch, each with the ray (n, 3) on which it continues, away from the camera."""
 
     origin: np.ndarray
     direction: np.ndarray
-    power: np.ndarray
+    power: np.ndarray  # part of the light along this ray that reaches the camera
+    # with which density the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at the surface
     density: np.ndarray
     cosine: np.ndarray
+    # (n,) uint32, (n,) int64, `draws.Names`
     key: np.ndarray
     place: np.ndarray
-    ray: np.ndarray
+    ray: np.ndarray  # (n,) int64, the ray of the camera that it belongs to
 
 
 class Hits(NamedTuple):
-    """Surfaces that paths meet.
+    """Surfaces that paths meet."""
 
-    `distance`: infinite where there is nothing.
-    `flat`, `normal`, (n, 3): unit normals of the triangle and for shading, on the side that the ray comes from.
-    `paint`, (n, 3): fields of `reflection.Paint`.
-    """
-
-    distance: np.ndarray
+    distance: np.ndarray  # infinite where there is nothing
     triangle: np.ndarray
     point: np.ndarray
+    # (n, 3), unit normals of the triangle and for shading, on the side that the ray comes from
     flat: np.ndarray
     normal: np.ndarray
-    paint: np.ndarray
+    paint: np.ndarray  # (n, 3), fields of `reflection.Paint`
     emission: np.ndarray
 
 
 class Shadows(NamedTuple):
-    """Rays towards lamps.
-
-    `end`: path to the lamp.
-    `light`: light that arrives if nothing is in between; 0: there is no such ray.
-    """
+    """Rays towards lamps."""
 
     origin: np.ndarray
     direction: np.ndarray
-    end: np.ndarray
-    light: np.ndarray
+    end: np.ndarray  # path to the lamp
+    light: np.ndarray  # light that arrives if nothing is in between; 0: there is no such ray
 
 
 @kernel

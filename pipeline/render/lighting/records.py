@@ -11,19 +11,14 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A lamp of UsdLux, in its own frame: x, y and z as USD has them.
+    """A lamp of UsdLux, in its own frame: x, y and z as USD has them."""
 
-    `kind`: `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`.
-    `radiance`: what leaves it, relative; of a distant lamp without extent the irradiance across its light.
-    `size`: rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant:
-        half its angle [rad], 0.
-    `texture`: name of the task's input that holds the picture of a dome; empty: there is none.
-    """
-
-    kind: str
-    radiance: Rgb
+    kind: str  # `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`
+    radiance: Rgb  # what leaves it, relative; of a distant lamp without extent the irradiance across its light
+    # rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant: half
+    # its angle [rad], 0
     size: tuple[float, float] = (0.0, 0.0)
-    texture: str = ""
+    texture: str = ""  # name of the task's input that holds the picture of a dome; empty: there is none
 
     @property
     def area(self) -> float:
@@ -42,21 +37,15 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Texture:
-    """A picture on a surface.
+    """A picture on a surface."""
 
-    `name`: name of the task's input that holds the picture.
-    `channel`: `rgb`, or `r`, `g`, `b`, `a` for an input that is one number.
-    `scale`, `bias`: value = scale * texel + bias, by component.
-    `wrap`: `repeat`, `mirror`, `clamp` or `black`, along s and t.
-    `st_from_primvar`: rows of the affine map from the primvar to s and t.
-    """
-
-    name: str
-    channel: str = "rgb"
+    name: str  # name of the task's input that holds the picture
+    channel: str = "rgb"  # `rgb`, or `r`, `g`, `b`, `a` for an input that is one number
+    # value = scale * texel + bias, by component
     scale: Numbers = (1.0, 1.0, 1.0, 1.0)
     bias: Numbers = (0.0, 0.0, 0.0, 0.0)
-    wrap: tuple[str, str] = ("repeat", "repeat")
-    st_from_primvar: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    wrap: tuple[str, str] = ("repeat", "repeat")  # `repeat`, `mirror`, `clamp` or `black`, along s and t
+    st_from_primvar: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # rows of the affine map from the primvar to s and t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,13 +73,10 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finish:
-    """Materials of the triangles of a mesh, with normals, frame of the mesh, and texture coordinates at their corners.
-
-    `material_of`: index of the material of each triangle; empty: all have the first.
-    """
+    """Materials of the triangles of a mesh, with normals in its frame and texture coordinates at their corners."""
 
     materials: tuple[Material, ...]
-    material_of: tuple[int, ...] = ()
+    material_of: tuple[int, ...] = ()  # index of the material of each triangle; empty: all have the first
     normals: tuple[Numbers, ...] = ()
     st: tuple[Numbers, ...] = ()
 
@@ -113,12 +99,9 @@ class PlacedLamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
-    """Everything that a lit view has besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder.
-
-    `bounces`: reflections of a path beyond the surface that the camera sees and direct light reaches.
-    """
+    """What a lit view has besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder."""
 
     lamps: tuple[PlacedLamp, ...]
     coats: tuple[Coat | None, ...] = ()
     finishes: tuple[dict[str, Any], ...] = ()
-    bounces: int = 2
+    bounces: int = 2  # reflections of a path beyond the surface that the camera sees and direct light reaches

@@ -35,30 +35,23 @@ tests/laws/microfacet_walk.py: light of all reflections together is right to 0.7
 
 
 class Layers(NamedTuple):
-    """Tables of the specular layer, from `tabled_layers`.
+    """Tables of the specular layer, from `tabled_layers`."""
 
-    `sums`, (NODES, NODES, 3): by the roots of alpha and of the cosine, light that single reflections return where the
-        Fresnel term is 1, and where it is (1 - cos)^5; and the root of the share of other light that returns if facets
-        reflect (1 - cos)^5.
-    `means`, (NODES, NODES, 2): means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of
-        alpha and by `Paint.facing`.
-    """
-
+    # (NODES, NODES, 3), by the roots of alpha and of the cosine: light that single reflections return where the Fresnel
+    # term is 1, and where it is (1 - cos)^5; and the root of the share of other light that returns if facets reflect
+    # (1 - cos)^5
     sums: np.ndarray
+    # (NODES, NODES, 2), means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of alpha and
+    # by `Paint.facing`
     means: np.ndarray
 
 
 class Paint(NamedTuple):
-    """A surface at a point and one wavelength.
+    """A surface at a point and one wavelength."""
 
-    `diffuse`: reflectance of the paint; 0 below a metal.
-    `facing`: reflectance of a facet seen face on.
-    `alpha`: width of the distribution of facets; 0: there is no specular layer.
-    """
-
-    diffuse: float
-    facing: float
-    alpha: float
+    diffuse: float  # reflectance of the paint; 0 below a metal
+    facing: float  # reflectance of a facet seen face on
+    alpha: float  # width of the distribution of facets; 0: there is no specular layer
 
 
 class Layer(NamedTuple):
@@ -69,18 +62,14 @@ class Layer(NamedTuple):
 
 
 class SeenSurface(NamedTuple):
-    """A surface as it is seen along a direction: what does not depend on where light comes from.
-
-    `layer`: in this direction.
-    `many`, `kept`: means over a hemisphere of `Layer.many`, and of the light that the layer lets through to the paint.
-    `chance`: probability with which `scattered` follows the layer.
-    """
+    """A surface as it is seen along a direction: what does not depend on where light comes from."""
 
     direction: tuple[float, float, float]
-    layer: Layer
+    layer: Layer  # in this direction
+    # means over a hemisphere of `Layer.many`, and of the light that the layer lets through to the paint
     many: float
     kept: float
-    chance: float
+    chance: float  # probability with which `scattered` follows the layer
 
 
 @inline

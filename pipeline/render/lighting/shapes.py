@@ -32,31 +32,25 @@ from pipeline.targets.vectors import along, cross, dot, minus, row, times, unit
 
 
 class Shapes(NamedTuple):
-    """All triangles of a scene, vision frame.
+    """All triangles of a scene, vision frame."""
 
-    `corners`, `normals`, (t, 3, 3): corners and normals of each, anticlockwise as seen from the front.
-    `st`, (t, 3, 2): texture coordinates at the corners.
-    """
-
+    # (t, 3, 3), corners and normals of each, anticlockwise as seen from the front
     corners: np.ndarray
     normals: np.ndarray
-    st: np.ndarray
+    st: np.ndarray  # (t, 3, 2), texture coordinates at the corners
     material: np.ndarray
 
 
 class Glow(NamedTuple):
-    """Triangles that shine by themselves, as one more lamp beside those of the table.
+    """Triangles that shine by themselves, as one more lamp beside those of the table."""
 
-    `chance`: probability with which they are asked for light, and not a lamp.
-    `triangle`, `cumulated`, (k,) int64, (k,) float64: triangles that shine, and cumulated probability of each.
-    `per_mm2`, (t,): density with which a point of any triangle is asked, chance included; 0 where it does not shine.
-    `shapes`, `materials`: of all triangles.
-    """
-
-    chance: float
+    chance: float  # probability with which they are asked for light, and not a lamp
+    # (k,) int64, (k,) float64, triangles that shine, and cumulated probability of each
     triangle: np.ndarray
     cumulated: np.ndarray
+    # (t,), density with which a point of any triangle is asked, chance included; 0 where it does not shine
     per_mm2: np.ndarray
+    # of all triangles
     shapes: Shapes
     materials: Materials
 

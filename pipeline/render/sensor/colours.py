@@ -21,16 +21,12 @@ DAYLIGHT = "D65"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Colorimetry:
-    """A sensor beside the standard observer.
+    """A sensor beside the standard observer."""
 
-    `illuminant`: light of the scene, by its name in `spectra.illuminant`.
-    `xyz_from_rgb`: CIE 1931 X, Y and Z of relative irradiances of red, green and blue; white has Y = 1, and 1 in each
-        channel.
-    `counted`: what red, green and blue count of white, in a unit that is the same for all lights of a sensor.
-    """
-
-    illuminant: str
+    illuminant: str  # light of the scene, by its name in `spectra.illuminant`
+    # CIE 1931 X, Y and Z of relative irradiances of red, green and blue; white has Y = 1, and 1 in each channel
     xyz_from_rgb: tuple[tuple[float, ...], ...]
+    # what red, green and blue count of white, in a unit that is the same for all lights of a sensor
     counted: tuple[float, ...]
 
     @property

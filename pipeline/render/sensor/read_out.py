@@ -156,18 +156,13 @@ class Shot:
 
 
 class Chain(NamedTuple):
-    """Numbers of the read-out of one frame.
-
-    `dark_s_and_current`: exposure time [s] and mean dark current [e-/s].
-    `temporal_e`: noise of pixel, row and column.
-    `scale`: black level [DN], gain [DN/e-], largest digital number [DN].
-    """
+    """Numbers of the read-out of one frame."""
 
     counts: bool
     full_well_e: float
-    dark_s_and_current: tuple[float, float]
-    temporal_e: tuple[float, float, float]
-    scale: tuple[float, float, float]
+    dark_s_and_current: tuple[float, float]  # exposure time [s] and mean dark current [e-/s]
+    temporal_e: tuple[float, float, float]  # noise of pixel, row and column
+    scale: tuple[float, float, float]  # black level [DN], gain [DN/e-], largest digital number [DN]
     nonlinear_at: np.ndarray
     nonlinear_by: np.ndarray
 
@@ -247,16 +242,11 @@ def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, 
 
 
 class FixedPattern(NamedTuple):
-    """What differs from pixel to pixel of a specimen and stays the same in every frame, (h, w) float64 each.
+    """What differs from pixel to pixel of a specimen and stays the same in every frame, (h, w) float64 each."""
 
-    `dark_e`: difference of the dark signal from its mean, DSNU.
-    `response`: photo response over its mean, PRNU; 0 of dead pixels.
-    `hot_e_per_s`: dark current of hot pixels beyond that of the others, 0 elsewhere.
-    """
-
-    dark_e: np.ndarray
-    response: np.ndarray
-    hot_e_per_s: np.ndarray
+    dark_e: np.ndarray  # difference of the dark signal from its mean, DSNU
+    response: np.ndarray  # photo response over its mean, PRNU; 0 of dead pixels
+    hot_e_per_s: np.ndarray  # dark current of hot pixels beyond that of the others, 0 elsewhere
 
 
 def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:

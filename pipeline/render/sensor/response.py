@@ -31,11 +31,9 @@ PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PatternSpread:
-    """Part of a `SensorResponse` that makes the fixed pattern of a specimen.
+    """Part of a `SensorResponse` that makes the fixed pattern of a specimen."""
 
-    `dark_e`, `response`: standard deviations over pixels, rows and columns: DSNU and PRNU.
-    """
-
+    # standard deviations over pixels, rows and columns: DSNU and PRNU
     dark_e: tuple[float, float, float]
     response: tuple[float, float, float]
     hot_share: float
@@ -48,41 +46,28 @@ class PatternSpread:
 class SensorResponse:
     """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
 
-    `quantum_efficiency`: electrons per photon, one for each channel.
-    `full_well_e`: electrons that a pixel holds at most.
-    `gain_dn_per_e`: overall system gain K.
-    `filters`: colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over
-        the sensor. The channels are these names in the order in which they first occur.
-    `shot_noise`: whether electrons are counted (Poisson), or arrive as their expected number.
-    `dark_noise_e`: temporal dark noise sigma_d0 without that of the dark current.
-    `row_noise_e`, `column_noise_e`: temporal noise that all pixels of a row or column share, new in each frame.
-    `temperature_degc`, `dark_current_at_degc`, `doubling_k`: all or none: temperature of the sensor, the one at which
-        the dark current is as said, and the difference that doubles it.
     `dsnu_e`, `prnu` and those of rows and columns: standard deviations of the dark signal, and of the photo response
         relative to its mean, the same in every frame.
-    `hot_share`, `hot_current_e_per_s`: share of the pixels with a further dark current, exponentially distributed with
-        this mean.
-    `dead_share`: share of the pixels that no light reaches.
-    `nonlinearity`: deviation from the straight line, relative to the signal, at shares of the full well in ascending
-        order; linear in between, constant beyond.
-    `crosstalk`: kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by
-        each of its neighbours, itself in the middle. Empty: none is lost.
-    `specimen`: number of its fixed pattern: one of all sensors that were made alike.
 
     Source: EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
     """
 
-    quantum_efficiency: tuple[float, ...]
-    full_well_e: float
-    gain_dn_per_e: float
+    quantum_efficiency: tuple[float, ...]  # electrons per photon, one for each channel
+    full_well_e: float  # electrons that a pixel holds at most
+    gain_dn_per_e: float  # overall system gain K
     bit_depth: int
     black_level_dn: float = 0.0
+    # colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over the
+    # sensor. The channels are these names in the order in which they first occur
     filters: tuple[str, ...] = ("mono",)
-    shot_noise: bool = True
-    dark_noise_e: float = 0.0
+    shot_noise: bool = True  # whether electrons are counted (Poisson), or arrive as their expected number
+    dark_noise_e: float = 0.0  # temporal dark noise sigma_d0 without that of the dark current
+    # temporal noise that all pixels of a row or column share, new in each frame
     row_noise_e: float = 0.0
     column_noise_e: float = 0.0
     dark_current_e_per_s: float = 0.0
+    # all or none: temperature of the sensor, the one at which the dark current is as said, and the difference that
+    # doubles it
     temperature_degc: float | None = None
     dark_current_at_degc: float | None = None
     doubling_k: float | None = None
@@ -92,12 +77,17 @@ class SensorResponse:
     prnu: float = 0.0
     prnu_row: float = 0.0
     prnu_column: float = 0.0
+    # share of the pixels with a further dark current, exponentially distributed with this mean
     hot_share: float = 0.0
     hot_current_e_per_s: float = 0.0
-    dead_share: float = 0.0
+    dead_share: float = 0.0  # share of the pixels that no light reaches
+    # deviation from the straight line, relative to the signal, at shares of the full well in ascending order; linear in
+    # between, constant beyond
     nonlinearity: tuple[tuple[float, float], ...] = ()
+    # kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
+    # its neighbours, itself in the middle. Empty: none is lost
     crosstalk: tuple[float, ...] = ()
-    specimen: int = 0
+    specimen: int = 0  # number of its fixed pattern: one of all sensors that were made alike
 
     def __post_init__(self) -> None:
         settle(self, SensorError)
@@ -193,16 +183,13 @@ class SensorResponse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Radiance:
-    """Light before a lens, of one wavelength, or as a channel of a sensor counts it.
+    """Light before a lens, of one wavelength, or as a channel of a sensor counts it."""
 
-    `w_per_m2_sr`: radiance of what the linear image calls 1 [W m^-2 sr^-1]; for a channel between 380 and 780 nm.
-    `effective_nm`: the wavelength; for a channel that of light of which a joule has as many photons as count in the
-        channel for a joule of that radiance: each counts by the channel's response at its wavelength over the highest.
-    `losses`: at each wavelength that stands for the light; None: the lens takes no light but what its apertures stop.
-    """
-
-    w_per_m2_sr: float
+    w_per_m2_sr: float  # radiance of what the linear image calls 1 [W m^-2 sr^-1]; for a channel between 380 and 780 nm
+    # the wavelength; for a channel that of light of which a joule has as many photons as count in the channel for a
+    # joule of that radiance: each counts by the channel's response at its wavelength over the highest
     effective_nm: float
+    # at each wavelength that stands for the light; None: the lens takes no light but what its apertures stop
     losses: tuple[Losses | None, ...] = (None,)
     channel: str | None = None
 
@@ -218,21 +205,16 @@ class Radiance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Irradiation:
-    """Exposure of a frame: by its result, by its photons, or by the radiance of the scene.
+    """Exposure of a frame: by its result, by its photons, or by the radiance of the scene."""
 
-    `exposure_time_s`: for how long light and dark current are collected [s].
-    `white_level`: share of saturation that the light of relative irradiance 1 fills, in the channel of the highest
-        quantum efficiency, without dark signal.
-    `photon_rate`: photons that hit a pixel in a second at relative irradiance 1 [1/s].
-    `radiance`: radiance that has the relative irradiance 1; the camera then determines the photon rate.
-    `channels`: the same for a sensor with channels, one for each.
-    """
-
-    exposure_time_s: float
+    exposure_time_s: float  # for how long light and dark current are collected [s]
+    # share of saturation that the light of relative irradiance 1 fills, in the channel of the highest quantum
+    # efficiency, without dark signal
     white_level: float | None = None
-    photon_rate: float | None = None
+    photon_rate: float | None = None  # photons that hit a pixel in a second at relative irradiance 1 [1/s]
+    # radiance that has the relative irradiance 1; the camera then determines the photon rate
     radiance: Radiance | None = None
-    channels: tuple[Radiance, ...] = ()
+    channels: tuple[Radiance, ...] = ()  # the same for a sensor with channels, one for each
 
     def __post_init__(self) -> None:
         settle(self, SensorError)

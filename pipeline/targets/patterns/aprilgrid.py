@@ -16,13 +16,7 @@ from pipeline.targets.patterns.tags import bits_of, require_tags, tag_shapes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AprilGrid(Pattern):
-    """A grid of AprilTags with black squares between their corners, and a white margin twice as wide as the gaps.
-
-    `tag_mm`: edge of a tag, black border included.
-    `spacing`: gap between tags over `tag_mm`: Kalibr's tagSpacing.
-    `border_bits`: width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere.
-    `first_tag`: number of the tag at the bottom left.
-    """
+    """A grid of AprilTags with black squares between their corners, and a white margin twice as wide as the gaps."""
 
     KIND: ClassVar[str] = "aprilgrid"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -41,11 +35,11 @@ class AprilGrid(Pattern):
 
     columns: int
     rows: int
-    tag_mm: float
-    spacing: float = 0.3
+    tag_mm: float  # edge of a tag, black border included
+    spacing: float = 0.3  # gap between tags over `tag_mm`: Kalibr's tagSpacing
     dictionary: str = "apriltag_36h11"
-    border_bits: int = 2
-    first_tag: int = 0
+    border_bits: int = 2  # width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere
+    first_tag: int = 0  # number of the tag at the bottom left
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows, self.border_bits) < 1 or not self.tag_mm > 0 or not 0 < self.spacing <= 1:

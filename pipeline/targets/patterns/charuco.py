@@ -12,13 +12,7 @@ from pipeline.targets.patterns.tags import bits_of, require_tags, tag_shapes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Charuco(Pattern):
-    """A ChArUco board; the top-left square is black, a white margin one square wide runs around the squares.
-
-    `columns`, `rows`: inner corners: one less than the squares by which OpenCV counts.
-    `marker_mm`: edge of a tag.
-    `first_tag`: number of the tag in the first white square; the others follow, rows from the top, each from the left.
-    `marker_corners`: whether the corners of the tags are target points, too.
-    """
+    """A ChArUco board; the top-left square is black, a white margin one square wide runs around the squares."""
 
     KIND: ClassVar[str] = "charuco"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -35,13 +29,15 @@ class Charuco(Pattern):
         " OpenCV's CharucoBoard; then, if asked for, four corners per tag, clockwise from its top left"
     )
 
+    # inner corners: one less than the squares by which OpenCV counts
     columns: int
     rows: int
     square_mm: float
-    marker_mm: float
+    marker_mm: float  # edge of a tag
     dictionary: str = "4x4_50"
+    # number of the tag in the first white square; the others follow, rows from the top, each from the left
     first_tag: int = 0
-    marker_corners: bool = False
+    marker_corners: bool = False  # whether the corners of the tags are target points, too
 
     def __post_init__(self) -> None:
         if self.columns < 1 or self.rows < 1 or not self.square_mm > self.marker_mm > 0:

@@ -11,11 +11,7 @@ from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CircleGrid(Pattern):
-    """Black discs whose centres are the target points.
-
-    `spacing_mm`: distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a
-        row; in an asymmetric one it is half that distance, and every other row is shifted by it.
-    """
+    """Black discs whose centres are the target points."""
 
     KIND: ClassVar[str] = "circle-grid"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -29,6 +25,8 @@ class CircleGrid(Pattern):
 
     columns: int
     rows: int
+    # distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a row; in an
+    # asymmetric one it is half that distance, and every other row is shifted by it
     spacing_mm: float
     diameter_mm: float
     asymmetric: bool = False

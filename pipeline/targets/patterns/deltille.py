@@ -11,10 +11,7 @@ from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deltille(Pattern):
-    """Black triangles that point up and white ones that point down, in rows that are shifted in turn by half an edge.
-
-    `columns`, `rows`: inner corners in a row, and rows of them.
-    """
+    """Black triangles that point up and white ones that point down, in rows shifted in turn by half an edge."""
 
     KIND: ClassVar[str] = "deltille"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -27,6 +24,7 @@ class Deltille(Pattern):
         " further right than odd ones"
     )
 
+    # inner corners in a row, and rows of them
     columns: int
     rows: int
     edge_mm: float

@@ -12,10 +12,7 @@ from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, grid
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlantedEdge(Pattern):
-    """A sheet, white to the left of an edge through its centre and black to the right of it, for ISO 12233.
-
-    `angle_deg`: of the edge from the vertical, clockwise as the viewer sees it.
-    """
+    """A sheet, white to the left of an edge through its centre and black to the right of it, for ISO 12233."""
 
     KIND: ClassVar[str] = "slanted-edge"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -27,7 +24,7 @@ class SlantedEdge(Pattern):
 
     width_mm: float
     height_mm: float
-    angle_deg: float = 5.0
+    angle_deg: float = 5.0  # of the edge from the vertical, clockwise as the viewer sees it
 
     def __post_init__(self) -> None:
         if not (self.width_mm > 0 and self.height_mm > 0 and abs(self.angle_deg) < 45) or self._lean >= self.width_mm:
@@ -61,10 +58,6 @@ class SlantedEdge(Pattern):
 class Lines(Pattern):
     """Black lines, vertical, horizontal or both. Each extends half a spacing beyond the outermost lines that it may
     cross.
-
-    `columns`, `rows`: vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as
-        the distance between the outermost ones.
-    `spacing_mm`: distance of the centres of neighbouring lines.
     """
 
     KIND: ClassVar[str] = "lines"
@@ -79,9 +72,11 @@ class Lines(Pattern):
         " lines of one direction their ends: 2 n the upper or left end of line n, 2 n + 1 the other one"
     )
 
+    # vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as the distance
+    # between the outermost ones
     columns: int
     rows: int
-    spacing_mm: float
+    spacing_mm: float  # distance of the centres of neighbouring lines
     width_mm: float
 
     def __post_init__(self) -> None:

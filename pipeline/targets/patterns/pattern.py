@@ -20,15 +20,11 @@ class TargetError(PipelineError):
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Points of a pattern whose image positions are computed, in the order of their ids, in the chart.
-
-    `kinds`: `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`.
-    `radius_mm`: radius of the disc about a mark; NaN without a disc.
-    """
+    """Points of a pattern whose image positions are computed, in the order of their ids, in the chart."""
 
     xy_mm: Float64[np.ndarray, "n 2"]
-    kinds: list[str]
-    radius_mm: Float64[np.ndarray, "n"]
+    kinds: list[str]  # `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`
+    radius_mm: Float64[np.ndarray, "n"]  # radius of the disc about a mark; NaN without a disc
 
     @staticmethod
     def of(*groups: tuple[str, np.ndarray], radius_mm: float = np.nan) -> "Marks":

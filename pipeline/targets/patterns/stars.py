@@ -11,11 +11,7 @@ from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, grid
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stars(Pattern):
-    """A grid of stars whose centres are the target points, on a sheet with a margin of one spacing.
-
-    `spacing_mm`: distance of neighbouring centres.
-    `spokes`: black sectors of a star.
-    """
+    """A grid of stars whose centres are the target points, on a sheet with a margin of one spacing."""
 
     KIND: ClassVar[str] = "stars"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -29,9 +25,9 @@ class Stars(Pattern):
 
     columns: int
     rows: int
-    spacing_mm: float
+    spacing_mm: float  # distance of neighbouring centres
     diameter_mm: float
-    spokes: int = 8
+    spokes: int = 8  # black sectors of a star
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows, self.spokes) < 1 or not 0 < self.diameter_mm <= self.spacing_mm:
@@ -63,10 +59,7 @@ class Stars(Pattern):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SiemensStar(Pattern):
-    """One star with many spokes around a white hub: the spatial frequency rises towards the centre.
-
-    `spokes`: black sectors: cycles around the star.
-    """
+    """One star with many spokes around a white hub: the spatial frequency rises towards the centre."""
 
     KIND: ClassVar[str] = "siemens-star"
     ATTRIBUTES: ClassVar[dict[str, str]] = {
@@ -78,7 +71,7 @@ class SiemensStar(Pattern):
         "0 the centre; 1 + n the end of edge n on the rim, at n * 180 / spokes degrees from +x towards +y"
     )
 
-    spokes: int
+    spokes: int  # black sectors: cycles around the star
     diameter_mm: float
     hub_mm: float = 0.0
 

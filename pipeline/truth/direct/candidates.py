@@ -50,17 +50,14 @@ _DIFFERENCE_PX = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Pairs of a point and a microlens, or of a point and NO_MICROLENS.
-
-    `x_px`, `reach_px`: approximate image position of the point, and the radius around it in which the position may lie.
-    `rays`: number of rays traced to find the candidates.
-    """
+    """Pairs of a point and a microlens, or of a point and NO_MICROLENS."""
 
     point: Int64[np.ndarray, "n"]
     microlens: Int64[np.ndarray, "n"]
+    # approximate image position of the point, and the radius around it in which the position may lie
     x_px: Float64[np.ndarray, "n 2"]
     reach_px: Float64[np.ndarray, "n"]
-    rays: int
+    rays: int  # number of rays traced to find the candidates
 
 
 def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:

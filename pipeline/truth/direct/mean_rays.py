@@ -24,16 +24,11 @@ _DIFFERENCE_PX = 0.25
 
 @dataclass(frozen=True, slots=True)
 class MeanRays:
-    """Mean rays of image positions, vision frame; NaN where no light leaves.
+    """Mean rays of image positions, vision frame; NaN where no light leaves."""
 
-    `microlens`: row of the microlens whose bundle it is, or NO_MICROLENS.
-    `crossings_mm`: x and y on the near plane, then on the far one.
-    `error_px`: error of the integral on the near plane, mapped to the image.
-    """
-
-    microlens: Int64[np.ndarray, "n"]
-    crossings_mm: Float64[np.ndarray, "n 2 2"]
-    error_px: Float64[np.ndarray, "n 2"]
+    microlens: Int64[np.ndarray, "n"]  # row of the microlens whose bundle it is, or NO_MICROLENS
+    crossings_mm: Float64[np.ndarray, "n 2 2"]  # x and y on the near plane, then on the far one
+    error_px: Float64[np.ndarray, "n 2"]  # error of the integral on the near plane, mapped to the image
     hit_fraction: Float64[np.ndarray, "n"]
 
 

@@ -25,15 +25,12 @@ from pipeline.truth.settings import TruthSettings
 
 @dataclass(frozen=True, slots=True)
 class RawSolutions:
-    """Solutions of a search in the order of the grid, before the best one of each point and cell is chosen.
-
-    `nearest_mm`: distance of the nearest value from the point; the solution with the smallest is the best.
-    `counts`: of candidates, and of rejections by reason.
-    """
+    """Solutions of a search in the order of the grid, before the best one of each point and cell is chosen."""
 
     solutions: Solutions
+    # distance of the nearest value from the point; the solution with the smallest is the best
     nearest_mm: Float64[np.ndarray, "n"]
-    counts: dict[str, int]
+    counts: dict[str, int]  # of candidates, and of rejections by reason
 
 
 def find(

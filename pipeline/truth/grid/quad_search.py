@@ -25,18 +25,13 @@ _FREEDOM = 16 - 6
 
 @dataclass(frozen=True, slots=True)
 class QuadSolutions:
-    """Solutions J(x) = p of the fitted surfaces.
+    """Solutions J(x) = p of the fitted surfaces."""
 
-    `x`: column and row from the middle of the quad; NaN unless all 16 values exist and lie in one micro-image.
-    `jacobian`: derivative of J per step of the grid; columns are along columns and rows.
-    `noise_gain`: standard error of the solution over that of a single value.
-    `error`: expected error of the solution by the fit's residuals, in steps of the grid.
-    """
-
+    # column and row from the middle of the quad; NaN unless all 16 values exist and lie in one micro-image
     x: Float64[np.ndarray, "n 2"]
-    jacobian: Float64[np.ndarray, "n 2 2"]
-    noise_gain: Float64[np.ndarray, "n"]
-    error: Float64[np.ndarray, "n"]
+    jacobian: Float64[np.ndarray, "n 2 2"]  # derivative of J per step of the grid; columns are along columns and rows
+    noise_gain: Float64[np.ndarray, "n"]  # standard error of the solution over that of a single value
+    error: Float64[np.ndarray, "n"]  # expected error of the solution by the fit's residuals, in steps of the grid
 
 
 def solve_surfaces(

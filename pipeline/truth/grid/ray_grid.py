@@ -47,34 +47,30 @@ class AnyRayGrid:
 
 @dataclass(frozen=True, slots=True)
 class RayGrid(AnyRayGrid):
-    """Bundles of a camera, as the task `rays` stores them, on a grid K times finer than the image.
-
-    `near_mm`, `far_mm`: vision z of the two planes.
-    `near`, `far`: J_near and J_far: mean crossings, vision frame [mm].
-    `covariance`: upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1, of rays that start at one
-    point [mm^2].
-    `error_px`: standard error of J from the ray sampling, on the worse of the two planes.
-    `cell`: index of the microlens in `microlenses`; 0 everywhere for a conventional camera.
-    `microlenses`: k, l and type; one row of zeros for a conventional camera.
-    `centres_px`: micro-image centres; None for a conventional camera.
-    `square_steps`: edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the
-    position itself.
-    `first_px`: column and row of the first pixel in the whole image. Image positions are always those of the whole
-    image: in another window a sum of the same numbers would be rounded elsewhere.
-    """
+    """Bundles of a camera, as the task `rays` stores them, on a grid K times finer than the image."""
 
     supersampling: int
+    # vision z of the two planes
     near_mm: float
     far_mm: float
+    # J_near and J_far: mean crossings, vision frame [mm]
     near: Float64[np.ndarray, "rows columns 2"]
     far: Float64[np.ndarray, "rows columns 2"]
+    # upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1, of rays that start at one point
+    # [mm^2]
     covariance: Float64[np.ndarray, "h w 10"]
     hit_fraction: Float64[np.ndarray, "rows columns"]
+    # standard error of J from the ray sampling, on the worse of the two planes
     error_px: Float64[np.ndarray, "rows columns 2"]
+    # index of the microlens in `microlenses`; 0 everywhere for a conventional camera
     cell: Int64[np.ndarray, "rows columns"]
-    microlenses: Int64[np.ndarray, "m 3"]
-    centres_px: Float64[np.ndarray, "m 2"] | None
+    microlenses: Int64[np.ndarray, "m 3"]  # k, l and type; one row of zeros for a conventional camera
+    centres_px: Float64[np.ndarray, "m 2"] | None  # micro-image centres; None for a conventional camera
+    # edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the position
+    # itself
     square_steps: float = 0.0
+    # column and row of the first pixel in the whole image. Image positions are always those of the whole image: in
+    # another window a sum of the same numbers would be rounded elsewhere
     first_px: tuple[int, int] = (0, 0)
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":

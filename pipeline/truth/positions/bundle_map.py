@@ -20,17 +20,14 @@ class TracedGrid(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BundleMap:
-    """Polynomials of the image position for each node, through a grid of traced positions.
+    """Polynomials of the image position for each node, through a grid of traced positions."""
 
-    `x_px`, `half_px`: middle of the grid, and half its size.
-    `offsets`: grid lines along each axis, from -1 to 1.
-    `fields`: per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and
-    weight per area of the unit disc [sr].
-    """
-
+    # middle of the grid, and half its size
     x_px: Float64[np.ndarray, "2"]
     half_px: Float64[np.ndarray, "2"]
-    offsets: Float64[np.ndarray, "k"]
+    offsets: Float64[np.ndarray, "k"]  # grid lines along each axis, from -1 to 1
+    # per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
+    # area of the unit disc [sr]
     fields: Float64[np.ndarray, "positions directions rings 3"]
 
     def basis(self, x_px: Float64[np.ndarray, "... 2"]) -> np.ndarray:
