@@ -119,10 +119,7 @@ class Started(NamedTuple):
 
 @DeviceKernel
 def trace_squares(cameras, samples, squares, diffraction, started, rays):
-    """Trace all rays of a square and a microlens by each thread; `rays` (_COLUMNS, rays) float32 are written.
-
-    `cameras` are the camera, and the same in float32, others as in `bundle_kernels.image_rays`.
-    """
+    """Trace all rays of a square and a microlens by each thread; `rays` (_COLUMNS, rays) float32 are written."""
     outlines, cumulative = (
         cuda.local.array((3, MAX_VERTICES, 2), np.float64),
         cuda.local.array(MAX_VERTICES, np.float64),

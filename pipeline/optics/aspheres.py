@@ -182,10 +182,8 @@ def landed(shape, ray, t, s, rise):
 
 @inline
 def _implicit(c, bulge, squared, z, p, rise):
-    """The asphere's equation at a point, and its derivatives there along z and, over -2 r, along r.
-
-    `squared` is r^2, `p` S / r^2 and `rise` dS / d(r^2).
-    """
+    """The asphere's equation at a point, and its derivatives there along z and, over -2 r, along r."""
+    # `squared` is r^2, `p` S / r^2 and `rise` dS / d(r^2).
     w = fma(-squared, p, z)
     n = fma(-c * bulge, w, 1.0)
     return fma(-0.5 * c, fma(bulge * w, w, squared), w), n, fma(n, rise, 0.5 * c)

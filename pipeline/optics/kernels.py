@@ -154,10 +154,7 @@ def _clip(row, packet, count):
 
 @kernel
 def trace_rays(table, position, direction, alive):
-    """Trace rays in place: (n, 3) points and unit directions, (n,) float64 flags.
-
-    Each packet reads and writes these rows itself.
-    """
+    """Trace rays in place: (n, 3) points and unit directions, (n,) float64 flags."""
     packet = new_packet()
     for start in range(0, position.shape[0], PACKET):
         count = min(PACKET, position.shape[0] - start)

@@ -52,10 +52,7 @@ def traced(
     position_mm: Float64[np.ndarray, "n 3"],
     direction: Float64[np.ndarray, "n 3"],
 ) -> Traced:
-    """Trace rays through all surfaces.
-
-    `table`: from `optics.table`; points on the rays and unit directions with a positive z are in its frame.
-    """
+    """Trace rays through all surfaces of a table, in whose frame their unit directions have a positive z."""
     position, alive = position_mm, np.ones(len(position_mm), bool)
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
         for row in table:
@@ -76,10 +73,7 @@ def traced(
 def incidence(
     row: Float64[np.ndarray, "columns"], point_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
 ) -> np.ndarray:
-    """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one.
-
-    `row`: of a table from `optics.table`; points on the surface and unit directions are in its frame.
-    """
+    """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one."""
     if row[POSE]:
         back = inverse(motion_of(row))
         point_mm, direction = apply(back, point_mm), direction @ back[:3, :3].T
@@ -89,10 +83,9 @@ def incidence(
 
 
 def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Traced:
-    """From the vertex plane to the surface, and refracted there by Snell's law in vectors.
-
-    With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its normal.
-    """
+    """From the vertex plane to the surface, and refracted there by Snell's law in vectors."""
+    # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
+    # normal.
     c, bulge, mu = row[CURVATURE], 1.0 + row[CONIC], row[INDEX_RATIO]
     across, dz = np.sum(start[:, :2] * direction[:, :2], axis=1), direction[:, 2]
     f, g = c * np.sum(start[:, :2] ** 2, axis=1), dz - c * across

@@ -96,11 +96,7 @@ class Footprints:
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel see, (2, n): of the background, one colour of a sheet, or NaN.
-
-        `sheets`: flat patches, each with its pose vision_from_patch.
-        `solids`, sequence of (m, 3) float64: points of what else is there, whose bounding box holds it, vision frame.
-        """
+        """Light that both parts of each pixel see, (2, n): of the background, one colour of a sheet, or NaN."""
         shape = len(self._parts), len(self._parts[0].positions)
         verdict, light = np.full(shape, NOTHING, np.int8), np.full(shape, background)
         for points in solids:
@@ -154,11 +150,7 @@ def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, 
 
 @kernel
 def meet_plane(beams, pose, edge_mm, step_mm, meeting):
-    """Find the points where the beams of blocks meet the plane z = 0 of a frame; `meeting` is written.
-
-    `pose`, (4, 4) float64: vision_from_frame.
-    `edge_mm`, `step_mm`, float, (b,) float64: edge of a pixel, and distance of the nodes of each block.
-    """
+    """Find the points where the beams of blocks meet the plane z = 0 of a frame; `meeting` is written."""
     for b in range(step_mm.shape[0]):
         front, back, behind = 0, 0, 0
         for m in range(NODES * NODES):

@@ -187,25 +187,21 @@ def sampled(
 
 
 def _steadied(seen: Float64[np.ndarray, "y x"], missing: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Light to be added to each pixel because its rays happen to carry more or less flux than is known, (n,).
-
-    A control variate: the missing flux times the radiance that the pixel and those on both sides see, of the darkest
-    one. Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark
-    one. The pixels beside have random numbers of their own, so that they bring no bias. A pixel darker than both
-    becomes the mean radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and
-    so little is the bias of such a quotient.
-    """
+    """Light to be added to each pixel because its rays happen to carry more or less flux than is known, (n,)."""
+    # A control variate: the missing flux times the radiance that the pixel and those on both sides see, of the darkest
+    # one. Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark
+    # one. The pixels beside have random numbers of their own, so that they bring no bias. A pixel darker than both
+    # becomes the mean radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and
+    # so little is the bias of such a quotient.
     beside = np.pad(seen, ((0, 0), (1, 1)), constant_values=np.nan)
     darkest = np.fmin(np.fmin(beside[:, :-2], beside[:, 2:]), seen)
     return np.asarray(np.nan_to_num(darkest).ravel() * missing)
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
-    """Rays through each microlens that lights a pixel, (n, s): all samples for the ones with most of its light.
-
-    For a given total error the number of samples should grow with the root of the light; a quarter of them is the
-    least. `white` and `wanted`, (2, n): light of both parts of each pixel, and whether it is sampled.
-    """
+    """Rays through each microlens that lights a pixel, (n, s): all samples for the ones with most of its light."""
+    # For a given total error the number of samples should grow with the root of the light; a quarter of them is the
+    # least. `white` and `wanted`, (2, n): light of both parts of each pixel, and whether it is sampled.
     with np.errstate(invalid="ignore"):  # dark pixels
         share = np.sqrt(white / white.sum(axis=0))
     least = max(1, samples // _FEWEST)

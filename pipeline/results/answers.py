@@ -83,10 +83,7 @@ class PixelRays:
 
 @dataclass(eq=False)
 class SeenScene:
-    """Targets and occluders before the cameras of a build.
-
-    `around` gives everything before a camera in a frame, by the frame's number and the camera's name without a channel.
-    """
+    """Targets and occluders before the cameras of a build; `around` gives them by frame and camera without channel."""
 
     around: Callable[[int, str], "Surroundings"]
     _last: "tuple[tuple[int, str], Surroundings] | None" = field(default=None, repr=False)

@@ -156,10 +156,8 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
 
 
 def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float] | None:
-    """The middle one of the rays that leave the lens from a height on the sensor; None if none does.
-
-    Where it meets the front surface, along and across the axis, and its slope in the scene.
-    """
+    """The middle one of the rays that leave the lens from a height on the sensor; None if none does."""
+    # Where it meets the front surface, along and across the axis, and its slope in the scene.
     table = towards_scene(camera.prescription)
     # Vision y and z are the drawing's height and length with the other sign.
     reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])

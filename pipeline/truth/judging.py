@@ -117,10 +117,7 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, 
 
 
 class _RandomRays:
-    """Rows that move to the positions where J is right according to random rays.
-
-    `apart_px`, `sigma_px`: shift of each row and its standard error; NaN without light.
-    """
+    """Rows that move to the positions where J is right according to random rays; NaN without light."""
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
         self.rig, self.rows = rig, rows
@@ -162,10 +159,8 @@ class _RandomRays:
             self.sigma_px[here] = np.hypot(before * self.sigma_px[here], error) / batches[blunt]
 
     def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The remaining step from the present positions, and its standard error.
-
-        Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
-        """
+        """The remaining step from the present positions, and its standard error."""
+        # Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
         microlens = self.rig.microlens(self.rows.cell[here])
         bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
@@ -242,10 +237,8 @@ def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float
 def _verdict(
     length: np.ndarray, sigma: np.ndarray, weights: np.ndarray, claim_px: float
 ) -> tuple[bool | None, str | None]:
-    """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided.
-
-    `sigma` are standard errors of the differences, `weights` the rows of the table that each stands for.
-    """
+    """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided."""
+    # `sigma` are standard errors of the differences, `weights` the rows of the table that each stands for.
     if not len(length):
         return None, NOTHING
     if not np.isfinite(length).all():

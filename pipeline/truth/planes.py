@@ -10,10 +10,7 @@ def tangent_planes(
     points_mm: Float64[np.ndarray, "p 3"],
     axes: Float64[np.ndarray, "p 3 3"] | None = None,
 ) -> np.ndarray:
-    """Tangent planes at points of a target, for the kernels, (p, 4, 3).
-
-    The columns of `axes` are x and y of each plane and its normal, target frame; by default those of a flat target.
-    """
+    """Tangent planes for the kernels, (p, 4, 3), at points of a target; by default those of a flat one."""
     planes = np.empty((len(points_mm), 4, 3))
     planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
     turn = vision_from_target[:3, :3]

@@ -49,10 +49,7 @@ class PointBundles(NamedTuple):
 def seen(
     rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"]
 ) -> tuple[Correspondences, np.ndarray]:
-    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility, (n,).
-
-    `target` is the index of the target in the surroundings; `planes` are the tangent planes at its points.
-    """
+    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility, (n,)."""
     solutions = rows.solutions
     share, _ = visibility(
         rig, surroundings, target, rig.microlens(solutions.cell), solutions.xy_px, planes[solutions.point]

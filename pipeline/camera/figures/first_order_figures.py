@@ -162,11 +162,9 @@ def _array(
 
 
 def _through_microlens(behind_mm: float, lens: FirstOrder, focal: float, array_z: float) -> float:
-    """Magnification from the in-focus object to the micro-image.
-
-    The main lens's, -(F' - image) / EFL with the image B / v behind the array, times the microlens's v = 1 - B / f. The
-    product stays finite where v is 0 and the image in between lies at infinity.
-    """
+    """Magnification from the in-focus object to the micro-image."""
+    # The main lens's, -(F' - image) / EFL with the image B / v behind the array, times the microlens's v = 1 - B / f.
+    # The product stays finite where v is 0 and the image in between lies at infinity.
     vergence = 1 - behind_mm / focal
     return -((lens.rear_focus_mm - array_z) * vergence + behind_mm) / lens.efl_mm
 

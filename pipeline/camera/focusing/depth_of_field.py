@@ -44,10 +44,8 @@ def foci(camera: Camera) -> tuple[Focus, ...]:
 
 
 def _sensor_focus(lens: FirstOrder, sensor_z: float, confusion_mm: float) -> Focus:
-    """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s.
-
-    A pupil as narrow as the circle of confusion sees the front focus sharply, and a narrower one virtual images, too.
-    """
+    """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s."""
+    # A pupil as narrow as the circle of confusion sees the front focus sharply, and a narrower one virtual images, too.
     pupil, wide = lens.exit_pupil, confusion_mm / lens.exit_pupil.diameter_mm
     to_sensor = pupil.z_mm - sensor_z
     near, far = lens.front_focus_mm, _object(lens, pupil.z_mm - to_sensor / (1 + wide))

@@ -238,12 +238,10 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
 
 @inline
 def _narrowed(search, passes, clearance, narrow):
-    """Take in a ray and choose the next; whether the bounds are so close that the choice is the edge.
-
-    The root of the clearance by interpolation, truncation and projection: nearly as few rays as the secant method on
-    smooth edges, three more than bisection at worst (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, 5).
-    Where the clearance says nothing the bounds are halved.
-    """
+    """Take in a ray and choose the next; whether the bounds are so close that the choice is the edge."""
+    # The root of the clearance by interpolation, truncation and projection: nearly as few rays as the secant method on
+    # smooth edges, three more than bisection at worst (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, 5).
+    # Where the clearance says nothing the bounds are halved.
     # As a length, not an area: about linear along the way.
     clearance = 1.0 - math.sqrt(max(1.0 - clearance, 0.0))
     if passes:

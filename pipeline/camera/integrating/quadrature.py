@@ -115,10 +115,8 @@ class Edges(Ways):
         return Outcome(result, status, rays)
 
     def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth.
-
-        The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
-        """
+        """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth."""
+        # The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
         optics, microlenses, half_angle = self.arrays.optics, self.arrays.microlenses, self.arrays.acceptance.half_angle
         if not half_angle > 0.0:
             return np.zeros((len(owner), 1)), radius[:, None]

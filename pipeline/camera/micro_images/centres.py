@@ -190,10 +190,8 @@ def positions_of(tracer: Tracer, rows: tuple[int, int]) -> np.ndarray:
 
 @kernel
 def _lay(discs, positions, width, distance, strata, filled):
-    """Sort discs into the pixels that they reach, nearest first; without room for them they are only counted.
-
-    A disc beyond its own reach keeps its place as `SKIP`: the first place is that of the pixel's own cell.
-    """
+    """Sort discs into the pixels that they reach, nearest first; without room for them they are only counted."""
+    # A disc beyond its own reach keeps its place as `SKIP`: the first place is that of the pixel's own cell.
     height = positions.shape[0] // width
     for microlens in range(discs.centre_mm.shape[0]):
         x, y, far = discs.centre_px[microlens, 0], discs.centre_px[microlens, 1], discs.farthest_px

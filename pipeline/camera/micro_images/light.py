@@ -142,10 +142,8 @@ def _nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points towards the corners of a cell and their weights, which have its second moments.
-
-    Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
-    """
+    """Points towards the corners of a cell and their weights, which have its second moments."""
+    # Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
     node, weight = unit_nodes(4)
     u, v = (grid.ravel() for grid in np.meshgrid(node, node))
     first, second = corners, np.roll(corners, -1, axis=0)

@@ -109,10 +109,8 @@ def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = Fa
 
 @inline
 def _density(camera, microlens, near, sx, sy):
-    """Weight of a ray per area of the sensor and of the aperture, as its own frame counts it [sr / mm^2].
-
-    `near` holds the point of the aperture and its neighbours along +x, -x, +y and -y.
-    """
+    """Weight of a ray per area of the sensor and of the aperture, as its own frame counts it [sr / mm^2]."""
+    # `near` holds the point of the aperture and its neighbours along +x, -x, +y and -y.
     acceptance, h, stretch = camera.acceptance, camera.microlenses[microlens, AIM], 1.0
     qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
     if camera.elements.model != PLAIN:

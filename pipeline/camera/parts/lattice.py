@@ -77,10 +77,7 @@ def tilt(array: MicrolensArray) -> np.ndarray:
 
 
 def cell(array: MicrolensArray) -> np.ndarray:
-    """Corners of the cell around a vertex, counter-clockwise, (4 or 6, 2), in the array's plane.
-
-    The sensor frame and the vision frame differ by a half turn, which maps a cell onto itself.
-    """
+    """Corners of the cell around a vertex, counter-clockwise, (4 or 6, 2), in the array's plane."""
     along, across = array.pitches_mm
     if array.layout == "hexagonal" and along == across:
         return regular(6, along / 2, array.rotation_deg)

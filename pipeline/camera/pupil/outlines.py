@@ -90,13 +90,11 @@ def outlines(prescription: Prescription, plane_mm: float, max_height_mm: float, 
 
 
 def _vertices(support: np.ndarray, margin: float) -> np.ndarray:
-    """Outlines of all heights from their supports, (HEIGHTS, DIRECTIONS, 2); dark heights are NaN, and become zero.
-
-    Besides the margin they are widened where supports bend from height to height by more than half of it, as where
-    another rim begins to cut: half of the larger second difference at both ends of an interval bounds the error of
-    the interpolation in it. A dark height beside a lit one has that one's outline, joined with the same moved on: light
-    may end anywhere in between.
-    """
+    """Outlines of all heights from their supports, (HEIGHTS, DIRECTIONS, 2); dark heights are NaN, and become zero."""
+    # Besides the margin they are widened where supports bend from height to height by more than half of it, as where
+    # another rim begins to cut: half of the larger second difference at both ends of an interval bounds the error of
+    # the interpolation in it. A dark height beside a lit one has that one's outline, joined with the same moved on:
+    # light may end anywhere in between.
     normals = directions_of(DIRECTIONS)
     beyond = np.pad(support, ((2, 2), (0, 0)), constant_values=np.nan)
     for beside, before in ((beyond[1:-3], beyond[:-4]), (beyond[3:-1], beyond[4:])):
@@ -149,10 +147,7 @@ def edges(
     bisections: int,
     slack_mm: float,
 ) -> np.ndarray:
-    """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
-
-    `slack_mm`: distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
-    """
+    """First blocked point in every direction from a passing one by bisection, (n, directions, 2)."""
     ray = directions_of(directions)
     shape = (len(inside), directions)
     farthest = np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
@@ -259,10 +254,8 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
 
 
 def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Supports with those of lit neighbours, moved by the drift, in two rings around the lit part of the grid.
-
-    Where light ends between two points the outline must not shrink towards nothing before it does.
-    """
+    """Supports with those of lit neighbours, moved by the drift, in two rings around the lit part of the grid."""
+    # Where light ends between two points the outline must not shrink towards nothing before it does.
     for _ in range(_DARK_RINGS):
         padded = np.pad(reach, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
         rows, columns = reach.shape[:2]
@@ -276,11 +269,9 @@ def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 def _bend(reach: np.ndarray) -> np.ndarray:
-    """Largest error of a support interpolated next to each point, (rows, columns).
-
-    Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
-    where a kink lies inside: vignetting begins there.
-    """
+    """Largest error of a support interpolated next to each point, (rows, columns)."""
+    # Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
+    # where a kink lies inside: vignetting begins there.
     total = np.zeros(reach.shape[:2])
     for axis in (0, 1):
         second = np.nan_to_num(np.abs(np.diff(reach, 2, axis=axis)).max(axis=2))

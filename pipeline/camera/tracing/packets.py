@@ -206,11 +206,9 @@ def _set_microlens(microlenses, microlens, first, end, scratch):
 
 @inline
 def _aim(camera, has_microlens, start, size, packet):
-    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane.
-
-    A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs
-    cos(theta) d omega = h^2 / d^4 dA: irradiance.
-    """
+    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane."""
+    # A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs cos(theta) d
+    # omega = h^2 / d^4 dA: irradiance.
     vx, vy, power = packet.scratch[_VERTEX_X], packet.scratch[_VERTEX_Y], packet.scratch[_POWER]
     plane, disc = camera.optics.sampling_z_mm, camera.elements.disc_mm
     h = plane - camera.optics.sensor_z_mm

@@ -111,13 +111,11 @@ def _cell(position, count):
 
 @inline
 def _clipped_aperture(camera, microlens, x, y, slack, region):
-    """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count.
-
-    With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
-    meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that of
-    v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
-    microlenses that are not plain the same linear map is in their columns, with a margin for what is not linear.
-    """
+    """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count."""
+    # With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
+    # meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that
+    # of v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
+    # microlenses that are not plain the same linear map is in their columns, with a margin for what is not linear.
     optics, row, aperture = camera.optics, camera.microlenses[microlens], camera.aperture
     polygon, outline, scratch, _ = region
     vx, vy, focal = row[X], row[Y], row[FOCAL]

@@ -146,11 +146,9 @@ def _bent_thinly(focal_mm: float, offset: np.ndarray, rays: PathRays) -> PathRay
 
 
 def _bent_by_normals(curvature: float, mu: float, rays: PathRays) -> PathRays:
-    """Snell's law at a plane with the normals of a sphere, for rays that leave a medium of index mu.
-
-    The tangents of the waves change by -curvature * offset * step; the path is the integral of that from the vertex,
-    with the step, which hardly varies, as a plane and a paraboloid of the offset.
-    """
+    """Snell's law at a plane with the normals of a sphere, for rays that leave a medium of index mu."""
+    # The tangents of the waves change by -curvature * offset * step; the path is the integral of that from the vertex,
+    # with the step, which hardly varies, as a plane and a paraboloid of the offset.
     offset = rays.position_mm[:, :2]
     squared = np.sum(offset**2, axis=1)
     normal = np.column_stack([-curvature * offset, np.sqrt(1 - curvature**2 * squared)])
@@ -343,11 +341,9 @@ def _shares(tracer: Tracer, view: View, grid: tuple[np.ndarray, float, int], par
 
 
 def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm: float) -> np.ndarray:
-    """Path from the sensor to a sphere around the object point through the image of the aperture, (n,).
-
-    Rays that miss the point by m come from it by another way through the aperture, whose image is at the distance R:
-    longer by m^2 / (2 R).
-    """
+    """Path from the sensor to a sphere around the object point through the image of the aperture, (n,)."""
+    # Rays that miss the point by m come from it by another way through the aperture, whose image is at the distance R:
+    # longer by m^2 / (2 R).
     lit = weight > 0
     position, direction, weight = rays.position_mm, rays.direction, weight[lit] / weight.sum()
     mean = weight @ direction[lit]

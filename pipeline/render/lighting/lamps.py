@@ -286,12 +286,7 @@ def lamps_of(
     shining: tuple[Glow, float],
     background: float,
 ) -> Lamps:
-    """The lamps of a view.
-
-    `sky`: from `sky_of`, in any light.
-    `raised`: weights of red, green and blue in the light, from `spectra.weights_of_rgb`.
-    `shining`: surfaces that shine, as `shapes.glow_of` finds them.
-    """
+    """The lamps of a view, with the picture of `sky_of`, and with the surfaces that shine, by `shapes.glow_of`."""
     corners = shining[0].shapes.corners.reshape(-1, 3)
     # The middle of what is lit decides how often each lamp is asked.
     middle_mm = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)

@@ -231,11 +231,9 @@ def send_to_lamps(lamps, scene, step, paths, hits, shadows):
 
 @inline
 def _aimed(hits, i, way, end, gap_mm):
-    """Start, direction and path of a ray to the point that lies so far along a direction from a surface.
-
-    Along the old direction it would meet a surface that shines before that point, by the gap over the cosine there,
-    and seen from beside that surface would stop its own light.
-    """
+    """Start, direction and path of a ray to the point that lies so far along a direction from a surface."""
+    # Along the old direction it would meet a surface that shines before that point, by the gap over the cosine there,
+    # and seen from beside that surface would stop its own light.
     start = _start(hits, i, way, gap_mm)
     if end == math.inf:
         return start, way, end

@@ -193,10 +193,8 @@ def scattered(layers, paint, seen, pair):
 
 @inline
 def _visible_facet(alpha, seen, u, v):
-    """Normal of a facet, by the visible area of facets.
-
-    Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
-    """
+    """Normal of a facet, by the visible area of facets."""
+    # Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
     x, y, z = unit((alpha * seen[0], alpha * seen[1], seen[2]))
     height, turn = (1.0 - u) * (1.0 + z) - z, 2.0 * math.pi * v
     radius = math.sqrt(max(0.0, 1.0 - height * height))
@@ -221,10 +219,8 @@ def tabled_layers() -> Layers:
 
 
 def _weights(root: np.ndarray) -> np.ndarray:
-    """Weights of nodes in means over a hemisphere of what is linear between them.
-
-    The mean of f is the integral of 2 c f dc, with c = root^2: 4 root^3 f droot.
-    """
+    """Weights of nodes in means over a hemisphere of what is linear between them."""
+    # The mean of f is the integral of 2 c f dc, with c = root^2: 4 root^3 f droot.
     nodes, weights = np.polynomial.legendre.leggauss(3)
     part, low, step = 0.5 * (1.0 + nodes), root[:-1, None], np.diff(root)[:, None]
     piece = 0.5 * weights * step * 4.0 * (low + part * step) ** 3

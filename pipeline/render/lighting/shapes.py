@@ -112,10 +112,7 @@ def st_at(shapes, t, w):
 
 @inline
 def shading_normal(shapes, materials, t, w, flat):
-    """Unit normal for shading: that of the corners, turned by the material's normal map.
-
-    `flat` is the unit normal of the triangle's front.
-    """
+    """Unit normal for shading: that of the corners, turned by the material's normal map."""
     normals = shapes.normals
     smooth = times(w[0], row(normals[t], 0))
     smooth = along(smooth, w[1], row(normals[t], 1))

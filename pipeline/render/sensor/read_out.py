@@ -250,10 +250,7 @@ class FixedPattern(NamedTuple):
 
 
 def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
-    """Maps of a window of the sensor of a camera, by its name.
-
-    `corner`, `shape`: row and column of the first pixel; height and width [px].
-    """
+    """Maps of a window of the sensor of a camera, by its name."""
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
     deviations, defects = (spread.dark_e, spread.response), (spread.dead_share, spread.hot_share)
     keys = stream(spread.specimen, camera)

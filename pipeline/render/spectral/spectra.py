@@ -58,10 +58,7 @@ def sensitivity(camera: str, component: str) -> Table:
 
 
 def reflectance(patch: str) -> Table:
-    """Reflectance of a patch of the ColorChecker as N. Ohta measured it, from 380 to 780 nm in steps of 5 nm.
-
-    Raises SpectrumError: there is no such patch.
-    """
+    """Reflectance of a patch of the ColorChecker as N. Ohta measured it; SpectrumError: there is no such patch."""
     patches = SDS_COLOURCHECKERS[_COLOURCHECKER]
     spectrum = patches[_known(patch, list(patches), "patch")]
     return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)

@@ -62,11 +62,7 @@ def solve(
     min_hit_fraction: float,
     jacobian: Float64[np.ndarray, "n 2 2"] | None = None,
 ) -> Correspondences:
-    """Solve J(x) = p for pairs, and keep the rows that exist.
-
-    `planes` are the tangent planes at the target points; `jacobian` are derivatives of J at guesses that are rough
-    solutions already.
-    """
+    """Solve J(x) = p for pairs and keep the rows that exist; `jacobian`: guesses are rough solutions already."""
     where = guess.x_px, rig.home_px(guess.cell)
     search = Search(rig.tracer, rig.microlens(guess.cell), planes[guess.point], *where, rig.square_px)
 
@@ -144,10 +140,7 @@ def blur_of(
 def with_own_bundles(
     rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
 ) -> Correspondences:
-    """The same rows with light and blur of their own bundles; rows with too little light are dropped and counted.
-
-    Rows by `direct` have both already. `planes` are the tangent planes at the target points.
-    """
+    """Rows with light and blur of their own bundles, as `direct` has them; rows too dark are dropped and counted."""
     others = np.flatnonzero(rows.method != "direct")
     solutions = rows.solutions.only(others)
     x_px, on = solutions.xy_px, planes[solutions.point]

@@ -35,10 +35,7 @@ class MeanRays:
 def mean_rays(
     rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[float, float], accuracy_px: float
 ) -> MeanRays:
-    """Integrate the bundles of positions, each behind the microlens of its own cell, as finely as the accuracy asks.
-
-    `planes_mm`: vision z of the near and of the far plane.
-    """
+    """Integrate the bundles of positions, each behind the microlens of its own cell, as finely as the accuracy asks."""
     microlens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
     for first in range(0, len(x_px), _AT_ONCE):

@@ -195,11 +195,9 @@ class Search:
         return is_bent & ~self.is_random[rows]
 
     def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
-        """Steps with Broyden's update, each halved while it leads to a position without light.
-
-        Rows do not wait for each other: while one retreats, others take their next steps, so that J is asked for many
-        positions at a time.
-        """
+        """Steps with Broyden's update, each halved while it leads to a position without light."""
+        # Rows do not wait for each other: while one retreats, others take their next steps, so that J is asked for many
+        # positions at a time.
         step, retreats, steps = np.empty_like(self.x_px), np.zeros(len(self.x_px), int), np.zeros(len(self.x_px), int)
         step[rows] = self._next_step(rows)
         while len(rows):

@@ -111,10 +111,8 @@ def _in_quads(
 
 
 def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Offsets of solutions from the first corners of their quads, as a step forward or back from the other corner.
-
-    Computed without differences of positions, whose last digits depend on where the window begins.
-    """
+    """Offsets of solutions from the first corners of their quads, as a step forward or back from the other corner."""
+    # Computed without differences of positions, whose last digits depend on where the window begins.
     apart = solution - corner
     return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
 
@@ -180,10 +178,8 @@ def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.n
 
 
 def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell.
-
-    NaN if none of the nine pixels around belongs to the cell.
-    """
+    """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell."""
+    # NaN if none of the nine pixels around belongs to the cell.
     (width, height), (left, above) = grid.size_px, grid.first_px
     k, n = grid.supersampling, len(solutions.point)
     covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
@@ -203,13 +199,11 @@ def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndar
 
 
 def _sigma(solutions: Solutions, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Standard error of each row: that of the worse plane, scaled by the blur.
-
-    The error of a bundle's mean is proportional to the bundle's width, because both are linear in the crossings with
-    the pupil. So the error at the target is that at the near or far plane times the ratio of the blurs. Blur and
-    error are those of the surrounding positions, not of the row's own bundle, because the row is computed from these
-    positions.
-    """
+    """Standard error of each row: that of the worse plane, scaled by the blur."""
+    # The error of a bundle's mean is proportional to the bundle's width, because both are linear in the crossings with
+    # the pupil. So the error at the target is that at the near or far plane times the ratio of the blurs. Blur and
+    # error are those of the surrounding positions, not of the row's own bundle, because the row is computed from these
+    # positions.
     row, column = _nearest_fine(solutions, grid)
     widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
     for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
@@ -224,10 +218,8 @@ def _sigma(solutions: Solutions, grid: RayGrid, blurred: np.ndarray, covariance:
 
 
 def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """Root mean square of the errors of up to nine surrounding positions in the same cell, (n, 2) [px].
-
-    The error of a single position is estimated from four replicas and is itself uncertain by 40 %.
-    """
+    """Root mean square of the errors of up to nine surrounding positions in the same cell, (n, 2) [px]."""
+    # The error of a single position is estimated from four replicas and is itself uncertain by 40 %.
     total, count = np.zeros((len(row), 2)), np.zeros((len(row), 1))
     for j in (-1, 0, 1):
         for i in (-1, 0, 1):

@@ -74,10 +74,7 @@ def _difference(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
 def in_pixels(
     variance: Num[np.ndarray, "... 2"], derivative: Num[np.ndarray, "... 2 2"], supersampling: int
 ) -> np.ndarray:
-    """Standard errors of a mean crossing mapped to the image by the inverse Jacobian, (..., 2) [px].
-
-    `variance` are squared standard errors along x and y, taken as independent [mm^2]; `derivative` is of `jacobian`.
-    """
+    """Standard errors in the image, (..., 2) [px], of a mean crossing, from their squares along x and y [mm^2]."""
     a, b, c, d = derivative[..., 0, 0], derivative[..., 0, 1], derivative[..., 1, 0], derivative[..., 1, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (a * d - b * c) ** 2

@@ -51,10 +51,7 @@ class BundleMap:
 def bundle_map(
     tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: TracedGrid, nodes: Polar
 ) -> BundleMap | None:
-    """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped.
-
-    `nodes` are polar ones about the inner point of the middle position.
-    """
+    """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped."""
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
     places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
     positions = tracer.positions_mm(*(grid.x_px + grid.half_px * places).T)

@@ -119,11 +119,9 @@ class CornerImage:
         return self.nodes
 
     def _along(self, ends: np.ndarray) -> float:
-        """Integral of the point image along a line of length 1 px.
-
-        If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes lie between
-        the positions where the first and the last ray cross an edge.
-        """
+        """Integral of the point image along a line of length 1 px."""
+        # If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes lie
+        # between the positions where the first and the last ray cross an edge.
         first, last = (self._extremes(end) for end in ends)
         with np.errstate(divide="ignore", invalid="ignore"):
             cut = first / (first - last)
@@ -215,10 +213,7 @@ def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "
 def saddle(
     tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
 ) -> Saddle:
-    """Find the saddle near the position of J.
-
-    `plane` is that of `corner_plane`, vision frame; `ratio` is (white + black) / (white - black).
-    """
+    """Find the saddle of a corner, on a plane of `corner_plane`, near the position of J."""
     lost, start = Saddle(np.full(2, np.nan), np.nan), _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
@@ -250,11 +245,9 @@ def saddle(
 def _start(
     tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float
 ) -> tuple[np.ndarray, float] | None:
-    """First guess, and the standard deviation of the bundle in the image [px]; None if bundles around J are cut.
-
-    With coma J is far off, and a wide image has other stationary points. The guess is where both edges halve the
-    bundle; of a wide bundle, where each edge halves it on the other edge.
-    """
+    """First guess, and the standard deviation of the bundle in the image [px]; None if bundles around J are cut."""
+    # With coma J is far off, and a wide image has other stationary points. The guess is where both edges halve the
+    # bundle; of a wide bundle, where each edge halves it on the other edge.
     half = np.full(2, _HALF_PX)
     around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDER), _START_NODES)
     if around is None:
