@@ -44,9 +44,10 @@ class Model:
 
 
 def models() -> list[Model]:
-    """The pages in their order; `outputs` and `more` are Markdown."""
+    """The pages in their order; `outputs` and `more` are Markdown. A class has those that inherit it on its page."""
     with BESIDE.open("rb") as file:
-        return [Model(**row) for row in tomllib.load(file)["model"]]
+        rows = tomllib.load(file)["model"]
+    return [Model(**{**row, "classes": [heir for name in row["classes"] for heir in with_heirs(name)]}) for row in rows]
 
 
 @cache
@@ -58,6 +59,15 @@ def schema() -> Sdf.Layer:
 def classes() -> dict[str, Sdf.PrimSpec]:
     """Classes of the schema by name."""
     return {spec.name: spec for spec in schema().rootPrims if spec.name.startswith("Plen")}
+
+
+def with_heirs(name: str) -> list[str]:
+    """A class and those that inherit it, themselves or by way of others, in the order of the schema."""
+    heirs = [name]
+    for heir, spec in classes().items():
+        if {path.name for path in spec.inheritPathList.GetAddedOrExplicitItems()} & set(heirs):
+            heirs.append(heir)
+    return heirs
 
 
 def page_of(model: Model) -> str:

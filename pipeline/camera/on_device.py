@@ -104,7 +104,7 @@ def _blocks(count: int) -> int:
 
 
 class Started(NamedTuple):
-    """What has any rays: numbers as in `Leaving.owner`, (m,) int64, and the number of the first ray of each."""
+    """Owners of any rays, numbers as in `Leaving.owner`, (m,) int64, and the number of the first ray of each."""
 
     owner: np.ndarray
     first: np.ndarray

@@ -82,11 +82,6 @@ def in_single(value: Any) -> Any:
     return value
 
 
-def plain(kernel: Any) -> Function:
-    """A kernel as plain Python: slow, and with the bits of compiled code where both round once per operation."""
-    return bound_anew(kernel.function, lambda function: function, fma=exact_fma, math=TypedMath())
-
-
 class TypedMath:
     """`math` whose functions give float32 where they get it, as those of compilers do."""
 

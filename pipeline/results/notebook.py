@@ -1,4 +1,4 @@
-"""What notebooks show of records: axes of matplotlib, which enters here alone, and tables as HTML."""
+"""Records as notebooks show them: axes of matplotlib, which enters here alone, and tables as HTML."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -12,7 +12,7 @@ from pipeline.channel_names import body_and_channel, name_with
 from pipeline.errors import UsageError
 from pipeline.results.notebook import html_table
 from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltTarget, BuiltView, finished_folder, target
-from pipeline.results.rows import CorrespondenceRows, all_of, as_pandas, joined, rows_of
+from pipeline.results.rows import CorrespondenceRows, as_pandas, joined, rows_of
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -66,8 +66,7 @@ class Output:
     @cached_property
     def correspondences(self) -> CorrespondenceRows:
         """The ground truth of all cameras and frames; UsageError if only some are plenoptic: their columns differ."""
-        parts = [camera.correspondences for camera in self.cameras.values()]
-        return all_of(joined(parts), parts)
+        return joined([camera.correspondences for camera in self.cameras.values()])
 
     @cached_property
     def baselines(self) -> np.recarray | None:

@@ -21,7 +21,6 @@ from pipeline.results.rows import (
     MICROLENS,
     Backdrop,
     CorrespondenceRows,
-    all_of,
     as_pandas,
     joined,
     rows_of,
@@ -247,8 +246,7 @@ class BuiltCamera:
     @cached_property
     def correspondences(self) -> CorrespondenceRows:
         """Rows of all frames."""
-        parts = [view.correspondences for view in self.views]
-        return all_of(joined(parts), parts)
+        return joined([view.correspondences for view in self.views])
 
     @property
     def is_plenoptic(self) -> bool:

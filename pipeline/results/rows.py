@@ -30,17 +30,6 @@ def rows_of(table: Table, without: frozenset[str] = frozenset()) -> np.recarray:
     return np.rec.fromarrays(list(columns.values()), dtype=[(name, column.dtype) for name, column in columns.items()])
 
 
-def joined(parts: Sequence[np.recarray]) -> np.recarray:
-    """Rows of several tables; UsageError if their columns differ, as of plenoptic and conventional cameras."""
-    names = {part.dtype.names for part in parts}
-    if len(names) > 1:
-        raise UsageError(
-            "tables of plenoptic and conventional cameras have different columns",
-            hint="take those of one camera: output.cameras[NAME].correspondences",
-        )
-    return np.concatenate(parts).view(np.recarray) if parts else np.recarray(0, dtype=[])
-
-
 def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
     """Rows as a data frame; UsageError if pandas is not installed."""
     try:
@@ -182,10 +171,16 @@ def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:
     return over_backdrop
 
 
-def all_of(rows: np.recarray, parts: Iterable[CorrespondenceRows]) -> CorrespondenceRows:
-    """Joined rows with the backdrops of their parts."""
+def joined(parts: Sequence[CorrespondenceRows]) -> CorrespondenceRows:
+    """Rows of several tables with the backdrops of all; UsageError if only some are plenoptic: their columns differ."""
+    if len({part.dtype.names for part in parts}) > 1:
+        raise UsageError(
+            "tables of plenoptic and conventional cameras have different columns",
+            hint="take those of one camera: output.cameras[NAME].correspondences",
+        )
     sizes, pictures = dict[str, tuple[int, int]](), dict[tuple[str, int], Path]()
     for part in parts:
         sizes.update(part.backdrop.sizes_px)
         pictures.update(part.backdrop.pictures)
+    rows = np.concatenate(parts).view(np.recarray) if parts else np.recarray(0, dtype=[])
     return with_backdrop(rows, Backdrop(sizes, pictures))

@@ -1,4 +1,4 @@
-"""Where rays meet the surfaces of targets, and the light of their artwork there. Kernels only; mm.
+"""Crossings of rays with the surfaces of targets, and the light of their artwork there. Kernels only; mm.
 
 `shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
 the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead. That of

@@ -99,7 +99,7 @@ class PlacedLamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
-    """What a lit view has besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder."""
+    """The parts of a lit view besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder."""
 
     lamps: tuple[PlacedLamp, ...]
     coats: tuple[Coat | None, ...] = ()

@@ -242,7 +242,7 @@ def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, 
 
 
 class FixedPattern(NamedTuple):
-    """What differs from pixel to pixel of a specimen and stays the same in every frame, (h, w) float64 each."""
+    """Differences from pixel to pixel of a specimen, the same in every frame, (h, w) float64 each."""
 
     dark_e: np.ndarray  # difference of the dark signal from its mean, DSNU
     response: np.ndarray  # photo response over its mean, PRNU; 0 of dead pixels
