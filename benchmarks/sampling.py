@@ -34,7 +34,7 @@ from pipeline.render.imaging import (
     sampled_in_lights,
     white_parts,
 )
-from pipeline.render.passes import Batch
+from pipeline.render.pixel_rays import Batch
 
 ROOT = Path(__file__).resolve().parent.parent
 _FRAME = 2

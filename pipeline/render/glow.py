@@ -16,11 +16,10 @@ from pipeline.camera.tracing.records import Leaving
 from pipeline.frames import apply
 from pipeline.jit.decorators import kernel
 from pipeline.records.shapes import Bool, Float64, Int64
-from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Footprints
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
-from pipeline.render.surroundings import in_vision
+from pipeline.render.surroundings import MeshScene, in_vision
 from pipeline.targets import surface_kernels as kernels
 from pipeline.targets.drawing import check_colour, only_checks, whiteness
 from pipeline.targets.mesh import Occluder

@@ -23,8 +23,7 @@ from pipeline.records.shapes import Float64, Int64
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitScene, LitView
-from pipeline.render.passes import Batch, batch_of
-from pipeline.render.pixel_rays import Band, Rows, rays_of
+from pipeline.render.pixel_rays import Band, Batch, Rows, batch_of, rays_of
 
 _STEP_PX = 16
 """Most pixels between two positions."""

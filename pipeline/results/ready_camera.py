@@ -17,8 +17,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
-from pipeline.truth.direct.direct_rows import Guess, guesses, solve
-from pipeline.truth.direct.mean_rays import mean_rays
+from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, solve
 from pipeline.truth.planes import faces_camera
 
 if TYPE_CHECKING:

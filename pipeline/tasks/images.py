@@ -23,7 +23,7 @@ from pipeline.jit.work import work
 from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.passes import Batch, joined, noise_of, standard_error
+from pipeline.render.pixel_rays import Batch, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target

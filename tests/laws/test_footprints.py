@@ -22,8 +22,7 @@ from pipeline.render import pixel_rays
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
-from pipeline.render.passes import Batch
-from pipeline.render.pixel_rays import Band, rays_of
+from pipeline.render.pixel_rays import Band, Batch, rays_of
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid

@@ -30,8 +30,7 @@ from pipeline.render.imaging import (
 )
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
-from pipeline.render.passes import Batch, joined, noise_of, standard_error
-from pipeline.render.pixel_rays import Band
+from pipeline.render.pixel_rays import Band, Batch, joined, noise_of, standard_error
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

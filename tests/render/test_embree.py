@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from render.lens_rays import lens_rays, nearest
 
-from pipeline.render.embree import MeshScene
+from pipeline.render.surroundings import MeshScene
 
 
 def board(

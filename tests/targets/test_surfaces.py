@@ -8,8 +8,8 @@ from targets.examples import name_of
 from tolerances import ROUNDING_MM
 
 from pipeline.frames import apply
-from pipeline.render.embree import MeshScene
 from pipeline.render.glow import TargetLight
+from pipeline.render.surroundings import MeshScene
 from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard

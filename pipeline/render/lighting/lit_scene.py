@@ -15,7 +15,6 @@ from pipeline.camera.tracer import SEED_STEP
 from pipeline.camera.tracing.records import Leaving
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
-from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import PatchLight, add_values, inked
 from pipeline.render.lighting import draws, shapes
@@ -29,6 +28,7 @@ from pipeline.render.lighting.reflection import tabled_layers
 from pipeline.render.lighting.shapes import find_holes
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
+from pipeline.render.surroundings import MeshScene
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 

@@ -139,19 +139,12 @@ class CornerImage:
         return np.concatenate([flat.min(axis=0), flat.max(axis=0)])
 
 
-class CornerImages:
-    """The sum of the images that a corner has in the wavelengths of a camera's light, each with its share."""
-
-    def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
-        self.images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]
-
-    def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
-        """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
-        return np.sum([share * image.gradient(x_px) for share, image in self.images], axis=0)
-
-    def hessian(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
-        """Its derivative, (2, 2), by differences."""
-        return hessian_of(self.gradient, x_px)
+def gradient_of(
+    around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Gradient of the sum of a corner's images in the wavelengths of a camera's light, each with its share."""
+    images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]
+    return lambda x_px: np.sum([share * image.gradient(x_px) for share, image in images], axis=0)
 
 
 def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
@@ -224,16 +217,16 @@ def saddle(
             around = bundle_maps(tracer, microlens, plane, TracedGrid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
             if around is None:
                 return lost
-            image = CornerImages(around, ratio)
-            hessian = hessian if level else image.hessian(x_px)
-            solution, hessian = _newton(image, x_px, hessian)
+            gradient = gradient_of(around, ratio)
+            hessian = hessian if level else hessian_of(gradient, x_px)
+            solution, hessian = _newton(gradient, x_px, hessian)
             moved, x_px = np.hypot(*(solution - x_px)), solution
             if not moved > _CENTRED_PX:
                 break
         if not moved <= _CENTRED_PX:
             break
         assert around is not None
-        apart = (x_px - _newton(CornerImages(around, ratio, 2), x_px, hessian)[0]) / 3
+        apart = (x_px - _newton(gradient_of(around, ratio, 2), x_px, hessian)[0]) / 3
         if np.hypot(*apart) < _GOOD_PX:
             break
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
@@ -296,9 +289,11 @@ def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
     return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _LOOK_PX)
 
 
-def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _newton(
+    gradient_at: Callable[[np.ndarray], np.ndarray], x_px: np.ndarray, hessian: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN if there is none."""
-    x, gradient = x_px, image.gradient(x_px)
+    x, gradient = x_px, gradient_at(x_px)
     for _ in range(_STEPS):
         if not np.abs(np.linalg.det(hessian)) > 0:
             return np.full(2, np.nan), hessian
@@ -307,7 +302,7 @@ def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple
         x, before = x + step, gradient
         if np.hypot(*step) < _DONE_PX or np.hypot(*(x - x_px)) > _LONGEST_PX:
             break
-        gradient = image.gradient(x)
+        gradient = gradient_at(x)
         surprise = gradient - before - hessian @ step
         # Powell's symmetric update: like Broyden's, for symmetric derivatives.
         n = step @ step
