@@ -122,7 +122,7 @@ def test_the_model_of_nousias_is_a_thin_lens_before_pinholes(truth):
 
 
 def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
-    bench = refocus.Bench(FOCAL_MM, 0.0, 0.0, ARRAY_MM, ARRAY_MM, GAP_MM, 0.1, PIXEL_MM)
+    bench = refocus.Bench(FOCAL_MM, 0.0, 0.0, ARRAY_MM, ARRAY_MM, ARRAY_MM, GAP_MM, 0.1, PIXEL_MM)
     z = np.array([300.0, 500.0, 900.0])
     behind = z * FOCAL_MM / (z - FOCAL_MM)
     moved = (

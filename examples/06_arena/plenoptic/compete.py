@@ -32,6 +32,7 @@ import libpleno  # noqa: E402
 import models  # noqa: E402
 import nousias  # noqa: E402
 import plenopticam  # noqa: E402
+import plenoptisign  # noqa: E402
 import refocus  # noqa: E402
 from cameras import FLAWS, RIGS, Rig, small, stage_text, with_flaw  # noqa: E402
 from judging import centre_errors, depth_errors_mm, error_field, pose_errors  # noqa: E402
@@ -145,6 +146,8 @@ def case(rig: Rig, folder: Path, contestants: dict[str, Any], *, has_noise: bool
     truth = truth_of(rig, stage, built.out)
     judged = {"baseline": floor(truth, len(noises))}
     for name, run in contestants.items():
+        if CONTESTANTS[name][0] is plenoptisign:
+            continue  # it needs no image
         print(" ", name, flush=True)
         began = time.time()
         try:
@@ -155,7 +158,7 @@ def case(rig: Rig, folder: Path, contestants: dict[str, Any], *, has_noise: bool
         judged[name]["wall_s"] = round(time.time() - began, 1)
     result: dict[str, Any] = {"contestants": judged}
     if rig.sensor_mm is not None:
-        result["refocus"] = refocused(truth, rig)
+        result["refocus"] = refocused(truth, rig, folder.parent / "programs" if "plenoptisign" in contestants else None)
     return result
 
 
@@ -275,12 +278,13 @@ CONTESTANTS: dict[str, tuple[Any, Callable[[Truth, Answer, Path], Answer]]] = {
     "LFToolbox": (lftoolbox, centres_judged),
     "Bok 2017": (bok, centres_judged),
     "plenopticam": (plenopticam, centres_judged),
+    "plenoptisign": (plenoptisign, centres_judged),
 }
 """Adapters, and who judges what they return."""
 
 
-def refocused(truth: Truth, rig: Rig) -> Answer:
-    """Distances of refocusing by rays and formulas, and viewpoints."""
+def refocused(truth: Truth, rig: Rig, programs: Path | None) -> Answer:
+    """Distances of refocusing by rays and formulas, and viewpoints; also by plenoptisign, if `programs` has it."""
     optics = refocus.bench(truth.ready, rig)
     rows = []
     for view in _VIEWS_PX:
@@ -290,12 +294,18 @@ def refocused(truth: Truth, rig: Rig) -> Answer:
             pupil, thin = (float(optics.distance_mm(shift, p)[0]) for p in (optics.to_pupil_mm, optics.to_rear_mm))
             row = {"view_px": view, "z_mm": z_mm, "shift": float(shift[0]), "pupil_mm": pupil, "thin_mm": thin}
             rows.append(row)
-    points = [(view, *refocus.viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))) for view in (0.0, 2.0, 4.0)]
-    return {
-        "rows": rows,
-        "entrance_pupil_z_mm": optics.pupil_z_mm,
-        "viewpoints": [{"view_px": view, "place_mm": place.tolist(), "rms_mm": rms} for view, place, rms in points],
-    }
+    views = []
+    for view in (0.0, 2.0, 4.0):
+        place, rms = refocus.viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))
+        views.append({"view_px": view, "place_mm": place.tolist(), "rms_mm": rms})
+    if programs is not None:
+        pairs = [(row["shift"], row["view_px"]) for row in rows]
+        distances, places = plenoptisign.run(programs, optics, pairs, [view["view_px"] for view in views])
+        for row, distance in zip(rows, distances, strict=True):
+            row["plenoptisign_mm"] = distance
+        for row, place_mm in zip(views, places, strict=True):
+            row["plenoptisign_mm"] = place_mm
+    return {"rows": rows, "entrance_pupil_z_mm": optics.pupil_z_mm, "viewpoints": views}
 
 
 def _last_line(error: Exception) -> str:

@@ -23,13 +23,14 @@ _NEAR_MM = 0.7
 @dataclass(frozen=True, slots=True)
 class Bench:
     """First-order optics: focal length, vision z of the front principal plane and entrance pupil; from microlenses to
-    rear principal plane and to exit pupil; gap, pitch and pixel [mm]."""
+    rear principal plane, to exit pupil and to the stop; gap, pitch and pixel [mm]."""
 
     focal_mm: float
     front_z_mm: float
     pupil_z_mm: float
     to_rear_mm: float
     to_pupil_mm: float
+    array_mm: float
     gap_mm: float
     pitch_mm: float
     pixel_mm: float
@@ -60,6 +61,7 @@ def bench(ready: ReadyCamera, rig: Rig) -> Bench:
         pupil_z_mm=lens["entrance_pupil"]["z_mm"],
         to_rear_mm=array_mm + rear,
         to_pupil_mm=array_mm + lens["exit_pupil"]["z_mm"],
+        array_mm=array_mm,
         gap_mm=rig.gap_mm,
         pitch_mm=float(rig.array["pitch"]),  # type: ignore[arg-type]
         pixel_mm=rig.pixel_mm,

@@ -75,14 +75,16 @@ def refocusing(results: Results) -> list[Table]:
             continue
         one = case["refocus"]
         forms = {"view_px": "g", "z_mm": "g", "shift": "+.4f", "pupil_mm": ".2f", "thin_mm": ".2f"}
-        rows = [[format(row[key], form) for key, form in forms.items()] for row in one["rows"]]
-        head = ["view px", "true distance mm", "shift", "with the exit pupil mm", "without mm"]
+        forms |= {"plenoptisign_mm": ".2f"}
+        rows = [[format(row[key], form) if key in row else "-" for key, form in forms.items()] for row in one["rows"]]
+        head = ["view px", "true distance mm", "shift", "with the exit pupil mm", "without mm", "plenoptisign mm"]
         tables.append((f"Refocusing, {camera}", head, rows))
         seen = [
             [f"{row['view_px']:g}", *(f"{value:.3f}" for value in row["place_mm"]), f"{row['rms_mm']:.4f}"]
+            + [_number(value) for value in row.get("plenoptisign_mm", [None, None])]
             for row in one["viewpoints"]
         ]
-        head = ["view px", "x mm", "y mm", "z mm", "rays off mm"]
+        head = ["view px", "x mm", "y mm", "z mm", "rays off mm", "plenoptisign: x mm", "z mm"]
         tables.append((f"Viewpoints, {camera}; entrance pupil at {one['entrance_pupil_z_mm']:.3f} mm", head, seen))
     return tables
 
