@@ -9,7 +9,6 @@ import pipeline
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.graph.poses import vision_from_target
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.planes import tangent_planes
@@ -87,7 +86,7 @@ def camera_and_boards() -> tuple[Camera, int, list[np.ndarray], np.ndarray]:
     """The camera of the dataset in focus, its seed, all poses of the board, and its corners (p, 3)."""
     dataset = pipeline.open_dataset(STAGE)
     (entry,), (board,) = dataset.cameras, dataset.targets
-    poses = [vision_from_target(frame, entry.name, board.name) for frame in dataset.frames]
+    poses = [frame.vision_from_target(entry.name, board.name) for frame in dataset.frames]
     return entry.camera, dataset.seed, poses, board.target.points().position_mm
 
 

@@ -15,7 +15,6 @@ from judge import ExactRays
 import pipeline
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.files.exr import read_exr
-from pipeline.graph.poses import vision_from_target
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 
@@ -179,7 +178,7 @@ def boards(camera: str, folder: Path, fitted_mm: tuple[float, ...], distances_mm
 def _boards(stage: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]) -> Boards:
     dataset = pipeline.open_dataset(stage, allow_roots=(HERE,))
     ready = pipeline.ready(stage, allow_roots=(HERE,))
-    poses = np.array([vision_from_target(frame, ready.name, "Board") @ _FROM_OPENCV for frame in dataset.frames])
+    poses = np.array([frame.vision_from_target(ready.name, "Board") @ _FROM_OPENCV for frame in dataset.frames])
     stands_for = pinhole(ready.camera)
     assert stands_for is not None
     return Boards(

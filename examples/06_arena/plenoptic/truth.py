@@ -9,7 +9,6 @@ from cameras import COLUMNS, ROWS, Rig
 
 import pipeline
 from pipeline.camera.figures.equivalent_pinhole import pinhole
-from pipeline.graph.poses import vision_from_target
 from pipeline.results.ready_camera import ReadyCamera
 
 _FIELD = 9, 7
@@ -76,7 +75,7 @@ def truth_of(rig: Rig, stage: Path, built: Path) -> Truth:
     Centroids of micro-images are those of its build.
     """
     dataset, ready = pipeline.open_dataset(stage), pipeline.ready(stage)
-    poses = np.array([vision_from_target(frame, ready.name, "Board") for frame in dataset.frames])
+    poses = np.array([frame.vision_from_target(ready.name, "Board") for frame in dataset.frames])
     near, *_, far = steps = np.array(rig.distances_mm)
     beyond = np.diff(steps)[[0, -1]] / 2
     distances = np.concatenate([[near - beyond[0]], steps, [far + beyond[1]]])
