@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from published.library import prescription
 from tolerances import ORDER
 
 from pipeline.camera.figures.first_order_figures import report
@@ -176,6 +177,15 @@ def test_a_camera_focused_at_infinity_needs_authored_planes_and_nothing_else() -
     assert focused(planes) == planes
     assert report(planes)["lens"]["focus_distance_mm"] == math.inf
     assert report(planes)["lens"]["magnification"] == 0
+
+
+def test_a_camera_focused_inside_its_lens_needs_authored_planes_and_nothing_else() -> None:
+    """As a plenoptic camera is whose microlenses see infinity sharp, behind a lens with its front focus in the glass."""
+    far_behind = Camera(prescription=prescription("retrofocus_28mm_leica"), sensor=SENSOR, sensor_distance_mm=5e3)
+    with pytest.raises(CameraError, match="inside the lens"):
+        focused(far_behind)
+    planes = dataclasses.replace(far_behind, near_mm=1e3, far_mm=2e3)
+    assert focused(planes) == planes
 
 
 GROUPS = (

@@ -37,6 +37,8 @@ class Rig:
         Semi-diameters of surfaces [mm], where they are not those of the lens.
     electrons : float
         Of the brightest white pixel, if images have the noise of a sensor.
+    planes_mm : tuple of float
+        Near and far plane, where focus says none: microlenses that see infinity sharp may make it virtual.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Rig:
     sensor_mm: float | None = None
     rims: Attributes = field(default_factory=dict)
     electrons: float | None = None
+    planes_mm: tuple[float, float] | None = None
 
 
 COLUMNS, ROWS = 9, 6
@@ -104,8 +107,23 @@ RIGS = (
         square_mm=4.5,
         f_numbers=(5.6, 8.0, 11.0),
     ),
+    Rig(
+        name="wide",
+        what="as lytro, behind a retrofocus lens of 28 mm: its exit pupil is twice as far away as its principal plane",
+        lens="retrofocus_28mm_leica",
+        stop_mm=4.54,
+        sensor_mm=56.12172087712594,
+        gap_mm=0.4,
+        array=_HEX | {"pitch": 0.1, "focalLengths": [0.4], "width": 8.6, "height": 8.6},
+        size_px=(800, 800),
+        pixel_mm=0.01,
+        distances_mm=(200.0, 240.0, 300.0),
+        square_mm=4.5,
+        f_numbers=(5.6, 8.0, 11.0),
+        planes_mm=(150.0, 600.0),
+    ),
 )
-"""The paper's camera, a focused and an unfocused one."""
+"""The paper's camera, a focused and two unfocused ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +183,11 @@ def stage_text(rig: Rig, *, samples: int = 128) -> str:
     turns = "\n".join(f"            {n + 1}: {_quaternion(turn)}," for n, (_, turn) in enumerate(places))
     array = "\n".join(f"        uniform {_TYPES[name]} plen:{name} = {value}" for name, value in rig.array.items())
     rims = "".join(_RIM.format(name=name, rim=rim) for name, rim in (rig.rims | {"Stop": rig.stop_mm}).items())
-    focus = f"sensorDistance = {rig.sensor_mm}" if rig.focus_mm is None else f"focusDistance = {rig.focus_mm}"
+    focus = {"sensorDistance": rig.sensor_mm} if rig.focus_mm is None else {"focusDistance": rig.focus_mm}
+    focus |= dict(zip(("near", "far"), rig.planes_mm or (), strict=False))
+    lengths = "\n".join(f"            uniform double plen:camera:{name} = {value}" for name, value in focus.items())
     return _STAGE.format(
-        frames=len(places), rig=rig, focus=focus, array=array, rims=rims, shifts=shifts, turns=turns, samples=samples,
+        frames=len(places), rig=rig, focus=lengths, array=array, rims=rims, shifts=shifts, turns=turns, samples=samples,
         columns=COLUMNS, rows=ROWS, f_numbers=list(rig.f_numbers),
     )  # fmt: skip
 
@@ -211,7 +231,7 @@ def PlenDataset "Arena"
         )
         {{
             rel plen:camera:lens = </Arena/Rig/Lens>
-            uniform double plen:camera:{focus}
+{focus}
             uniform double plen:camera:microlensDistance = {rig.gap_mm}
             rel plen:camera:microlenses = </Arena/Rig/Microlenses>
             rel plen:camera:sensor = </Arena/Rig/Sensor>

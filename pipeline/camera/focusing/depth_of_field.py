@@ -94,16 +94,15 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     each, middle = foci(camera), middle_focus(camera)
     if not math.isfinite(first_order(camera.prescription).efl_mm):
         raise CameraError("a lens without power focuses nothing")
-    if not math.isfinite(middle):
-        if camera.near_mm is not None and camera.far_mm is not None:
-            return camera
+    if camera.near_mm is not None and camera.far_mm is not None:
+        return camera
+    front = -camera.prescription.vertices_from_stop_mm[0]
+    if not math.isfinite(middle) or middle <= front:
+        where = f"{middle:.3f} mm from the stop, inside the lens" if math.isfinite(middle) else "infinity or beyond"
         raise CameraError(
-            "the camera is focused at infinity or beyond, so near and far planes cannot be derived",
+            f"the camera is focused at {where}, so near and far planes cannot be derived",
             hint="author plen:camera:near and plen:camera:far",
         )
-    front = -camera.prescription.vertices_from_stop_mm[0]
-    if middle <= front:
-        raise CameraError(f"the camera is focused at {middle:.3f} mm from the stop, inside the lens")
     near = min(min(f.depth_of_field_mm[0] for f in each), (1 - _LEAST_SPAN) * middle)
     far = max(max(f.depth_of_field_mm[1] for f in each), (1 + _LEAST_SPAN) * middle)
     near, far = max(near, (front + middle) / 2), min(far, _FARTHEST * middle)
