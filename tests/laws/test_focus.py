@@ -180,7 +180,7 @@ def test_a_camera_focused_at_infinity_needs_authored_planes_and_nothing_else() -
 
 
 def test_a_camera_focused_inside_its_lens_needs_authored_planes_and_nothing_else() -> None:
-    """As a plenoptic camera is whose microlenses see infinity sharp, behind a lens with its front focus in the glass."""
+    """As a plenoptic camera is of microlenses that see infinity sharp, behind a lens with its front focus in glass."""
     far_behind = Camera(prescription=prescription("retrofocus_28mm_leica"), sensor=SENSOR, sensor_distance_mm=5e3)
     with pytest.raises(CameraError, match="inside the lens"):
         focused(far_behind)
