@@ -33,6 +33,17 @@ def edited(stage: str, *edits: tuple[str, str]) -> str:
     return stage
 
 
+def exposed(stage: str, image: str, response: str) -> str:
+    """A tiny stage with attributes of its images and of a sensor that responds, a line each, as `double x = 1`."""
+
+    def written(lines: str) -> str:
+        return "".join(f"            uniform {line.strip()}\n" for line in lines.strip().splitlines())
+
+    camera, sensor = (f'        over "{name}"\n        {{\n' for name in ("Camera", "Sensor"))
+    responds = sensor.replace("\n", ' (\n            prepend apiSchemas = ["PlenSensorResponseAPI"]\n        )\n', 1)
+    return edited(stage, (camera, camera + written(image)), (sensor, responds + written(response)))
+
+
 def tiny_text(kind: str, *edits: tuple[str, str]) -> str:
     """The stage of `tiny_conventional` or `tiny_plenoptic`, which finds the library from any folder, with edits."""
     text = (DATA / f"tiny_{kind}/dataset.usda").read_text(encoding="utf-8")

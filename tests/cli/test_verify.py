@@ -4,11 +4,10 @@ import hashlib
 import json
 import re
 import shutil
-from pathlib import Path
 
 import pytest
 import typer
-from stage_text import without_method
+from stage_text import edited, tiny_text, without_method
 
 import pipeline
 from pipeline import cli
@@ -19,25 +18,14 @@ from pipeline.files.tables import read_table
 from pipeline.report.certificate import failed, lines
 from pipeline.report.points import lines as point_lines
 
-DATA = Path(__file__).parents[1] / "data"
-TINY = DATA / "tiny_conventional" / "dataset.usda"
 TABLE = "frames/0001/Rig.Camera/correspondences.csv"
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory, common_store):
-    folder = tmp_path_factory.mktemp("verify")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        assert pipeline.build(TINY, folder / "out", jobs=1).exit_code == 0
-    return folder / "out"
-
-
-def test_a_build_agrees_without_store_and_stage(built, tmp_path, monkeypatch):
+def test_a_build_agrees_without_store_and_stage(conventional_build, tmp_path, monkeypatch):
     """Moved elsewhere, the store gone."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "nothing"))
     moved = tmp_path / "moved"
-    shutil.copytree(built, moved)
+    shutil.copytree(conventional_build, moved)
     verdict = verify(moved, seed=4)
     assert verdict.agrees and verdict.problems == []
     assert verdict.cameras["Rig.Camera"]["rows"] == 12
@@ -47,12 +35,9 @@ def test_a_build_agrees_without_store_and_stage(built, tmp_path, monkeypatch):
 
 def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, monkeypatch, common_store):
     """More points than one tile solves."""
-    text = without_method(TINY.read_text(encoding="utf-8")).replace("@../../../stages/", "@")
-    for small, large in (("columns = 3", "columns = 30"), ("rows = 2", "rows = 17"), ("Size = 1.4", "Size = 0.13")):
-        assert small in text
-        text = text.replace(small, large)
+    many = ("columns = 3", "columns = 30"), ("rows = 2", "rows = 17"), ("Size = 1.4", "Size = 0.13")
     stage = tmp_path / "dataset.usda"
-    stage.write_text(text, encoding="utf-8")
+    stage.write_text(without_method(tiny_text("conventional", *many)), encoding="utf-8")
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     built = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert "truth_tile" in {task.kind for task in built.tasks}
@@ -83,16 +68,15 @@ def change_cells(path, column, change):
 
 def stage_of(folder, *lines, text=None):
     """The tiny stage in a folder of its own, with further lines about its camera."""
-    text = (text or TINY.read_text(encoding="utf-8")).replace("../../../stages/", "")
     head = '        over "Camera"\n        {\n'
-    assert head in text
-    (folder / "dataset.usda").write_text(text.replace(head, head + "".join(f"{line}\n" for line in lines)), "utf-8")
+    text = edited(text or tiny_text("conventional"), (head, head + "".join(f"{line}\n" for line in lines)))
+    (folder / "dataset.usda").write_text(text, "utf-8")
     return folder / "dataset.usda"
 
 
 @pytest.fixture
-def out(built, tmp_path):
-    return shutil.copytree(built, tmp_path / "copy")
+def out(conventional_build, tmp_path):
+    return shutil.copytree(conventional_build, tmp_path / "copy")
 
 
 def test_rows_moved_by_a_hundredth_of_a_pixel_disagree_though_every_digest_fits(out):
@@ -172,7 +156,7 @@ def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path,
     """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     lines_of = ('uniform token plen:truth:method = "two-plane"', 'uniform token plen:truth:search = "nearest"')
-    text = without_method(TINY.read_text(encoding="utf-8"))
+    text = without_method(tiny_text("conventional"))
     stage = stage_of(tmp_path, *lines_of, "uniform double plen:truth:nearestThreshold = 2", text=text)
     result = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert result.exit_code == 0
@@ -195,12 +179,12 @@ METHODS["direct"] += '\nuniform token[] plen:truth:columns = ["chief", "saddle"]
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 @pytest.mark.parametrize("method", METHODS)
-def test_builds_by_every_method_agree(method, name, tmp_path, monkeypatch, common_store):
+def test_builds_by_every_method_agree(method, kind, tmp_path, monkeypatch, common_store):
     """Their tables have other columns and comments."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    stage_of(tmp_path, METHODS[method], text=without_method((DATA / name / "dataset.usda").read_text(encoding="utf-8")))
+    stage_of(tmp_path, METHODS[method], text=without_method(tiny_text(kind)))
     assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
     verdict = verify(tmp_path / "out")
     assert verdict.agrees, verdict.problems
@@ -240,7 +224,7 @@ def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, monkeypatch, comm
     """The board shows its back in both frames: no frame is called seen, and nothing is called passed."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     stage = tmp_path / "dataset.usda"
-    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    text = tiny_text("conventional")
     for number, pose in ((1, "(0.9990482215818578, 0, 0, 0.043619387365336)"), (2, "(0.9762960071199334, 0, 0.2164")):
         text = re.sub(rf"{number}: {re.escape(pose)}[^\n]*", f"{number}: (0, 0, 1, 0),", text)
     stage.write_text(text, encoding="utf-8")

@@ -112,17 +112,6 @@ def test_a_preview_exports_nothing(tmp_path):
 
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/export_format.md"
-STAGE = (
-    head("Dataset", end=2)
-    + f"""
-def PlenDataset "Dataset" (
-    prepend references = @{DATA}/tiny_conventional/dataset.usda@
-)
-{{
-    uniform token[] plen:exports = ["corner-table"]
-}}
-"""
-)
 
 
 def install(folder: Path, code: str, project: dict) -> None:
@@ -162,7 +151,7 @@ def test_a_build_is_exported_by_the_format_of_another_package(laboratory, tmp_pa
 
 
 def test_a_stage_asks_for_it_and_new_code_makes_a_new_key(laboratory, tmp_path, common_store, monkeypatch):
-    (tmp_path / "stage.usda").write_text(STAGE)
+    (tmp_path / "stage.usda").write_text(stage_text("conventional", ["corner-table"]))
     (error,) = load(tmp_path / "stage.usda", [DATA.parents[1]]).errors
     assert (error.code, error.line) == ("unknown-export", 15) and "opencv" in error.hint
     folder = laboratory()

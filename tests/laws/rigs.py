@@ -27,7 +27,7 @@ from pipeline.tasks.truth import RayFile
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
-    # radius, thickness, index behind, semi-diameter; the stop is the plane
+    # Radius, thickness, index behind, semi-diameter as Smith prints them; the stop is the plane.
     (58.95, 7.52, 1.67, 25.2),
     (169.66, 0.24, 1.0, 25.2),
     (38.55, 8.05, 1.67, 23.0),

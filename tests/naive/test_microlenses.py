@@ -142,6 +142,11 @@ def test_bundles_by_area_are_those_of_the_slow_twin(kind: str, pixels: str) -> N
     assert_same(dataclasses.replace(camera_with(kind, pixels=pixels), weight="area"), 6)
 
 
+NEAR_MM = {5.0: 0.55, 17.1: 0.9}
+"""How far around a pixel light is looked for, by the semi-diameter of the stop [mm]: twice as far as any comes from, by
+the radius of a micro-image, 1.7 / 123 of that, the slope of chief rays, and half of a cell."""
+
+
 @pytest.mark.parametrize(
     ("kind", "stop_semi_mm"),
     [
@@ -159,7 +164,7 @@ def test_pixels_see_all_light_of_all_microlenses(kind: str, stop_semi_mm: float)
     images = micro_images(tracer)
     found = np.array([irradiance(Rig(t, images), 64, None)[3, 4] * t.reference_weight_sr for t in _seeds(tracer)])
     centre = np.array([3.0, -2.0])
-    near = np.flatnonzero(np.hypot(*(tracer.vertices_mm - centre).T) < (0.55 if stop_semi_mm < 6 else 1.1))
+    near = np.flatnonzero(np.hypot(*(tracer.vertices_mm - centre).T) < NEAR_MM[stop_semi_mm])
     brute = []
     for _ in range(8):
         start = centre + rng.uniform(-0.02, 0.02, (4000, 2))

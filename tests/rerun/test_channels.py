@@ -11,7 +11,7 @@ import pytest
 from colour.io.fichet2021 import PATTERN_FICHET2021, match_groups_to_nm
 from PIL import Image
 from rerun.small_tiles import in_small_tiles
-from stage_text import edited, tiny_text, without_method
+from stage_text import edited, exposed, tiny_text, without_method
 
 import pipeline
 from pipeline.app.build import Result
@@ -20,6 +20,8 @@ from pipeline.formats import is_pair
 
 TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
 """First, brightest and last wavelength of each channel [nm]."""
+BAYER = """token[] plen:response:filters = ["red", "green", "green", "blue"]
+        int plen:response:bitDepth = 12"""
 
 
 def channel(name: str, wavelengths: tuple[int, int, int]) -> str:
@@ -126,23 +128,14 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
     """Without noise digital numbers are the irradiance of the pixel's own channel, by its quantum efficiency."""
     stage = stage_at(tmp_path, "conventional", TRIANGLE)
     text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
-    text = text.replace(
-        '        over "Camera"\n        {\n',
-        '        over "Camera"\n        {\n            uniform token plen:image:exposure = "level"\n'
-        "            uniform double plen:image:exposureTime = 1\n"
-        "            uniform double plen:image:whiteLevel = 0.5\n",
-    )
-    text = text.replace(
-        '        over "Sensor"\n        {\n',
-        '        over "Sensor" (\n            prepend apiSchemas = ["PlenSensorResponseAPI"]\n        )\n        {\n'
-        "            uniform int plen:response:bitDepth = 12\n"
-        "            uniform double plen:response:fullWell = 8000\n"
-        "            uniform double plen:response:gain = 0.5\n"
-        "            uniform bool plen:response:shotNoise = false\n"
-        '            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]\n'
-        "            uniform double[] plen:response:quantumEfficiency = [0.4, 0.8, 0.2]\n",
-    )
-    stage.write_text(text, encoding="utf-8")
+    level = """token plen:image:exposure = "level"
+        double plen:image:exposureTime = 1
+        double plen:image:whiteLevel = 0.5"""
+    response = """bool plen:response:shotNoise = false
+        double plen:response:fullWell = 8000
+        double plen:response:gain = 0.5
+        double[] plen:response:quantumEfficiency = [0.4, 0.8, 0.2]"""
+    stage.write_text(exposed(text, level, f"{BAYER}\n{response}"), encoding="utf-8")
     out = pipeline.build(stage, tmp_path / "out", jobs=1).out / "frames/0001/Rig.Camera"
     image = OpenEXR.File(str(out / "image.exr"), separate_channels=True).channels()
     numbers = np.asarray(Image.open(out / "raw.tiff"))
@@ -161,29 +154,18 @@ def test_only_different_cameras_in_one_channel_make_a_stereo_pair() -> None:
     assert not is_pair("Left@red", "Right@blue")
 
 
-EXPOSED = """            uniform token plen:image:exposure = "radiance"
-            uniform double plen:image:exposureTime = 0.01
-            uniform int plen:image:samples = 16
-            uniform double plen:image:radiance = 2
-"""
-RESPONDS = """        over "Sensor" (
-            prepend apiSchemas = ["PlenSensorResponseAPI"]
-        )
-        {
-            uniform int plen:response:bitDepth = 12
-            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]
-            uniform double plen:response:fullWell = 9000
-            uniform double plen:response:gain = 0.4
-            uniform double[] plen:response:quantumEfficiency = [0.4, 0.5, 0.4]
-"""
-
-
 @pytest.mark.heavy
 def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Path) -> None:
     """Triangles have the area times the mean wavelength of their corners; the lens bends both colours almost alike."""
     stage = stage_at(tmp_path, "conventional", TRIANGLE)
-    text = stage.read_text(encoding="utf-8").replace("            uniform int plen:image:samples = 64\n", EXPOSED)
-    stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
+    text = edited(stage.read_text(encoding="utf-8"), ("plen:image:samples = 64", "plen:image:samples = 16"))
+    radiance = """token plen:image:exposure = "radiance"
+        double plen:image:exposureTime = 0.01
+        double plen:image:radiance = 2"""
+    response = """double plen:response:fullWell = 9000
+        double plen:response:gain = 0.4
+        double[] plen:response:quantumEfficiency = [0.4, 0.5, 0.4]"""
+    stage.write_text(exposed(text, radiance, f"{BAYER}\n{response}"), encoding="utf-8")
     result = pipeline.build(stage, tmp_path / "out", targets=["frames/1/Rig.Camera/raw.tiff"], jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]
     with Image.open(tmp_path / "out/frames/0001/Rig.Camera/raw.tiff") as raw:

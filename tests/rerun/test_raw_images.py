@@ -8,7 +8,7 @@ import pytest
 import rawpy
 from laws.rigs import facing
 from naive import polar
-from stage_text import edited, tiny_text
+from stage_text import edited, exposed, tiny_text
 
 import pipeline
 from pipeline.app.verify import wrong_files
@@ -27,23 +27,17 @@ from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose
 
 RAW = ("raw.tiff", "raw.dng", "raw.png")
-EXPOSED = """            uniform token plen:image:exposure = "level"
-            uniform double plen:image:exposureTime = 0.02
-            uniform double plen:image:whiteLevel = 0.9
-            uniform int plen:image:samples"""
-RESPONDS = """        over "Sensor" (
-            prepend apiSchemas = ["PlenSensorResponseAPI"]
-        )
-        {
-            uniform int plen:response:bitDepth = 12
-            uniform double plen:response:blackLevel = 100
-            uniform double[] plen:response:crosstalk = [0, 0.02, 0, 0.02, 0.92, 0.02, 0, 0.02, 0]
-            uniform double plen:response:darkNoise = 5
-            uniform double plen:response:fullWell = 9000
-            uniform double plen:response:gain = 0.4
-            uniform double plen:response:prnu = 0.01
-            uniform double[] plen:response:quantumEfficiency = [0.6]
-"""
+EXPOSED = """token plen:image:exposure = "level"
+double plen:image:exposureTime = 0.02
+double plen:image:whiteLevel = 0.9"""
+RESPONDS = """int plen:response:bitDepth = 12
+double plen:response:blackLevel = 100
+double[] plen:response:crosstalk = [0, 0.02, 0, 0.02, 0.92, 0.02, 0, 0.02, 0]
+double plen:response:darkNoise = 5
+double plen:response:fullWell = 9000
+double plen:response:gain = 0.4
+double plen:response:prnu = 0.01
+double[] plen:response:quantumEfficiency = [0.6]"""
 RESPONSE = SensorResponse(
     quantum_efficiency=(0.6,),
     full_well_e=9000.0,
@@ -67,13 +61,6 @@ def stage(tmp_path, common_store, monkeypatch):
     return path
 
 
-def exposed(stage: Path) -> Path:
-    text = stage.read_text(encoding="utf-8")
-    text = text.replace("            uniform int plen:image:samples", EXPOSED)
-    stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
-    return stage
-
-
 def built(stage: Path, out: Path) -> tuple[dict[str, bytes], Counter]:
     result = pipeline.build(stage, out, jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]
@@ -84,7 +71,8 @@ def built(stage: Path, out: Path) -> tuple[dict[str, bytes], Counter]:
 
 def test_raw_images_are_a_task_a_frame_and_move_nothing_else(stage, tmp_path):
     plain, tasks = built(stage, tmp_path / "plain")
-    raw, more = built(exposed(stage), tmp_path / "raw")
+    stage.write_text(exposed(stage.read_text(encoding="utf-8"), EXPOSED, RESPONDS), encoding="utf-8")
+    raw, more = built(stage, tmp_path / "raw")
 
     assert more - tasks == Counter(expose=2, fixed_pattern=1)
     added = {f"frames/{frame}/Rig.Camera/{name}" for frame in ("0001", "0002") for name in RAW}
@@ -117,7 +105,7 @@ def test_a_flat_white_target_has_the_noise_of_its_sensor_and_no_pattern_of_rays(
     textbook rays.
     """
     text = edited(
-        exposed(stage).read_text(encoding="utf-8"),
+        exposed(stage.read_text(encoding="utf-8"), EXPOSED, RESPONDS),
         ("plen:squareSize = 1.4", "plen:squareSize = 40"),
         ("1: (0, 0, -434.4)", "1: (20, 40, -434.4)"),
         ("2: (0.3, -0.2, -432)", "2: (20, 40, -432)"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from pxr import Usd
+from stage_text import edited, head
 
 from pipeline.optics.glass.absorption import measured
 from pipeline.optics.glass.catalogue import find
@@ -14,6 +15,7 @@ from pipeline.scene.load import load, open_dataset
 from pipeline.scene.losses import check_losses, losses_at, read_losses, wavelengths_seen
 
 ROOT = Path(__file__).resolve().parents[2]
+TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 GLASSES = ["hikari:BAF10", "hikari:BAF10", "schott:SF15", "schott:F5", "ohara:LAL11", "hoya:LAF3"]
 IN_GLASS = (0, 2, 3, 6, 7, 9)
 CAMERA, LENS = "/TinyConventional/Rig/Camera", "/TinyConventional/Rig/Lens"
@@ -26,17 +28,8 @@ def write(tmp_path):
     def writer(lens='uniform token plen:indexSource = "catalogue"', camera="", surfaces=""):
         path = tmp_path / "dataset.usda"
         path.write_text(
-            f"""#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 2
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-    subLayers = [@{ROOT.as_posix()}/tests/data/tiny_conventional/dataset.usda@]
-)
-
+            edited(head("TinyConventional", end=2), (")\n", f"    subLayers = [@{TINY}@]\n)\n"))
+            + f"""
 over "TinyConventional"
 {{
     over "Rig"
@@ -52,7 +45,7 @@ over "TinyConventional"
         }}
     }}
 }}
-""".replace('"Dataset"', '"TinyConventional"')
+"""
         )
         return path
 
@@ -118,7 +111,7 @@ def test_with_printed_indices_a_name_alone_is_for_people(write):
 @pytest.fixture
 def stage() -> Usd.Stage:
     """The tiny conventional dataset, of a lens whose surfaces take light."""
-    opened = Usd.Stage.Open(str(ROOT / "tests/data/tiny_conventional/dataset.usda"))
+    opened = Usd.Stage.Open(str(TINY))
     opened.SetEditTarget(opened.GetSessionLayer())
     put(opened, LENS, transmission="surfaces")
     return opened

@@ -1,10 +1,10 @@
 """The shipped stages and the examples are flawless, written as USD writes, and say what their sources say."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import rigs
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load, open_dataset
@@ -45,25 +45,14 @@ def test_every_layer_states_units_axis_rate_root_what_it_is_and_to_what_unknown_
 
 
 def test_the_tronnier_lens_is_the_printed_one():
-    """Radius, thickness, index, semi-diameter from W. J. Smith, Modern Lens Design, p. 312, scaled to 100 mm."""
-    printed = [
-        (58.95, 7.52, 1.67, 25.2),
-        (169.66, 0.24, 1.0, 25.2),
-        (38.55, 8.05, 1.67, 23.0),
-        (81.54, 6.55, 1.699, 23.0),
-        (25.5, 11.41, 1.0, 18.0),
-        (math.inf, 9.0, 1.0, 4.5),  # stopped down by the rig; the listing prints 17.1
-        (-28.99, 2.36, 1.603, 17.0),
-        (81.54, 12.13, 1.658, 20.0),
-        (-40.77, 0.38, 1.0, 20.0),
-        (874.13, 6.44, 1.717, 20.0),
-        (-79.46, 72.228, 1.0, 20.0),
-    ]
+    """From W. J. Smith, Modern Lens Design, p. 312, scaled to 100 mm; the rig closes its stop from 17.1 mm."""
     (entry,) = open_dataset(EXAMPLES[0]).cameras
-    surfaces = entry.camera.prescription.surfaces
+    printed = rigs.tronnier(4.5).surfaces
+    assert [shape_of(surface) for surface in entry.camera.prescription.surfaces] == [*map(shape_of, printed)]
 
-    assert [(s.radius_mm, s.thickness_mm, s.index, s.semi_diameter_mm) for s in surfaces] == printed
-    assert entry.camera.prescription.stop_index == 5
+
+def shape_of(surface):
+    return surface.radius_mm, surface.thickness_mm, surface.index, surface.semi_diameter_mm, surface.is_stop
 
 
 def test_the_plenoptic_rig_is_the_one_of_the_paper():
