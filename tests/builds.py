@@ -1,20 +1,26 @@
-"""Builds of the tiny datasets, for tests that read output folders."""
+"""Builds for tests that read output folders."""
 
 import os
 from pathlib import Path
+from typing import Any
 
-from pipeline.app.build import build
+from pipeline.app.build import Result, build
 
 DATA = Path(__file__).parent / "data"
 
 
-def tiny(kind: str, folder: Path, store: Path) -> Path:
-    """Output folder of `tiny_conventional` or `tiny_plenoptic`, below a folder, by a store that others fill."""
+def made(stage: Path, out: Path, store: Path, **options: Any) -> Result:
+    """A build that did not fail, by a store that others fill."""
     before = os.environ.get("PIPELINE_CACHE")
     os.environ["PIPELINE_CACHE"] = str(store)
     try:
-        result = build(DATA / f"tiny_{kind}/dataset.usda", folder / kind, jobs=1)
+        result = build(stage, out, jobs=1, **options)
     finally:
         os.environ.pop("PIPELINE_CACHE") if before is None else os.environ.update(PIPELINE_CACHE=before)
     assert result.exit_code == 0, [task.error for task in result.failures]
-    return folder / kind
+    return result
+
+
+def tiny(kind: str, folder: Path, store: Path) -> Path:
+    """Output folder of `tiny_conventional` or `tiny_plenoptic`, below a folder."""
+    return made(DATA / f"tiny_{kind}/dataset.usda", folder / kind, store).out

@@ -10,10 +10,24 @@ import pytest
 from builds import tiny
 from laws import rigs
 
+from pipeline import cli
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.grid.ray_grid import RayGrid
+
+
+@pytest.fixture
+def in_this_process(monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture(scope="session")

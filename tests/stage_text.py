@@ -20,6 +20,14 @@ def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
 """
 
 
+def over_tiny(camera: str = "", lens: str = "") -> str:
+    """A layer over `tiny_conventional` with opinions on its camera and its lens."""
+    sublayer = f"    subLayers = [@{(DATA / 'tiny_conventional/dataset.usda').as_posix()}@]\n)\n"
+    overs = "".join(f'over "{name}"\n{{\n{text}\n}}\n' for name, text in (("Camera", camera), ("Lens", lens)))
+    top = edited(head("TinyConventional", end=2), (")\n", sublayer))
+    return f'{top}over "TinyConventional"\n{{\nover "Rig"\n{{\n{overs}}}\n}}\n'
+
+
 def without_method(stage: str) -> str:
     """The same stage without an opinion on `plen:truth:method`, so that a test can write its own."""
     return re.sub(" *uniform token plen:truth:method = .*\n", "", stage)

@@ -10,8 +10,6 @@ import pytest
 from cli import toy_command
 from engine.fixtures import cache, kit, store
 
-from pipeline import cli
-
 __all__ = ["cache", "kit", "store"]
 
 
@@ -30,19 +28,6 @@ def command(tmp_path, kit, cache):
         )
 
     return start
-
-
-@pytest.fixture
-def in_this_process(monkeypatch, capsys):
-    """Run the command in this process: exit code, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

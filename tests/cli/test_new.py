@@ -11,6 +11,7 @@ import pytest
 from laws import rigs
 from laws.solving import rig_of, solved
 from shorter import few
+from stage_text import head
 
 from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
 from pipeline.camera.focusing.depth_of_field import foci, focused
@@ -24,13 +25,7 @@ from pipeline.targets.target import Target
 
 PARTS = ("--rig", "rigs/conventional_100mm.usda", "--target", "targets/charuco_8x5.usda")
 PLENOPTIC = ("--lens", "lenses/double_gauss_100mm_tronnier.usda", "--f-number", "7", "--microlens-distance")
-RIG = """#usda 1.0
-(
-    defaultPrim = "Rig"
-    metersPerUnit = 0.001
-    upAxis = "Y"
-)
-"""
+RIG = head("Rig")
 PINHOLE = """def "Rig" (prepend references = @rigs/conventional_100mm.usda@)
 {
     over "Camera"

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builds import made
 from stage_text import tiny_text, without_method
 
-import pipeline
 from pipeline.app.verify import verify
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
@@ -37,14 +37,11 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
     """Output folders of the tiny dataset without and with a bright screen that covers its right half in frame 1."""
     folder = tmp_path_factory.mktemp("occluders")
     text = tiny_text("conventional")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(folder / "store"))
-        for name, content in (("free", text), ("covered", text.rstrip().removesuffix("}") + SCREEN + "}\n")):
-            (folder / name).mkdir()
-            (folder / name / "dataset.usda").write_text(content, encoding="utf-8")
-            result = pipeline.build(folder / name / "dataset.usda", folder / name / "out", jobs=1)
-            assert result.exit_code == 0
-            kinds = {task.kind for task in result.tasks if task.state == "executed"}
+    for name, content in (("free", text), ("covered", text.rstrip().removesuffix("}") + SCREEN + "}\n")):
+        (folder / name).mkdir()
+        (folder / name / "dataset.usda").write_text(content, encoding="utf-8")
+        result = made(folder / name / "dataset.usda", folder / name / "out", folder / "store")
+        kinds = {task.kind for task in result.tasks if task.state == "executed"}
     assert kinds == {"image", "truth", "certificate"}, "an occluder leaves the camera's rays alone"
     return folder / "free/out", folder / "covered/out"
 
@@ -77,15 +74,14 @@ def test_rows_behind_the_screen_are_gone_and_counted(built) -> None:
 
 
 @pytest.mark.parametrize("method", ["two-plane", "image", "direct"])
-def test_the_rule_is_the_same_for_every_method(built, method: str, tmp_path, monkeypatch) -> None:
+def test_the_rule_is_the_same_for_every_method(built, method: str, tmp_path) -> None:
     """Which points are hidden, and by how much; positions of the other methods differ by hundredths of a pixel."""
     stage = (built[1].parent / "dataset.usda").read_text(encoding="utf-8")
     stage = stage.replace("uniform int plen:seed", "uniform int[] plen:frames = [1]\n    uniform int plen:seed", 1)
     wanted = f'uniform token plen:truth:method = "{method}"\n            uniform int plen:truth:samples'
     stage = without_method(stage).replace("uniform int plen:truth:samples", wanted, 1)
     (tmp_path / "dataset.usda").write_text(stage, encoding="utf-8")
-    monkeypatch.setenv("PIPELINE_CACHE", str(built[1].parents[1] / "store"))
-    assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
+    made(tmp_path / "dataset.usda", tmp_path / "out", built[1].parents[1] / "store")
     here, there = table_of(tmp_path / "out", 1), table_of(built[1], 1)
     assert set(here.columns["method"]) == {method}
     assert here.columns["point_id"] == there.columns["point_id"]

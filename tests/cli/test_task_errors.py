@@ -6,7 +6,6 @@ import pytest
 from stage_text import tiny_text
 
 import pipeline
-from pipeline import cli
 from pipeline.app.progress import Ending
 
 
@@ -39,10 +38,7 @@ def test_tasks_that_fail_alike_are_one_error_with_its_place(dark, capsys):
         assert "Traceback" in Path(task.log).read_text(encoding="utf-8")
 
 
-def test_show_says_where_the_camera_stands_that_it_cannot_show(dark, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["pipeline", "show", "dataset.usda"])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    said = capsys.readouterr().err
-    assert end.value.code == 2 and f"dataset.usda:{dark}: error: no light passes the lens from " in said
+def test_show_says_where_the_camera_stands_that_it_cannot_show(dark, in_this_process):
+    code, _, said = in_this_process("show", "dataset.usda")
+    assert code == 2 and f"dataset.usda:{dark}: error: no light passes the lens from " in said
     assert "at </TinyConventional/Rig/Camera>" in said and "hint: " in said

@@ -7,9 +7,9 @@ import shutil
 
 import pytest
 import typer
+from builds import made
 from stage_text import edited, tiny_text, without_method
 
-import pipeline
 from pipeline import cli
 from pipeline.app.verify import verify
 from pipeline.errors import Exit, UsageError
@@ -33,14 +33,12 @@ def test_a_build_agrees_without_store_and_stage(conventional_build, tmp_path, mo
     json.dumps(verdict.to_dict())
 
 
-def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, monkeypatch, common_store):
+def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, common_store):
     """More points than one tile solves."""
     many = ("columns = 3", "columns = 30"), ("rows = 2", "rows = 17"), ("Size = 1.4", "Size = 0.13")
     stage = tmp_path / "dataset.usda"
     stage.write_text(without_method(tiny_text("conventional", *many)), encoding="utf-8")
-    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    built = pipeline.build(stage, tmp_path / "out", jobs=1)
-    assert "truth_tile" in {task.kind for task in built.tasks}
+    assert "truth_tile" in {task.kind for task in made(stage, tmp_path / "out", common_store).tasks}
     verdict = verify(tmp_path / "out", seed=4)
     assert verdict.agrees and verdict.problems == []
     assert verdict.cameras["Rig.Camera"]["rows"] > 0
@@ -152,14 +150,12 @@ def test_a_stage_that_does_not_belong_to_the_folder_disagrees(out):
     assert problem.startswith("dataset.usda is no stage that could have been built")
 
 
-def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, monkeypatch):
+def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, common_store):
     """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     lines_of = ('uniform token plen:truth:method = "two-plane"', 'uniform token plen:truth:search = "nearest"')
     text = without_method(tiny_text("conventional"))
     stage = stage_of(tmp_path, *lines_of, "uniform double plen:truth:nearestThreshold = 2", text=text)
-    result = pipeline.build(stage, tmp_path / "out", jobs=1)
-    assert result.exit_code == 0
+    result = made(stage, tmp_path / "out", common_store)
     said = "\n".join(lines(result.certificate))
     assert "no verdict, the method makes no claim" in said and not failed(result.certificate)
 
@@ -181,11 +177,10 @@ METHODS["direct"] += '\nuniform token[] plen:truth:columns = ["chief", "saddle"]
 @pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 @pytest.mark.parametrize("method", METHODS)
-def test_builds_by_every_method_agree(method, kind, tmp_path, monkeypatch, common_store):
+def test_builds_by_every_method_agree(method, kind, tmp_path, common_store):
     """Their tables have other columns and comments."""
-    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    stage_of(tmp_path, METHODS[method], text=without_method(tiny_text(kind)))
-    assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
+    stage = stage_of(tmp_path, METHODS[method], text=without_method(tiny_text(kind)))
+    made(stage, tmp_path / "out", common_store)
     verdict = verify(tmp_path / "out")
     assert verdict.agrees, verdict.problems
 
@@ -198,14 +193,12 @@ def test_a_folder_without_a_manifest_is_refused(tmp_path):
         verify(tmp_path)
 
 
-def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tmp_path, monkeypatch):
+def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tmp_path, common_store):
     """A build by area and with pixels: headers say so, its certificate passes, and `verify` agrees."""
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     lines_of = ('uniform token plen:camera:weight = "area"', 'uniform token plen:truth:footprint = "pixel"')
     stage = stage_of(tmp_path, *lines_of)
     out = tmp_path / "out"
-    result = pipeline.build(stage, out, jobs=1)
-    assert result.exit_code == 0
+    result = made(stage, out, common_store)
     assert result.certificate["Rig.Camera"]["passed"] is True
     camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
     assert (camera["weight"], camera["footprint"]) == ("area", "pixel")
@@ -220,17 +213,15 @@ def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tm
     assert verify(out, seed=4).agrees
 
 
-def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, monkeypatch, common_store):
+def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, common_store):
     """The board shows its back in both frames: no frame is called seen, and nothing is called passed."""
-    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     stage = tmp_path / "dataset.usda"
     text = tiny_text("conventional")
     for number, pose in ((1, "(0.9990482215818578, 0, 0, 0.043619387365336)"), (2, "(0.9762960071199334, 0, 0.2164")):
         text = re.sub(rf"{number}: {re.escape(pose)}[^\n]*", f"{number}: (0, 0, 1, 0),", text)
     stage.write_text(text, encoding="utf-8")
-    result = pipeline.build(stage, tmp_path / "out", jobs=1)
+    result = made(stage, tmp_path / "out", common_store)
     frames = [{"frame": number, "rows": 0, "seen": {"Board": 0}} for number in (1, 2)]
-    assert result.exit_code == 0
     assert result.points == {"Rig.Camera": {"of": {"Board": 6}, "frames": frames}}
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["points"] == result.to_dict()["points"] == result.points

@@ -3,9 +3,7 @@
 from pathlib import Path
 
 import pytest
-from builds import DATA, tiny
-
-import pipeline
+from builds import DATA, made, tiny
 
 
 @pytest.fixture(scope="session")
@@ -14,9 +12,5 @@ def builds(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path
     folder = tmp_path_factory.mktemp("pages")
     (folder / "build").mkdir()
     tiny("conventional", folder / "build", common_store).rename(folder / "build/01_conventional")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        stage = DATA / "reading/dataset.usda"
-        result = pipeline.build(stage, folder / "build/02_plenoptic", jobs=1, allow_roots=(DATA,))
-    assert result.exit_code == 0, [task.error for task in result.failures]
+    made(DATA / "reading/dataset.usda", folder / "build/02_plenoptic", common_store, allow_roots=(DATA,))
     return folder

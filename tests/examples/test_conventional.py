@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builds import made
+from stage_text import edited
 
 import pipeline
 
@@ -20,13 +22,9 @@ def built(tmp_path_factory, common_store):
     folder = tmp_path_factory.mktemp("example")
     text = (EXAMPLE / "dataset.usda").read_text(encoding="utf-8")
     rig = "@rigs/conventional_100mm.usda@\n    )\n    {\n"
-    assert rig in text
-    coarse = text.replace(rig, f'{rig}over "Camera"\n{{\nuniform int plen:image:samples = 4\n}}\n')
+    coarse = edited(text, (rig, f'{rig}over "Camera"\n{{\nuniform int plen:image:samples = 4\n}}\n'))
     (folder / "dataset.usda").write_text(coarse, encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        assert pipeline.build(folder / "dataset.usda", folder / "out", jobs=1).exit_code == 0
-    return folder / "out"
+    return made(folder / "dataset.usda", folder / "out", common_store).out
 
 
 def calibrate(out: Path) -> subprocess.CompletedProcess[str]:

@@ -3,10 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from builds import DATA
+from builds import DATA, made
 from tolerances import DETECTOR_MEAN_PX, DETECTOR_RMS_PX
 
-import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 
@@ -14,10 +13,7 @@ from pipeline.files.tables import read_table
 @pytest.fixture(scope="module")
 def frame(tmp_path_factory, common_store):
     out = tmp_path_factory.mktemp("columns")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        result = pipeline.build(DATA / "detectors/dataset.usda", out, jobs=1, allow_roots=(DATA,))
-    assert result.exit_code == 0
+    made(DATA / "detectors/dataset.usda", out, common_store, allow_roots=(DATA,))
     return out / "frames/0001/Rig.Camera"
 
 

@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from builds import DATA
+from builds import DATA, made
 from exports.pretended import F_PX, Scene, write_build
-from stage_text import head
+from stage_text import head, over_tiny
 
-from pipeline.app.build import build
 from pipeline.exports.export import export
 from pipeline.results.output import open_output
 
@@ -107,10 +106,7 @@ def PlenDataset "Wide"
 def exported(tmp_path_factory, common_store):
     folder = tmp_path_factory.mktemp("wide")
     (folder / "stage.usda").write_text(stage())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        result = build(folder / "stage.usda", folder / "out", allow_roots=[LENS.parents[2]], jobs=1)
-    assert result.exit_code == 0
+    made(folder / "stage.usda", folder / "out", common_store, allow_roots=[ROOT])
     export(open_output(folder / "out"), ["opencv", "colmap"], folder)
     return folder
 
@@ -180,43 +176,19 @@ EXACT_PX = 1e-9
 """Largest difference of truth and projection [px]: what a build makes of a pinhole is rounding."""
 SINGLE_PX = 2e-6
 """Half a unit of a position below 32 px in the single precision that OpenCV takes [px]."""
-PINHOLE_STAGE = f"""#usda 1.0
-(
-    defaultPrim = "TinyConventional"
-    endTimeCode = 2
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    subLayers = [
-        @{(ROOT / "tests/data/tiny_conventional/dataset.usda").as_posix()}@
-    ]
-    timeCodesPerSecond = 24
-    upAxis = "Y"
+PINHOLE_STAGE = over_tiny(
+    camera=f"""uniform double[] plen:camera:distortion = {BROWN}
+    uniform token plen:camera:model = "pinhole"
+    uniform token plen:truth:method = "direct\""""
 )
-
-over "TinyConventional"
-{{
-    over "Rig"
-    {{
-        over "Camera"
-        {{
-            uniform double[] plen:camera:distortion = {BROWN}
-            uniform token plen:camera:model = "pinhole"
-            uniform token plen:truth:method = "direct"
-        }}
-    }}
-}}
-"""
 
 
 @pytest.mark.heavy
 def test_the_export_of_a_pinhole_has_its_own_coefficients_and_its_truth_is_their_projection(
-    tmp_path: Path, common_store: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, common_store: Path
 ) -> None:
-    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     (tmp_path / "dataset.usda").write_text(PINHOLE_STAGE)
-    result = build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1, allow_roots=(ROOT,))
-    assert result.exit_code == 0, [task.error for task in result.failures]
-    output = open_output(tmp_path / "out")
+    output = open_output(made(tmp_path / "dataset.usda", tmp_path / "out", common_store, allow_roots=(ROOT,)).out)
     export(output, ["opencv"], tmp_path / "exports")
     (file,) = (tmp_path / "exports/opencv").glob("*.npz")
     with np.load(file) as arrays:

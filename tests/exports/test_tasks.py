@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from builds import DATA
+from builds import made as build_of
 from exports.pretended import Scene, write_build
 from shorter import few
 from stage_text import head
@@ -27,6 +28,7 @@ ASKED = {
     "conventional": ["opencv", "mrcal", "colmap", "kalibr", "npz", "rays", "stmap", "depth"],
     "plenoptic": ["libpleno", "pip", "bok", "lftoolbox", "plenopticam", "npz", "depth", "lightfield"],
 }
+ROOTS = (DATA.parents[1],)
 NOISE = Noise(noise_px=0.2, outliers=0.1, missed=0.1, seed=5)
 
 
@@ -50,14 +52,10 @@ NOISY = {
 
 
 @pytest.fixture
-def made(tmp_path, common_store, monkeypatch):
-    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-
-    def run(text, **options):
+def made(tmp_path, common_store):
+    def run(text):
         (tmp_path / "stage.usda").write_text(text)
-        result = build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=(DATA.parents[1],), **options)
-        assert result.exit_code == 0, [task.error for task in result.failures]
-        return result, tmp_path / "out"
+        return build_of(tmp_path / "stage.usda", tmp_path / "out", common_store, allow_roots=ROOTS), tmp_path / "out"
 
     return run
 
@@ -156,8 +154,7 @@ def test_a_stage_asks_for_it_and_new_code_makes_a_new_key(laboratory, tmp_path, 
     assert (error.code, error.line) == ("unknown-export", 15) and "opencv" in error.hint
     folder = laboratory()
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    result = build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=(DATA.parents[1],))
-    assert result.exit_code == 0, [task.error for task in result.failures]
+    assert build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=ROOTS).exit_code == 0
     assert (tmp_path / "out/exports/corner-table/Rig.Camera.csv").is_file()
     before = code_of_writer("corner-table")
     code = (folder / "corner_table.py").read_text()
@@ -165,7 +162,7 @@ def test_a_stage_asks_for_it_and_new_code_makes_a_new_key(laboratory, tmp_path, 
     assert code_of_writer("corner-table") == before
     (folder / "corner_table.py").write_text(code.replace('"board_x"', '"board_x_m"'))
     assert code_of_writer("corner-table") != before
-    again = build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=(DATA.parents[1],))
+    again = build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=ROOTS)
     (failure,) = again.failures  # this process has the old code
     assert "is not the one that this build was planned with" in str(failure.error)
 

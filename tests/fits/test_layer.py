@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import cv2
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 from builds import DATA
 from pxr import Usd, UsdGeom
 
-from pipeline import cli
 from pipeline.frames import apply
 from pipeline.scene.load import load
 from pipeline.scene.usd.values import LENS_DISTORTION
@@ -21,17 +21,10 @@ SINGLE = 1e-6
 
 
 @pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
+def command(tmp_path, monkeypatch, in_this_process):
     """Run the command in an empty folder: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", "fit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return partial(in_this_process, "fit")
 
 
 @pytest.fixture(scope="module")

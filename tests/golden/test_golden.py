@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import pipeline
 from pipeline.files.tables import read_table, write_table
 
 HERE = Path(__file__).parent
@@ -21,15 +20,10 @@ TRUTH_PX = 1e-5
 """Positions are stored in double but come from float32 images: one unit in the last place moves them by 3e-6 px."""
 
 
-@pytest.fixture(scope="module", params=TINY)
-def built(request, tmp_path_factory, common_store):
+@pytest.fixture(scope="module", params=["conventional", "plenoptic"])
+def built(request):
     """Name and output folder of a tiny dataset."""
-    out = tmp_path_factory.mktemp("golden")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(common_store))
-        result = pipeline.build(DATA / request.param / "dataset.usda", out / "out", jobs=1)
-    assert result.exit_code == 0
-    return request.param, out / "out"
+    return f"tiny_{request.param}", request.getfixturevalue(f"{request.param}_build")
 
 
 def test_the_flattened_stage(built, golden):

@@ -1,13 +1,12 @@
 """A text with typing errors is read, or ends in problems with a place."""
 
 import random
-from pathlib import Path
 
 import pytest
+from stage_text import tiny_text
 
 from pipeline.scene.load import load
 
-TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 TOKENS = (
     *("{", "}", "(", ")", "[", "]", '"', "'''", '"""', "@", "@@@", "<", ">", "=", ",", ":", ";", "\n", "#", "/*", "*/"),
     *(
@@ -49,7 +48,7 @@ def damaged(whole: str, seed: int) -> str:
 
 @pytest.mark.parametrize("count", [75, pytest.param(3000, marks=pytest.mark.heavy)])
 def test_a_damaged_text_is_read_or_ends_in_problems_with_a_place(count, tmp_path):
-    whole, refused = TINY.read_text().replace("../../../stages/", ""), 0
+    whole, refused = tiny_text("conventional"), 0
     (tmp_path / "whole.usda").write_text(whole)
     for seed in range(count):
         path = tmp_path / f"damaged-{seed}.usda"

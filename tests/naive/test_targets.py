@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from naive import brute, textbook
+from stage_text import head
 from tolerances import COARSE_GRID_PX, SIGMAS
 
 import pipeline
@@ -19,16 +20,9 @@ from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
 from pipeline.scene.load import open_dataset
 
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 1
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+STAGE = (
+    head("Dataset")
+    + """
 def PlenDataset "Dataset"
 {
     rel plen:cameras = </Dataset/Rig/Camera>
@@ -63,6 +57,7 @@ def PlenDataset "Dataset"
     }
 }
 """
+)
 ROWS, GROUPS, RAYS = 6, 8, 4_000
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from builds import tiny
 
-from pipeline import cli
 from pipeline.app.reporting import report, report_of_build
 from pipeline.errors import UsageError
 from pipeline.files.png import read_png, write_png
@@ -186,7 +185,7 @@ def test_the_scripts_know_the_records_of_python():
     assert (WEB / "src/records.ts").read_text() == written, "run python web/record_types.py"
 
 
-def test_a_build_writes_the_report_unless_refused(tmp_path, monkeypatch, common_store, capsys):
+def test_a_build_writes_the_report_unless_refused(tmp_path, monkeypatch, common_store, in_this_process):
     """`--no-report`, PIPELINE_REPORT=no, and parts of a build: no report."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     monkeypatch.setenv("PIPELINE_REPORT", "")
@@ -195,11 +194,9 @@ def test_a_build_writes_the_report_unless_refused(tmp_path, monkeypatch, common_
     page = tmp_path / "out.report/index.html"
 
     def build(*options: str) -> str:
-        monkeypatch.setattr("sys.argv", ["pipeline", "build", stage, "-o", "out", "-j", "1", *options])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        assert end.value.code == 0
-        return str(capsys.readouterr().err)
+        code, _, log = in_this_process("build", stage, "-o", "out", "-j", "1", *options)
+        assert code == 0
+        return log
 
     build("--no-report")
     build("frames/0001/Rig.Camera/image.png")

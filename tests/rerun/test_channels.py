@@ -10,42 +10,16 @@ import OpenEXR
 import pytest
 from colour.io.fichet2021 import PATTERN_FICHET2021, match_groups_to_nm
 from PIL import Image
-from rerun.small_tiles import in_small_tiles
-from stage_text import edited, exposed, tiny_text, without_method
+from rerun.channels import TRIANGLE, stage_at
+from stage_text import edited, exposed
 
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verify import verify
 from pipeline.formats import is_pair
 
-TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
-"""First, brightest and last wavelength of each channel [nm]."""
 BAYER = """token[] plen:response:filters = ["red", "green", "green", "blue"]
         int plen:response:bitDepth = 12"""
-
-
-def channel(name: str, wavelengths: tuple[int, int, int]) -> str:
-    return f"""
-            def PlenChannel "{name}"
-            {{
-                uniform int plen:nodes = 2
-                uniform double[] plen:response = [0, 1, 0]
-                uniform double[] plen:wavelengths = {list(wavelengths)}
-            }}
-"""
-
-
-def stage_at(folder: Path, tiny: str, channels: dict[str, tuple[int, int, int]]) -> Path:
-    """A tiny dataset of the tests whose camera has channels, in a folder of its own."""
-    text = without_method(tiny_text(tiny))
-    sensor, lens = '        over "Sensor"\n        {\n', '        over "Lens"\n        {\n'
-    if lens not in text:
-        text = text.replace(sensor, f"{lens}        }}\n\n{sensor}")
-    text = text.replace(lens, f'{lens}            uniform token plen:indexSource = "catalogue"\n')
-    written = "".join(channel(name, wavelengths) for name, wavelengths in channels.items())
-    path = folder / "dataset.usda"
-    path.write_text(edited(text, (sensor, sensor + written)), encoding="utf-8")
-    return path
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -96,23 +70,6 @@ def test_another_program_can_judge_the_folder(built: Result) -> None:
     verdict = verify(built.out)
     assert verdict.problems == []
     assert set(verdict.cameras) == {f"Rig.Camera@{name}" for name in (*TRIANGLE, "again")}
-
-
-@pytest.mark.heavy
-def test_small_tiles_of_channels_behind_microlenses_give_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stage = stage_at(tmp_path, "plenoptic", {"red": TRIANGLE["red"]})
-    outs = []
-    for name in ("whole", "tiles"):
-        if name == "tiles":
-            in_small_tiles(monkeypatch)
-        monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
-        outs.append(pipeline.build(stage, tmp_path / name, jobs=1).out)
-    files = [{path.relative_to(out) for path in out.rglob("*") if path.is_file()} for out in outs]
-    assert files[0] == files[1]
-    for file in files[0] - {Path("manifest.json")}:
-        assert (outs[0] / file).read_bytes() == (outs[1] / file).read_bytes(), file
 
 
 def test_an_opened_folder_has_a_camera_for_each_channel(built: Result) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from builds import made
 from stage_text import edited, tiny_text
 
-import pipeline
 from pipeline.app.build import Result
 from pipeline.engine.events import Done
 from pipeline.graph import adding, tiles
@@ -37,13 +37,6 @@ def stage_with(noise: float, folder: Path, *, lit: bool = False) -> Path:
     return folder / "dataset.usda"
 
 
-def made(stage: Path, out: Path, store: Path, monkeypatch: pytest.MonkeyPatch) -> Result:
-    monkeypatch.setenv("PIPELINE_CACHE", str(store))
-    result = pipeline.build(stage, out, targets=IMAGES, jobs=1)
-    assert result.exit_code == 0, [task.error for task in result.failures]
-    return result
-
-
 def files_of(out: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(out.rglob("*.exr"))}
 
@@ -53,10 +46,10 @@ def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, m
     """It ends with the bytes that it has alone, in another process, and takes no sample twice."""
     monkeypatch.setattr(adding, "MOST_SAMPLES", 256)
     monkeypatch.setattr(tiles, "_STRIP_PX", 400)  # two strips
-    coarse = made(stage_with(0.12, tmp_path / "coarse", lit=lit), tmp_path / "a", tmp_path / "store", monkeypatch)
-    fine_stage = stage_with(0.05, tmp_path / "fine", lit=lit)
-    finer = made(fine_stage, tmp_path / "b", tmp_path / "store", monkeypatch)
-    alone = made(fine_stage, tmp_path / "c", tmp_path / "other store", monkeypatch)
+    coarse_stage, fine_stage = (stage_with(noise, tmp_path / str(noise), lit=lit) for noise in (0.12, 0.05))
+    coarse = made(coarse_stage, tmp_path / "a", tmp_path / "store", targets=IMAGES)
+    finer = made(fine_stage, tmp_path / "b", tmp_path / "store", targets=IMAGES)
+    alone = made(fine_stage, tmp_path / "c", tmp_path / "other store", targets=IMAGES)
     assert files_of(tmp_path / "b") == files_of(tmp_path / "c") != files_of(tmp_path / "a")
     assert rays_of(coarse) > 0 and rays_of(finer) > 0
     assert rays_of(coarse) + rays_of(finer) == rays_of(alone)
@@ -73,8 +66,7 @@ def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(adding, "MOST_SAMPLES", 64)
     events = []
     stage = stage_with(0.001, tmp_path / "stage")
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    result = pipeline.build(stage, tmp_path / "out", targets=IMAGES, jobs=1, on_event=events.append)
+    result = made(stage, tmp_path / "out", tmp_path / "store", targets=IMAGES, on_event=events.append)
     assert Counter(task.kind for task in result.tasks)["image_pass"] == 3
     file = OpenEXR.File(str(tmp_path / "out/frames/0001/Rig.Camera/image.exr"), separate_channels=True)
     header = {name: float(file.parts[0].header[name]) for name in ("noise_asked", "noise", "passes_most")}

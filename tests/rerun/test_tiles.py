@@ -5,10 +5,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from builds import made
+from rerun.channels import TRIANGLE, stage_at
 from rerun.small_tiles import in_small_tiles
-from stage_text import edited, tiny_text, without_method
+from stage_text import edited
 
-import pipeline
 from pipeline.graph import tiles
 
 TILED = {"image_tile", "white_tile", "micro_images_tile"}
@@ -29,23 +30,22 @@ TILED = {"image_tile", "white_tile", "micro_images_tile"}
             TILED | {"rays_tile"},
             marks=pytest.mark.heavy,
         ),
+        pytest.param("plenoptic, red", "", {"image_tile", "white_tile"}, marks=pytest.mark.heavy),
         ("conventional", 'uniform token plen:truth:method = "image"', {"image_tile", "white_tile", "rays_tile"}),
     ],
 )
 def test_small_tiles_give_the_same_bytes(
     tiny: str, truth: str, kinds: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    camera, stage = '        over "Camera"\n        {\n', tmp_path / "dataset.usda"
-    text = edited(without_method(tiny_text(tiny)), (camera, f"{camera}            {truth}\n"))
-    stage.write_text(text, encoding="utf-8")
+    camera, (kind, *channels) = '        over "Camera"\n        {\n', tiny.split(", ")
+    stage = stage_at(tmp_path, kind, {name: TRIANGLE[name] for name in channels})
+    stage.write_text(edited(stage.read_text("utf-8"), (camera, f"{camera}            {truth}\n")), encoding="utf-8")
     outs, counts = [], []
     for name in ("whole", "tiles"):
         if name == "tiles":
             in_small_tiles(monkeypatch)
         # Keys hold the text of the code, not what a test replaces in memory.
-        monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
-        result = pipeline.build(stage, tmp_path / name, jobs=1)
-        assert result.exit_code == 0, [task.error for task in result.failures]
+        result = made(stage, tmp_path / name, tmp_path / f"store of {name}")
         counts.append(Counter(task.kind for task in result.tasks))
         files = [path for path in sorted((tmp_path / name).rglob("*")) if path.is_file()]
         outs.append({path.relative_to(tmp_path / name).as_posix(): path.read_bytes() for path in files})

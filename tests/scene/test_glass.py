@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from pxr import Usd
-from stage_text import edited, head
+from stage_text import over_tiny
 
 from pipeline.optics.glass.absorption import measured
 from pipeline.optics.glass.catalogue import find
@@ -27,26 +27,7 @@ def write(tmp_path):
 
     def writer(lens='uniform token plen:indexSource = "catalogue"', camera="", surfaces=""):
         path = tmp_path / "dataset.usda"
-        path.write_text(
-            edited(head("TinyConventional", end=2), (")\n", f"    subLayers = [@{TINY}@]\n)\n"))
-            + f"""
-over "TinyConventional"
-{{
-    over "Rig"
-    {{
-        over "Camera"
-        {{
-            {camera}
-        }}
-        over "Lens"
-        {{
-            {lens}
-            {surfaces}
-        }}
-    }}
-}}
-"""
-        )
+        path.write_text(over_tiny(camera, f"{lens}\n{surfaces}"))
         return path
 
     return writer

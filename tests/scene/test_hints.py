@@ -1,13 +1,10 @@
 """One mistake gives one message with a way out, and no others that only follow from it."""
 
-from pathlib import Path
-
 import pytest
-from stage_text import head
+from stage_text import head, tiny_text
 
 from pipeline.scene.load import load
 
-TINY = Path(__file__).resolve().parents[1] / "data/tiny_conventional"
 HEAD = head("Mine") + 'def PlenDataset "Mine"\n{\n'
 LENS = """    rel plen:cameras = </Mine/Cam>
     def Camera "Cam" (prepend apiSchemas = ["PlenCameraAPI"])
@@ -117,8 +114,8 @@ def test_what_is_no_stage_is_told_what_to_give_in_its_place(tmp_path, name, hint
     ],
 )
 def test_a_stage_with_other_units_than_all_that_it_uses_is_told_once_and_at_its_own_line(tmp_path, right, wrong, code):
-    text, path = (TINY / "dataset.usda").read_text(encoding="utf-8"), tmp_path / "mine.usda"
-    path.write_text(text.replace("@../../../stages/", "@").replace(right, wrong), encoding="utf-8")
+    path = tmp_path / "mine.usda"
+    path.write_text(tiny_text("conventional", (right, wrong)), encoding="utf-8")
     [problem] = load(path).errors
     assert problem.code == code and "in all 3 layers that it uses" in problem.message
     assert path.read_text(encoding="utf-8").splitlines()[problem.line - 1].strip() == wrong
@@ -131,8 +128,7 @@ def test_a_stage_with_other_units_than_all_that_it_uses_is_told_once_and_at_its_
 )
 def test_one_mistake_in_all_frames_is_one_message(tmp_path, place, away, hint):
     """A board on the wrong side, or in metres; distances are told by words, not by a sign of another frame."""
-    text = (TINY / "dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
-    head, start, rest = text.partition("xformOp:translate.timeSamples = {")
+    head, start, rest = tiny_text("conventional").partition("xformOp:translate.timeSamples = {")
     samples = f"\n            1: (0, 0, {place}),\n            2: (0, 0, {place}),\n        }}"
     (tmp_path / "s.usda").write_text(head + start + samples + rest.partition("}")[2], encoding="utf-8")
     [problem] = load(tmp_path / "s.usda").problems

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from stage_text import head
+from stage_text import head, tiny_text
 
 import pipeline
 from pipeline.camera.focusing.depth_of_field import foci
@@ -136,10 +136,10 @@ def test_the_tiny_dataset_reads_as_written():
 
 def test_the_camera_of_a_request_is_focused_and_traces_rays(tmp_path):
     """A sensor that stands where the asked distance is sharp, a stop that matches: rays of a pixel come from there."""
-    text = (TINY.parents[1] / "tiny_plenoptic/dataset.usda").read_text(encoding="utf-8")
     wish = "float horizontalAperture = 14.4\nuniform double plen:camera:focusDistance = 420\n"
     wish += 'uniform double plen:camera:sensorDistance = None\nuniform token plen:camera:stopMatch = "microlenses"'
-    (tmp_path / "dataset.usda").write_text(text.replace("float horizontalAperture = 14.4", wish), encoding="utf-8")
+    text = tiny_text("plenoptic", ("float horizontalAperture = 14.4", wish))
+    (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
     (entry,) = open_dataset(tmp_path / "dataset.usda").cameras
 
     assert isinstance(entry.asked, FocusRequest) and entry.asked.sensor_distance_mm is None

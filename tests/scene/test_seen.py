@@ -3,7 +3,6 @@ others.
 """
 
 import re
-from pathlib import Path
 
 import pytest
 from stage_text import edited, tiny_text
@@ -11,7 +10,6 @@ from stage_text import edited, tiny_text
 from pipeline.app.build import build
 from pipeline.scene.load import load
 
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 BACK = "(0, 0, 1, 0)"
 
 
@@ -57,7 +55,7 @@ def test_a_board_of_grey_is_named_though_its_light_arrives(check):
 @pytest.mark.heavy
 def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monkeypatch):
     """Squares of 1 mm at 420 and 800 mm: images over white images have standard deviations of 0.30 and 0.10."""
-    text = (TINY.parents[1] / "tiny_plenoptic" / "dataset.usda").read_text(encoding="utf-8")
+    text = tiny_text("plenoptic")
     found = []
     for z in (420, 800):
         moved = re.sub(r"\(([-\d.]+), ([-\d.]+), -[\d.]+\)", rf"(\1, \2, -{z})", text)
