@@ -118,7 +118,7 @@ def deliver(results: dict[str, Any], out: Path) -> None:
 
 def prepared(asked: argparse.Namespace, out: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """Contestants that were built, and why others were not."""
-    ready, missing = {}, {}
+    ready, missing = {}, dict(NOT_RUN)
     for name, (module, _) in CONTESTANTS.items():
         if asked.only and name not in asked.only:
             continue
@@ -251,6 +251,7 @@ def libpleno_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
         }
 
     own = {"own": judged(answer["own"])} if "own" in answer else {}
+    own |= {"failed": answer["failed"]} if "failed" in answer else {}
     thin = dict(zip(baseline.PARAMETERS, baseline.start(truth).parameters.tolist(), strict=True))
     true = {name: thin[name] for name in ("focal_mm", "main_lens_mm", "sensor_mm")}
     return {"exact": judged(answer["exact"]), "true": true, **own, **with_noise([*map(judged, answer["noise"])])}
@@ -281,6 +282,12 @@ CONTESTANTS: dict[str, tuple[Any, Callable[[Truth, Answer, Path], Answer]]] = {
     "plenoptisign": (plenoptisign, centres_judged),
 }
 """Adapters, and who judges what they return."""
+NOT_RUN = {
+    "Stepwise c0e36ce": "Octave 7.3: 'xml2struct' undefined; OptimizeCorner.m:160 calls MATLAB's vision.internal",
+    "PlenopticImageProcessing f72013a": "nvcc 13.0: Unsupported gpu architecture 'compute_30'; answers in a Qt window",
+    "LFToolbox's calibration": "Octave 7.3 has no griddedInterpolant and no detectCheckerboardPoints",
+}
+"""What was tried by hand and does not run, and the reason."""
 
 
 def refocused(truth: Truth, rig: Rig, programs: Path | None) -> Answer:
