@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
 sys.path[:0] = [str(EXAMPLE / "plenoptic"), str(EXAMPLE)]  # its modules lie beside the script that imports them
 
+import compete  # noqa: E402
 import judging  # noqa: E402
 import models  # noqa: E402
 import refocus  # noqa: E402
@@ -145,3 +146,20 @@ def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
     assert 0.1 < baseline["noise"]["own_rms_px"] < 0.2
     assert centres["centroid"]["found"] > 0.9 and centres["centroid"]["rms_px"] < 0.5
     assert "plenopticam" in (tmp_path / "page.html").read_text()
+
+
+def test_detected_corners_score_their_bias_and_exact_ones_zero(tmp_path):
+    """Two frames of corners in three micro-images: one as they are, one with the fractions of the centres on top."""
+    centres = [(0, 0, 10.25, 10.5), (1, 0, 33.5, 10.25), (0, 1, 21.75, 30.0)]
+    table = np.array(centres, [(name, float) for name in ("k", "l", "u", "v")])
+    corners = {(0, 0): (12.0, 9.0), (1, 0): (31.0, 13.0), (0, 1): (22.0, 28.5)}
+    lines = [f"{k},{l},{u},{v},0,0,{frame}" for frame in (1, 2) for (k, l), (u, v) in corners.items()]
+    (tmp_path / "features.csv").write_text("\n".join(["# pixels", "k,l,u,v,rho,cluster,frame", *lines]))
+    exact = [(1, k, l, u, v) for (k, l), (u, v) in corners.items()]
+    moved = [(2, k, l, corners[k, l][0] + u % 1, corners[k, l][1] + v % 1) for k, l, u, v in centres]
+
+    scores = compete.corners_judged(np.array(exact + moved), tmp_path, table)
+
+    assert scores["1"]["corner"]["rms_px"] == 0 and scores["1"]["corner"]["found"] == 1
+    assert scores["2"]["with fraction"]["rms_px"] == 0
+    assert scores["2"]["corner"]["bias_x_px"] == 0.5 and scores["2"]["corner"]["bias_y_px"] == 0.25

@@ -45,6 +45,8 @@ from pipeline.exports.noise import Noise  # noqa: E402
 Answer = dict[str, Any]
 NOISE_PX, NOISY = 0.1, 3
 """Noise of each axis [px] and repeats of the calibration with noise."""
+CORNER_PX = 3.0
+"""How far a detected corner may be from the true one [px]: micro-images are 23 px wide."""
 _REFOCUS_MM = (250.0, 350.0, 450.0, 600.0, 900.0, 2000.0)
 _VIEWS_PX = (0.5, 2.0, 4.0)
 _SMALL = "paper"
@@ -252,9 +254,28 @@ def libpleno_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
 
     own = {"own": judged(answer["own"])} if "own" in answer else {}
     own |= {"failed": answer["failed"]} if "failed" in answer else {}
+    if "corners" in answer:
+        own["corners"] = corners_judged(answer["corners"], task / f"exports/libpleno/{camera}", table)
     thin = dict(zip(baseline.PARAMETERS, baseline.start(truth).parameters.tolist(), strict=True))
     true = {name: thin[name] for name in ("focal_mm", "main_lens_mm", "sensor_mm")}
     return {"exact": judged(answer["exact"]), "true": true, **own, **with_noise([*map(judged, answer["noise"])])}
+
+
+def corners_judged(detected: np.ndarray, export: Path, table: np.ndarray) -> Answer:
+    """Corners that libpleno detects in micro-images of each frame, against J, and against J with the fraction of the
+    micro-image's centre on top.
+    """
+    lines = (export / "features.csv").read_text(encoding="utf-8").splitlines()
+    exact = np.genfromtxt([line for line in lines if not line.startswith("#")], delimiter=",", names=True)
+    centres = {(k, l): (u, v) for k, l, u, v in table.tolist()}
+    result = {}
+    for frame in np.unique(detected[:, 0]):
+        here = exact[exact["frame"] == frame]
+        corners = np.stack([here["u"], here["v"]], axis=1)
+        fraction = np.mod([centres[pair] for pair in zip(here["k"].tolist(), here["l"].tolist(), strict=True)], 1)
+        kinds = {"corner": corners, "with fraction": corners + fraction}
+        result[f"{frame:g}"] = centre_errors(detected[detected[:, 0] == frame, 3:], kinds, CORNER_PX)
+    return result
 
 
 def nousias_judged(truth: Truth, answer: Answer, task: Path) -> Answer:

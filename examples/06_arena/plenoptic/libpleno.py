@@ -11,6 +11,7 @@ each position has the fraction of that centre on top.
 """
 
 import csv
+import gzip
 import json
 import os
 import re
@@ -81,6 +82,7 @@ def run(folder: Path, task: Path, *, from_images: bool = True) -> dict[str, obje
         try:
             _say(work / "detect", [tools / "detect", "-i", work / "images.js", *camera, *params])
             (observations,) = (work / "detect").glob("observations-*.bin.gz")
+            answers["corners"] = _features(observations)
             answers["own"] = calibrated("own", observations)
             if not answers["own"]["poses"]["poses"]:  # type: ignore[index]
                 raise ValueError("it throws every board away, because it finds too few or too many corners")
@@ -88,6 +90,15 @@ def run(folder: Path, task: Path, *, from_images: bool = True) -> dict[str, obje
             answers.pop("own", None)
             answers["failed"] = f"from features of its own: {error}"
     return answers
+
+
+def _features(path: Path) -> np.ndarray:
+    """Its features: frame, column and row of the micro-image, x and y [px], (n, 5)."""
+    data, start = gzip.decompress(path.read_bytes()), 0
+    for size in (24, 32):  # centres and corners come first, each list after its length
+        start += 8 + size * int.from_bytes(data[start : start + 8], "little")
+    rows = np.frombuffer(data, "<i4,<i4,<f8,<f8,<f8,<i4,<i4", offset=start + 8)
+    return np.stack([rows[name].astype(float) for name in ("f6", "f0", "f1", "f2", "f3")], axis=1)
 
 
 def _ask_images(task: Path, known: dict, export: Path, work: Path) -> None:

@@ -14,6 +14,7 @@ def all_tables(results: Results) -> list[Table]:
         calibrations(results),
         parameters(results),
         *([places] if (places := centres(results))[2] else []),
+        *([nodes] if (nodes := corners(results))[2] else []),
         *refocusing(results),
         ("Missing", ["contestant", "reason"], [[name, why] for name, why in results["missing"].items()]),
         failures(results),
@@ -65,6 +66,20 @@ def centres(results: Results) -> Table:
                 cells = [_number(one[kind]["rms_px"]) for kind in kinds]
                 rows.append([camera, name, f"{one['centre']['found']:.3f}", *cells, bias])
     return "Centres of micro-images", head, rows
+
+
+def corners(results: Results) -> Table:
+    """Corners that contestants detect in micro-images, by frame."""
+    head = ["camera", "contestant", "frame", "found", "bias px", "rms px", "rms px to J + fraction of the centre"]
+    rows = []
+    for camera, case in results["cases"].items():
+        for name, judged in case["contestants"].items():
+            for frame, kinds in judged.get("corners", {}).items():
+                near, moved = kinds["corner"], kinds["with fraction"]
+                bias = f"{near['bias_x_px']:+.3f} {near['bias_y_px']:+.3f}"
+                cells = [f"{near['found']:.3f}", bias, _number(near["rms_px"]), _number(moved["rms_px"])]
+                rows.append([camera, name, frame, *cells])
+    return "Corners in micro-images", head, rows
 
 
 def refocusing(results: Results) -> list[Table]:
