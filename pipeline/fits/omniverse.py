@@ -83,7 +83,13 @@ def _schema(fit: Fit, camera: FittedCamera) -> AppliedSchema:
         numbers = {name: values.get(name, 0.0) for name in ("k0", "k1", "k2", "k3")}
         if word == "ftheta":
             numbers["k4"] = values["k4"]
-        numbers |= {"maxFov": _field_deg(camera), "nominalWidth": float(width), "nominalHeight": float(height)}
+        # Of a cone about the axis that holds all rays, and somewhat more.
+        widest = float(camera.pupil.angle_deg.max(initial=math.degrees(math.atan(1e-3))))
+        numbers |= {
+            "maxFov": min(2 * widest * _BEYOND, _FULL_DEG),
+            "nominalWidth": float(width),
+            "nominalHeight": float(height),
+        }
         attributes = [(name, "float", number) for name, number in numbers.items()]
         attributes.append(("opticalCenter", "float2", (cx, cy)))
     return AppliedSchema(
@@ -91,12 +97,6 @@ def _schema(fit: Fit, camera: FittedCamera) -> AppliedSchema:
         model=word,
         attributes=tuple((f"{_PREFIX}:{word}:{name}", kind, value) for name, kind, value in sorted(attributes)),
     )
-
-
-def _field_deg(camera: FittedCamera) -> float:
-    """Full angle of a cone about the axis that holds all rays, and somewhat more."""
-    widest = float(camera.pupil.angle_deg.max(initial=math.degrees(math.atan(1e-3))))
-    return min(2 * widest * _BEYOND, _FULL_DEG)
 
 
 def _about(best: Fit, camera: FittedCamera) -> tuple[str, ...]:

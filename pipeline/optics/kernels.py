@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import buffers, inline, kernel, unit
+from pipeline.optics import table as column
 from pipeline.optics.aspheres import cross_asphere
 from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
@@ -28,20 +29,6 @@ from pipeline.optics.crossing import (
     to_plane,
     to_vertex_plane,
     turned_ideally,
-)
-from pipeline.optics.table import (
-    COEFFICIENTS,
-    CONIC,
-    CURVATURE,
-    EDGES,
-    FIRST_EDGE,
-    IDEAL,
-    INDEX_RATIO,
-    INNER_SQUARED,
-    POSE,
-    SEMI_DIAMETER_SQUARED,
-    TERMS,
-    VERTEX,
 )
 
 PACKET = 256
@@ -88,20 +75,20 @@ def new_packet():
 def trace_packet(table, packet, count):
     """Trace the first `count` rays of a packet through all surfaces of a table, in place; z ends on the last one."""
     for k in range(table.shape[0]):
-        row, posed = table[k], table[k, POSE] > 0.0
+        row, posed = table[k], table[k, column.POSE] > 0.0
         if posed:
             motion = motion_of_row(row)
             for i in range(count):
                 put(packet, i, entered(motion, ray_of(packet, i)))
-        if row[TERMS] != 0.0 or row[CONIC] != 0.0:
+        if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0:
             _through_rest(row, packet, count)
-        elif row[CURVATURE] == 0.0:
+        elif row[column.CURVATURE] == 0.0:
             _through_plane(row, packet, count)
         else:
             cap = cap_of(row)
             for i in range(count):
                 put(packet, i, through_sphere(cap, ray_of(packet, i)))
-        if row[INNER_SQUARED] > 0.0 or row[EDGES] > 0.0:
+        if row[column.INNER_SQUARED] > 0.0 or row[column.EDGES] > 0.0:
             _clip(row, packet, count)
         if posed:
             motion = motion_of_row(row)
@@ -112,7 +99,7 @@ def trace_packet(table, packet, count):
 @inline
 def _through_plane(row, packet, count):
     """Move rays to a plane and refract."""
-    cap, mu = cap_of(row), row[INDEX_RATIO]
+    cap, mu = cap_of(row), row[column.INDEX_RATIO]
     for i in range(count):
         put_point(packet, i, to_plane(cap, ray_of(packet, i)))
     if mu != 1.0:
@@ -123,14 +110,14 @@ def _through_plane(row, packet, count):
 @inline
 def _through_rest(row, packet, count):
     """Move rays to an ideal thin lens, a conic or an asphere and bend them."""
-    vertex = row[VERTEX]
+    vertex = row[column.VERTEX]
     for i in range(count):
         put_point(packet, i, to_vertex_plane(vertex, ray_of(packet, i)))
-    if row[TERMS] < IDEAL:
+    if row[column.TERMS] < column.IDEAL:
         for i in range(count):
             put(packet, i, turned_with_distortion(row, ray_of(packet, i)))
-    elif row[TERMS] < 0.0:
-        power, limit = row[COEFFICIENTS], row[SEMI_DIAMETER_SQUARED]
+    elif row[column.TERMS] < 0.0:
+        power, limit = row[column.COEFFICIENTS], row[column.SEMI_DIAMETER_SQUARED]
         for i in range(count):
             put(packet, i, turned_ideally(vertex, power, limit, ray_of(packet, i)))
     else:
@@ -140,13 +127,13 @@ def _through_rest(row, packet, count):
 @inline
 def _clip(row, packet, count):
     """Block what misses an aperture that is not just the circle, at the surface itself."""
-    inner = row[INNER_SQUARED]
+    inner = row[column.INNER_SQUARED]
     if inner > 0.0:
         for i in range(count):
             x, y = packet.x[i], packet.y[i]
             packet.alive[i] = packet.alive[i] if x * x + y * y >= inner else 0.0
-    for j in range(int(row[EDGES])):
-        first = int(row[FIRST_EDGE]) + 3 * j
+    for j in range(int(row[column.EDGES])):
+        first = int(row[column.FIRST_EDGE]) + 3 * j
         nx, ny, distance = row[first], row[first + 1], row[first + 2]
         for i in range(count):
             packet.alive[i] = packet.alive[i] if nx * packet.x[i] + ny * packet.y[i] <= distance else 0.0

@@ -8,21 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.frames import apply, inverse
-from pipeline.optics.table import (
-    COEFFICIENTS,
-    CONIC,
-    CURVATURE,
-    EDGES,
-    FIRST_EDGE,
-    INDEX_RATIO,
-    INNER_SQUARED,
-    ODD,
-    POSE,
-    SEMI_DIAMETER_SQUARED,
-    TERMS,
-    VERTEX,
-    motion_of,
-)
+from pipeline.optics import table as column
+from pipeline.optics.table import motion_of
 from pipeline.records.shapes import Float64
 
 _STEPS = 8
@@ -33,10 +20,10 @@ _RESIDUAL_MM = 1e-9
 
 def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np.ndarray:
     """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm]."""
-    radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    radius = np.sqrt(table[0, column.SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, count)
     x, y = (axis.ravel() for axis in np.meshgrid(u, u))
-    return np.column_stack([x, y, np.full(len(x), table[0, VERTEX])])
+    return np.column_stack([x, y, np.full(len(x), table[0, column.VERTEX])])
 
 
 class Traced(NamedTuple):
@@ -56,13 +43,13 @@ def traced(
     position, alive = position_mm, np.ones(len(position_mm), bool)
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
         for row in table:
-            motion = motion_of(row) if row[POSE] else None
+            motion = motion_of(row) if row[column.POSE] else None
             if motion is not None:
                 back = inverse(motion)
                 position, direction = apply(back, position), direction @ back[:3, :3].T
-            position = position + ((row[VERTEX] - position[:, 2]) / direction[:, 2])[:, None] * direction
+            position = position + ((row[column.VERTEX] - position[:, 2]) / direction[:, 2])[:, None] * direction
             position, direction, passed = (
-                _ideal(row, position, direction) if row[TERMS] < 0 else _crossed(row, position, direction)
+                _ideal(row, position, direction) if row[column.TERMS] < 0 else _crossed(row, position, direction)
             )
             alive &= passed & _is_inside(row, position)
             if motion is not None:
@@ -74,11 +61,11 @@ def incidence(
     row: Float64[np.ndarray, "columns"], point_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
 ) -> np.ndarray:
     """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one."""
-    if row[POSE]:
+    if row[column.POSE]:
         back = inverse(motion_of(row))
         point_mm, direction = apply(back, point_mm), direction @ back[:3, :3].T
     with np.errstate(invalid="ignore"):
-        _, normal = _surface(row, row[CURVATURE], 1.0 + row[CONIC], point_mm)
+        _, normal = _surface(row, row[column.CURVATURE], 1.0 + row[column.CONIC], point_mm)
         return np.asarray(np.abs(np.sum(normal * direction, axis=1)) / np.linalg.norm(normal, axis=1))
 
 
@@ -86,11 +73,11 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
     """From the vertex plane to the surface, and refracted there by Snell's law in vectors."""
     # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
     # normal.
-    c, bulge, mu = row[CURVATURE], 1.0 + row[CONIC], row[INDEX_RATIO]
+    c, bulge, mu = row[column.CURVATURE], 1.0 + row[column.CONIC], row[column.INDEX_RATIO]
     across, dz = np.sum(start[:, :2] * direction[:, :2], axis=1), direction[:, 2]
     f, g = c * np.sum(start[:, :2] ** 2, axis=1), dz - c * across
-    path = f / (g + np.sqrt(g * g - c * (1.0 + row[CONIC] * dz * dz) * f))
-    for _ in range(_STEPS if row[TERMS] else 0):
+    path = f / (g + np.sqrt(g * g - c * (1.0 + row[column.CONIC] * dz * dz) * f))
+    for _ in range(_STEPS if row[column.TERMS] else 0):
         value, normal = _surface(row, c, bulge, start + path[:, None] * direction)
         path = path - value / np.sum(normal * direction, axis=1)
     point = start + path[:, None] * direction
@@ -105,11 +92,11 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """F at points and its gradient there."""
     r2 = np.sum(point[:, :2] ** 2, axis=1)
-    coefficients = row[COEFFICIENTS : COEFFICIENTS + int(row[TERMS])]
-    v, share = (np.sqrt(r2), 0.5) if row[ODD] else (r2, 1.0)
+    coefficients = row[column.COEFFICIENTS : column.COEFFICIENTS + int(row[column.TERMS])]
+    v, share = (np.sqrt(r2), 0.5) if row[column.ODD] else (r2, 1.0)
     polynomial = np.polynomial.Polynomial([*coefficients, 0.0])
     p, dp = polynomial(v), polynomial.deriv()(v)
-    w = point[:, 2] - row[VERTEX] - r2 * p
+    w = point[:, 2] - row[column.VERTEX] - r2 * p
     upright = 1.0 - c * bulge * w
     slope = c + 2.0 * upright * (p + share * v * dp)
     normal = np.column_stack([-slope * point[:, 0], -slope * point[:, 1], upright])
@@ -118,7 +105,7 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
 
 def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Traced:
     """Turned on the plane of an ideal thin lens."""
-    slope = direction[:, :2] / direction[:, 2:] - row[COEFFICIENTS] * point[:, :2]
+    slope = direction[:, :2] / direction[:, 2:] - row[column.COEFFICIENTS] * point[:, :2]
     bent = np.column_stack([slope, np.ones(len(slope))])
     return Traced(point, bent / np.linalg.norm(bent, axis=1, keepdims=True), np.ones(len(point), bool))
 
@@ -126,6 +113,6 @@ def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Traced:
 def _is_inside(row: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Whether points lie in the aperture of their surface."""
     r2 = np.sum(point[:, :2] ** 2, axis=1)
-    inside = (r2 <= row[SEMI_DIAMETER_SQUARED]) & (r2 >= row[INNER_SQUARED])
-    edges = row[int(row[FIRST_EDGE]) :][: 3 * int(row[EDGES])].reshape(-1, 3)
+    inside = (r2 <= row[column.SEMI_DIAMETER_SQUARED]) & (r2 >= row[column.INNER_SQUARED])
+    edges = row[int(row[column.FIRST_EDGE]) :][: 3 * int(row[column.EDGES])].reshape(-1, 3)
     return inside & (point[:, :2] @ edges[:, :2].T <= edges[:, 2]).all(axis=1)

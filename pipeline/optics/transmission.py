@@ -28,11 +28,6 @@ class Film:
     index: float
     waves: float
 
-    def __post_init__(self) -> None:
-        settle(self, PrescriptionError)
-        if not (self.index >= 1 and self.waves > 0):
-            raise PrescriptionError(f"a film has index {self.index} and is {self.waves} wavelengths thick")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coating:
@@ -41,13 +36,6 @@ class Coating:
     reflectance: tuple[float, ...] = ()  # at each angle; without angles a single one, for all of them
     angles_deg: tuple[float, ...] = ()  # of incidence in the medium of the lower index, ascending
     films: tuple[Film, ...] = ()  # in the order in which light from the scene meets them; in place of reflectances
-
-    def __post_init__(self) -> None:
-        settle(self, PrescriptionError)
-        if not all(0 <= share <= 1 for share in self.reflectance):
-            raise PrescriptionError(f"a coating reflects a share of light between 0 and 1: {self.reflectance}")
-        if len(self.reflectance) != (0 if self.films else max(1, len(self.angles_deg))):
-            raise PrescriptionError("a coating is a reflectance, one for each of its angles, or films")
 
     def passed(self, before: float, behind: float, cosine: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Share of light that passes, polarised across the plane of incidence and in it, (2, n), by indices."""
@@ -155,11 +143,6 @@ class Losses:
 
     coatings: tuple[Coating | None, ...]  # of each surface; None: a bare one
     per_mm: tuple[float, ...]  # share of light that a millimetre of the medium behind each surface lets pass
-
-    def __post_init__(self) -> None:
-        settle(self, PrescriptionError)
-        if not all(0 < share <= 1 for share in self.per_mm):
-            raise PrescriptionError(f"a medium lets a share of light above 0 and up to 1 pass: {self.per_mm} per mm")
 
 
 def transmitted(

@@ -92,7 +92,9 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
     if is_centred(table) and not table[:, EDGES].any():
         nodes = _along_heights(tracer, axis_px, share)
     else:
-        nodes = _over_the_sensor(camera, share)
+        ends = camera.sensor.height_px - 1.0, camera.sensor.width_px - 1.0
+        places = tuple(np.linspace(0.0, max(end, 1.0), _FIRST_NODES) for end in ends)
+        nodes = _refined(places, lambda grid: np.array([[share(x_px, y_px) for x_px in grid[1]] for y_px in grid[0]]))
     return FieldTransmission(
         axis=share(*axis_px),
         axis_px=(axis_px[0], axis_px[1]),
@@ -162,13 +164,6 @@ def _along_heights(tracer: Tracer, axis_px: np.ndarray, share: Callable[[float, 
             middle = (lit + end) / 2
             lit, end = (lit, middle) if np.isnan(at(middle)) else (middle, end)
     return _refined((np.linspace(0.0, lit, _FIRST_NODES),), lambda places: np.array([at(px) for px in places[0]]))
-
-
-def _over_the_sensor(camera: Camera, share: Callable[[float, float], float]) -> _Nodes:
-    """Nodes in a grid from pixel to pixel of the corners."""
-    ends = camera.sensor.height_px - 1.0, camera.sensor.width_px - 1.0
-    places = tuple(np.linspace(0.0, max(end, 1.0), _FIRST_NODES) for end in ends)
-    return _refined(places, lambda grid: np.array([[share(x_px, y_px) for x_px in grid[1]] for y_px in grid[0]]))
 
 
 def _refined(

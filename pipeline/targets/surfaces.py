@@ -190,7 +190,7 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         across, down = self.resolution
-        if min(across, down) < 2 or len(self.heights_mm) != across * down:
+        if len(self.heights_mm) != across * down:
             raise TargetError(
                 f"{len(self.heights_mm)} heights for a map of {across} x {down}",
                 hint="rows from the top, each from the left; two at least in each direction",
@@ -274,10 +274,6 @@ class Stairs:
 
     steps: int
     depth_mm: float  # distance from one front back to the next
-
-    def __post_init__(self) -> None:
-        if self.steps < 2 or not self.depth_mm > 0:
-            raise TargetError(f"{self.steps} steps of {self.depth_mm} mm", hint="two steps at least")
 
     def patches(self, pattern: Pattern) -> Pieces:
         """Fronts from the lowest, then treads from the lowest."""

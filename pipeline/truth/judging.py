@@ -196,7 +196,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
     `of` is the number of rows from which the sample was drawn; without a claim there is no verdict.
     """
     apart, sigma = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
-    length, sigma_length = np.hypot(*apart.T), np.hypot(*sigma.T)
+    length, sigma_length, away_px = np.hypot(*apart.T), np.hypot(*sigma.T), edge_distance_px(rig, rows)
     document = {
         "claim_px": claim_px,
         "rows": len(length),
@@ -206,15 +206,25 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
         **_figures(length),
         "own_sigma_px": _plain(rms(sigma_length)) if len(sigma_length) else None,
         "differences_px": [_plain(difference) for difference in np.sort(length).tolist()],
-        "by_kind": [_of_kind(kind, rows.weights[here], length[here], claim_px) for kind, here in _kinds(rows)],
+        "by_kind": [
+            {
+                "kind": kind,
+                "rows": int(here.sum()),
+                "of": round(rows.weights[here].sum()),
+                "within_claim": None if claim_px is None else int(np.sum(length[here] <= claim_px)),
+                **_figures(length[here]),
+            }
+            for kind, here in zip(KINDS, (~rows.is_direct, rows.is_direct), strict=True)
+        ],
         "by_distance_from_cell_edge": [
             {
                 "from_px": low,
-                "to_px": high,
+                "to_px": high if math.isfinite(high) else None,
                 "rows": int(here.sum()),
                 **_figures(length[here]),
             }
-            for low, high, here in _bins(edge_distance_px(rig, rows))
+            for low, high in itertools.pairwise((*_BINS_PX, math.inf))
+            for here in [(away_px >= low) & (away_px < high)]
         ],
     }
     if not of:
@@ -223,15 +233,6 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
         return {**document, "passed": None, "reason": "the method makes no claim"}
     passed, reason = _verdict(length, sigma_length, rows.weights, claim_px)
     return {**document, "passed": passed, "reason": reason}
-
-
-def _kinds(rows: Rows) -> list[tuple[str, np.ndarray]]:
-    return [(kind, rows.is_direct == is_direct) for kind, is_direct in zip(KINDS, (False, True), strict=True)]
-
-
-def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> Json:
-    within = None if claim_px is None else int(np.sum(length <= claim_px))
-    return {"kind": kind, "rows": len(length), "of": round(weights.sum()), "within_claim": within, **_figures(length)}
 
 
 def _verdict(
@@ -280,15 +281,6 @@ def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
     middle = (centre[other] + centre[rows.cell]) / 2
     inward = np.einsum("ni,ni->n", middle - x, between) / np.linalg.norm(between, axis=1)
     return np.minimum(inward / pitch, border.min(axis=1))
-
-
-def _bins(distance_px: np.ndarray) -> list[tuple[float, float | None, np.ndarray]]:
-    pairs = itertools.pairwise((*_BINS_PX, math.inf))
-    return [(low, _finite(high), (distance_px >= low) & (distance_px < high)) for low, high in pairs]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _figures(length: np.ndarray) -> dict[str, float | None]:

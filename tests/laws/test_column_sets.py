@@ -25,7 +25,6 @@ from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import motion_of, towards_sensor, unbounded
-from pipeline.targets.corners import corners_of
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
@@ -33,7 +32,7 @@ from pipeline.truth.direct.candidates import chief_points
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.bundle_map import BundleMap
 from pipeline.truth.positions.centroid import centroid
-from pipeline.truth.positions.column_sets import column_set
+from pipeline.truth.positions.column_sets import column_set, corners_of
 from pipeline.truth.positions.saddle import CornerImage, corner_plane, hessian_of, saddle
 
 FLIP = np.array([1.0, -1.0, -1.0])

@@ -10,18 +10,10 @@ import numpy as np
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
+from pipeline.optics import table as column
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.optics.table import (
-    COEFFICIENTS,
-    CONIC,
-    CURVATURE,
-    EDGES,
-    FIRST_EDGE,
-    INDEX_RATIO,
-    SEMI_DIAMETER_SQUARED,
-    towards_scene,
-)
+from pipeline.optics.table import towards_scene
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
@@ -105,24 +97,24 @@ def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float 
     table = np.stack(rows)
     for i in range(2):
         if curved[1 - i] and radius_mm is not None:
-            table[i, SEMI_DIAMETER_SQUARED] = radius_mm**2
+            table[i, column.SEMI_DIAMETER_SQUARED] = radius_mm**2
         elif curved[1 - i]:
-            table[i, SEMI_DIAMETER_SQUARED] = (1 + 1e-12) * corner**2
+            table[i, column.SEMI_DIAMETER_SQUARED] = (1 + 1e-12) * corner**2
     if flat:
-        table[1, [CURVATURE, INDEX_RATIO, CONIC]] = 0.0, 1.0, 0.0
+        table[1, [column.CURVATURE, column.INDEX_RATIO, column.CONIC]] = 0.0, 1.0, 0.0
     return table
 
 
 def append_edges(row: Float64[np.ndarray, "n"], cell: Float64[np.ndarray, "m 2"] | None) -> np.ndarray:
     """A row of a table with a polygon for its aperture, or room for one."""
-    base = row[:COEFFICIENTS].copy()
+    base = row[: column.COEFFICIENTS].copy()
     edges = np.zeros(0)
     if cell is not None:
         along = np.roll(cell, -1, axis=0) - cell
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         edges = np.column_stack([normal, np.sum(normal * cell, axis=1)]).ravel()
-        base[EDGES] = len(cell)
-    base[FIRST_EDGE] = COEFFICIENTS
+        base[column.EDGES] = len(cell)
+    base[column.FIRST_EDGE] = column.COEFFICIENTS
     return np.concatenate([base, edges, np.zeros(3 * _MOST_EDGES - len(edges))])
 
 

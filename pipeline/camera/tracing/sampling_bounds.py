@@ -9,20 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.parts.polygon import MAX_VERTICES, clip, fan
-from pipeline.camera.tracing.microlens_kernels import (
-    BASE_X,
-    BASE_Y,
-    BY_AIM,
-    BY_START,
-    FOCAL,
-    INFLATION,
-    MARGIN,
-    OUTLINE_X,
-    OUTLINE_Y,
-    PLAIN,
-    X,
-    Y,
-)
+from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.records.shapes import Float64
@@ -118,9 +105,9 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
     # microlenses that are not plain the same linear map is in their columns, with a margin for what is not linear.
     optics, row, aperture = camera.optics, camera.microlenses[microlens], camera.aperture
     polygon, outline, scratch, _ = region
-    vx, vy, focal = row[X], row[Y], row[FOCAL]
+    vx, vy, focal = row[column.X], row[column.Y], row[column.FOCAL]
     count = aperture.shape[0]
-    if camera.elements.model == PLAIN:
+    if camera.elements.model == column.PLAIN:
         behind, ahead = optics.sampling_z_mm - optics.sensor_z_mm, optics.rear_z_mm - optics.sampling_z_mm
         scale = 1.0 + ahead / behind - ahead / focal - optics.drift
         bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
@@ -129,13 +116,13 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
             polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
         size = outline_at(optics.step_mm, camera.outlines, vx, vy, outline)
     else:
-        by_start, scale = row[BY_START], row[BY_AIM]
-        bx, by = row[BASE_X] + by_start * (x - vx), row[BASE_Y] + by_start * (y - vy)
-        reach = slack * abs(by_start) + row[MARGIN]
+        by_start, scale = row[column.BY_START], row[column.BY_AIM]
+        bx, by = row[column.BASE_X] + by_start * (x - vx), row[column.BASE_Y] + by_start * (y - vy)
+        reach = slack * abs(by_start) + row[column.MARGIN]
         for i in range(count):
-            polygon[i, 0] = (1.0 + row[INFLATION]) * aperture[i, 0]
-            polygon[i, 1] = (1.0 + row[INFLATION]) * aperture[i, 1]
-        size = outline_at(optics.step_mm, camera.outlines, row[OUTLINE_X], row[OUTLINE_Y], outline)
+            polygon[i, 0] = (1.0 + row[column.INFLATION]) * aperture[i, 0]
+            polygon[i, 1] = (1.0 + row[column.INFLATION]) * aperture[i, 1]
+        size = outline_at(optics.step_mm, camera.outlines, row[column.OUTLINE_X], row[column.OUTLINE_Y], outline)
     if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
         return 0
     # A negative scale mirrors the region through its centre.

@@ -36,7 +36,8 @@ def sobol_bits_at(index: Num[np.ndarray, "n"]) -> np.ndarray:
     for dimension in range(DIMENSIONS):
         for bit, direction in enumerate(_directions(dimension)):
             points[dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
-    return _reversed_bits(points)
+    text = np.unpackbits(points.astype(">u4").view(np.uint8).reshape(*points.shape, 4), axis=-1)
+    return np.packbits(text[..., ::-1], axis=-1).view(">u4")[..., 0].astype(np.uint32)
 
 
 def _directions(dimension: int) -> list[np.uint32]:
@@ -51,11 +52,6 @@ def _directions(dimension: int) -> list[np.uint32]:
                 value ^= m[i - j] << j
         m.append(value)
     return [np.uint32(m[i] << (31 - i)) for i in range(32)]
-
-
-def _reversed_bits(values: np.ndarray) -> np.ndarray:
-    text = np.unpackbits(values.astype(">u4").view(np.uint8).reshape(*values.shape, 4), axis=-1)
-    return np.packbits(text[..., ::-1], axis=-1).view(">u4")[..., 0].astype(np.uint32)
 
 
 @inline

@@ -81,7 +81,6 @@ class Constant:
     n: float
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index relative to air [1]."""
         return self.n
 
 
@@ -96,7 +95,6 @@ class Sellmeier:
     constant: float = 0.0
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index relative to air [1]."""
         square = wavelength_um * wavelength_um
         return math.sqrt(1.0 + self.constant + sum(b * square / (square - c) for b, c in self.terms))
 
@@ -109,7 +107,6 @@ class Polynomial:
     terms: Terms
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index relative to air [1]."""
         return math.sqrt(self.constant + sum(a * wavelength_um**e for a, e in self.terms))
 
 
@@ -120,7 +117,6 @@ class Cauchy:
     coefficients: tuple[float, ...]
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index relative to air [1]."""
         inverse = 1.0 / (wavelength_um * wavelength_um)
         return sum(a * inverse**power for power, a in enumerate(self.coefficients))
 
@@ -146,7 +142,6 @@ class NormalLine:
         return cls(nd=1.0 + (index - 1.0) / (1.0 + _relative(wavelength_um, vd)), vd=vd)
 
     def index(self, wavelength_um: float) -> float:
-        """Refractive index relative to air [1]."""
         return self.nd + (self.nd - 1.0) * _relative(wavelength_um, self.vd)
 
 

@@ -299,20 +299,16 @@ def lamps_of(
         table[k, AXIS_X:] = pose[:3, :3].T.ravel()
         light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
     if shining[1] > 0:
-        light = np.append(light, _of_glow(*shining, middle_mm))
+        glow, power_mm2 = shining  # about the irradiance that they may give, as `_seen` says it of lamps
+        away_mm = glow.shapes.corners[glow.triangle].mean(axis=(0, 1)) - middle_mm
+        area = float(1.0 / glow.per_mm2[glow.triangle].mean())
+        light = np.append(light, power_mm2 / (4 * float(np.sum(away_mm**2)) + area))
     known = light / light.sum() if light.sum() > 0 else np.full(len(light), 1 / max(1, len(light)))
     chance = _EVEN / max(1, len(light)) + (1 - _EVEN) * known
     table[:, CHANCE] = chance[: len(table)]
     of_glow = float(chance[len(table) :].sum())
     glow = shining[0]._replace(chance=of_glow, per_mm2=of_glow * shining[0].per_mm2)
     return Lamps(table, sky._replace(raised=raised), background, glow)
-
-
-def _of_glow(glow: Glow, power_mm2: float, middle_mm: np.ndarray) -> float:
-    """Irradiance that surfaces which shine may give, about, as `_seen` says it of lamps."""
-    places = glow.shapes.corners[glow.triangle].mean(axis=(0, 1))
-    area = float(1.0 / glow.per_mm2[glow.triangle].mean())
-    return power_mm2 / (4 * float(np.sum((places - middle_mm) ** 2)) + area)
 
 
 def _seen(kind: str, area: float, distance_mm: float) -> float:

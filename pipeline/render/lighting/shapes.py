@@ -10,20 +10,8 @@ import numpy as np
 from pipeline.frames import apply
 from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
-from pipeline.render.lighting.materials import (
-    BUMPY,
-    COEFFICIENTS,
-    CONSTANT,
-    EMISSION,
-    MAP,
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
-    TEXTURE,
-    Materials,
-    input_at,
-    is_hole,
-)
+from pipeline.render.lighting import materials as column
+from pipeline.render.lighting.materials import Materials, input_at, is_hole
 from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares
@@ -79,7 +67,7 @@ def sample_glow(glow, origin, pair):
     off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
     length = math.sqrt(dot(off, off))
     way = times(1.0 / length, off)
-    radiance = input_at(glow.materials, glow.shapes.material[t], EMISSION, st_at(glow.shapes, t, w))
+    radiance = input_at(glow.materials, glow.shapes.material[t], column.EMISSION, st_at(glow.shapes, t, w))
     return way, length, radiance, glow_density(glow, t, way, length)
 
 
@@ -121,7 +109,7 @@ def shading_normal(shapes, materials, t, w, flat):
     up = dot(smooth, flat)
     smooth = unit(times(math.copysign(1.0, up), smooth)) if abs(up) > 0.0 else flat
     m = shapes.material[t]
-    if materials.flags[m, BUMPY] == 0.0:
+    if materials.flags[m, column.BUMPY] == 0.0:
         return smooth
     s_axis, t_axis = _axes_of_st(shapes, t)
     s_axis = along(s_axis, -dot(s_axis, smooth), smooth)
@@ -131,9 +119,9 @@ def shading_normal(shapes, materials, t, w, flat):
     across = cross(smooth, s_axis)
     side = math.copysign(1.0, dot(across, t_axis))
     st = st_at(shapes, t, w)
-    x, y = input_at(materials, m, NORMAL_X, st), input_at(materials, m, NORMAL_Y, st)
+    x, y = input_at(materials, m, column.NORMAL_X, st), input_at(materials, m, column.NORMAL_Y, st)
     bent = along(times(x, s_axis), side * y, across)
-    bent = along(bent, input_at(materials, m, NORMAL_Z, st), smooth)
+    bent = along(bent, input_at(materials, m, column.NORMAL_Z, st), smooth)
     return unit(bent) if dot(bent, flat) > 1e-6 else smooth
 
 
@@ -218,10 +206,10 @@ def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
 
 def _emission(materials: Materials) -> np.ndarray:
     """Radiance of each material, (m,), the mean of its picture if it has one."""
-    inputs = materials.inputs[:, EMISSION]
-    result = inputs[:, CONSTANT].copy()
-    for m in np.flatnonzero(inputs[:, TEXTURE] >= 0):
-        first, width, height = materials.pictures[int(inputs[m, TEXTURE])]
+    inputs = materials.inputs[:, column.EMISSION]
+    result = inputs[:, column.CONSTANT].copy()
+    for m in np.flatnonzero(inputs[:, column.TEXTURE] >= 0):
+        first, width, height = materials.pictures[int(inputs[m, column.TEXTURE])]
         texels = materials.texels[first : first + width * height]
-        result[m] += texels.mean(axis=0, dtype=float) @ inputs[m, COEFFICIENTS:MAP]
+        result[m] += texels.mean(axis=0, dtype=float) @ inputs[m, column.COEFFICIENTS : column.MAP]
     return np.maximum(result, 0.0)

@@ -12,19 +12,8 @@ class SensorError(PipelineError):
     """A sensor that cannot be, or light that it cannot take."""
 
 
-MOST_BITS = 16
-"""Bits of a digital number at most [bit]: raw files hold 16 of them."""
-LEAST_EFFICIENCY = 1e-6
-"""Least quantum efficiency [electrons per photon]: the photons of a full well, its quotient, stay finite."""
-MOST_ELECTRONS = 1e8
-"""Largest full well [e-]: a hundred times that of any sensor, and small enough for counts to be exact."""
 _SUM_OF_KERNEL = 1e-6
 """Largest difference of the sum of a crosstalk kernel from 1 [1]: tables are printed with six decimals."""
-_NOT_NEGATIVE = (
-    *("dark_noise_e", "row_noise_e", "column_noise_e", "dark_current_e_per_s"),
-    *("dsnu_e", "dsnu_row_e", "dsnu_column_e", "prnu", "prnu_row", "prnu_column"),
-    *("hot_share", "hot_current_e_per_s", "dead_share"),
-)
 PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
 """Planck constant [J s] and speed of light [m/s]: exact, by definition of the SI (2019)."""
 
@@ -96,37 +85,24 @@ class SensorResponse:
         self._settle_tables()
 
     def _settle_charge(self) -> None:
-        _require(1 <= self.bit_depth <= MOST_BITS, f"a bit depth of {self.bit_depth}")
-        _require(0 < self.full_well_e <= MOST_ELECTRONS, f"a full well of {self.full_well_e} electrons")
-        _require(self.gain_dn_per_e > 0, f"a gain of {self.gain_dn_per_e} DN per electron")
-        _require(
-            0 <= self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} of {self.most_dn} DN"
-        )
-        for name in _NOT_NEGATIVE:
-            _require(getattr(self, name) >= 0, f"{name} = {getattr(self, name)}, which is negative")
-        _require(self.hot_share <= 1 and self.dead_share <= 1, "a share of defects above 1")
+        _require(self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} of {self.most_dn} DN")
         temperatures = self.temperature_degc, self.dark_current_at_degc, self.doubling_k
         _require(len({value is None for value in temperatures}) == 1, "some but not all temperatures of a dark current")
-        _require(self.doubling_k is None or self.doubling_k > 0, "a dark current that does not grow with temperature")
 
     def _settle_filters(self) -> None:
         count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
         message = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
         _require(len(given) == channels, message, f"one for each of: {', '.join(self.channels)}")
-        is_usual = all(LEAST_EFFICIENCY <= efficiency <= 1 for efficiency in given)
-        _require(is_usual, f"quantum efficiencies of {given}, not in [{LEAST_EFFICIENCY:g}, 1]")
 
     def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
         ascending = shares == sorted(set(shares)) and all(0 <= share <= 1 for share in shares)
         message = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
         _require(ascending, message, "each pair is a share of the full well and the deviation there")
-        _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
         if self.crosstalk:
             size, total = len(self.crosstalk), math.fsum(self.crosstalk)
             _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
-            _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
             message = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
             _require(abs(total - 1) <= _SUM_OF_KERNEL, message, "divide its entries by their sum")
 
@@ -195,8 +171,6 @@ class Radiance:
 
     def __post_init__(self) -> None:
         settle(self, SensorError)
-        if not (self.w_per_m2_sr > 0 and self.effective_nm > 0):
-            raise SensorError(f"a radiance of {self.w_per_m2_sr} W m^-2 sr^-1 at {self.effective_nm} nm")
 
     def photons(self, energy_j: float) -> float:
         """Number of photons of an energy [J] that count."""
@@ -223,9 +197,6 @@ class Irradiation:
                 "the exposure is stated in no way, or in several",
                 hint="give one of white_level, photon_rate, radiance and channels",
             )
-        for name in ("exposure_time_s", "white_level", "photon_rate"):
-            if (getattr(self, name) or 0.0) < 0:
-                raise SensorError(f"an exposure with the negative {name} {getattr(self, name)}")
 
     def photons_at_one(self, response: SensorResponse, rate: float | None = None) -> float:
         """Mean number of photons in a pixel at relative irradiance 1.

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
-from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once
+from pipeline.targets.patterns.pattern import Marks, Pattern, drawn_once
 from pipeline.targets.patterns.tags import bits_of, require_tags, tag_shapes
 
 
@@ -42,11 +42,6 @@ class AprilGrid(Pattern):
     first_tag: int = 0  # number of the tag at the bottom left
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows, self.border_bits) < 1 or not self.tag_mm > 0 or not 0 < self.spacing <= 1:
-            raise TargetError(
-                f"an AprilGrid of {self.rows} x {self.columns} tags of {self.tag_mm} mm, spacing {self.spacing},"
-                f" border {self.border_bits}"
-            )
         require_tags(self.dictionary, self.first_tag, self.columns * self.rows)
 
     @property

@@ -40,7 +40,7 @@ class Charuco(Pattern):
     marker_corners: bool = False  # whether the corners of the tags are target points, too
 
     def __post_init__(self) -> None:
-        if self.columns < 1 or self.rows < 1 or not self.square_mm > self.marker_mm > 0:
+        if not self.square_mm > self.marker_mm:
             raise TargetError(
                 f"a ChArUco board of {self.rows} x {self.columns} corners with tags of {self.marker_mm} mm"
                 f" in squares of {self.square_mm} mm",

@@ -33,7 +33,7 @@ class CircleGrid(Pattern):
 
     def __post_init__(self) -> None:
         nearest = self.spacing_mm * (2**0.5 if self.asymmetric else 1)
-        if self.columns < 1 or self.rows < 1 or not 0 < self.diameter_mm < nearest:
+        if not self.diameter_mm < nearest:
             raise TargetError(
                 f"a grid of {self.rows} x {self.columns} discs of {self.diameter_mm} mm, {nearest:.6g} mm apart",
                 hint="discs must not touch",

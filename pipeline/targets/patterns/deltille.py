@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon
-from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once
+from pipeline.targets.patterns.pattern import Marks, Pattern, drawn_once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +28,6 @@ class Deltille(Pattern):
     columns: int
     rows: int
     edge_mm: float
-
-    def __post_init__(self) -> None:
-        if self.columns < 1 or self.rows < 1 or not self.edge_mm > 0:
-            raise TargetError(
-                f"a deltille board of {self.rows} x {self.columns} corners and edges of {self.edge_mm} mm"
-            )
 
     def _nodes(self) -> np.ndarray:
         """All corners of triangles, outer ones included, about the middle, (rows + 2, columns + 2, 2)."""

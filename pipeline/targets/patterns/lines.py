@@ -27,16 +27,11 @@ class SlantedEdge(Pattern):
     angle_deg: float = 5.0  # of the edge from the vertical, clockwise as the viewer sees it
 
     def __post_init__(self) -> None:
-        if not (self.width_mm > 0 and self.height_mm > 0 and abs(self.angle_deg) < 45) or self._lean >= self.width_mm:
+        if abs(self.height_mm * math.tan(math.radians(self.angle_deg))) >= self.width_mm:
             raise TargetError(
                 f"an edge at {self.angle_deg} degrees on a sheet of {self.width_mm} x {self.height_mm} mm",
                 hint="the edge must run from the upper to the lower side of the sheet, within 45 degrees",
             )
-
-    @property
-    def _lean(self) -> float:
-        """Horizontal distance from the lower to the upper end of the edge, positive to the right."""
-        return abs(self.height_mm * math.tan(math.radians(self.angle_deg)))
 
     def marks(self) -> Marks:
         x = self.height_mm / 2 * math.tan(math.radians(self.angle_deg))
@@ -80,9 +75,9 @@ class Lines(Pattern):
     width_mm: float
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 0 or max(self.columns, self.rows) < 1:
+        if not (self.columns or self.rows):
             raise TargetError(f"{self.columns} upright and {self.rows} level lines")
-        if not 0 < self.width_mm < self.spacing_mm:
+        if not self.width_mm < self.spacing_mm:
             raise TargetError(
                 f"lines of {self.width_mm} mm, {self.spacing_mm} mm apart", hint="lines must not touch one another"
             )

@@ -38,6 +38,7 @@ class Marks:
 class Pattern:
     """A flat pattern about the origin of the chart, x right, y up, with the relative radiance of its two colours.
 
+    The schema says in which ranges its fields lie; a record refuses only what does not fit together.
     `ATTRIBUTES` names the attribute of each field in a stage; all patterns also have `plen:white` and `plen:black`. The
     class of the schema is `Plen` and the name of the record.
     """

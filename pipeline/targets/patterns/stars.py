@@ -30,7 +30,7 @@ class Stars(Pattern):
     spokes: int = 8  # black sectors of a star
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows, self.spokes) < 1 or not 0 < self.diameter_mm <= self.spacing_mm:
+        if not self.diameter_mm <= self.spacing_mm:
             raise TargetError(
                 f"{self.rows} x {self.columns} stars of {self.spokes} spokes and {self.diameter_mm} mm,"
                 f" {self.spacing_mm} mm apart",
@@ -76,7 +76,7 @@ class SiemensStar(Pattern):
     hub_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.spokes < 2 or not 0 <= self.hub_mm < self.diameter_mm:
+        if not self.hub_mm < self.diameter_mm:
             raise TargetError(
                 f"a Siemens star of {self.spokes} spokes from {self.hub_mm} to {self.diameter_mm} mm",
                 hint="the hub is smaller than the star",
