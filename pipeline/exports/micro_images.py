@@ -10,10 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.camera.parts.microlens_array import SIN_60
 from pipeline.formats import ExportError
-
-_SIN_60 = math.sqrt(3) / 2
-"""Distance of the lines of a hexagonal lattice over its pitch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,8 +41,8 @@ class GridMesh:
     @property
     def step_px(self) -> tuple[float, float]:
         """Distance of columns and of rows: lines of a hexagonal mesh stand closer than its pitch."""
-        across = _SIN_60 if self.layout == "hexagonal-columns" else 1
-        down = _SIN_60 if self.layout == "hexagonal" else 1
+        across = SIN_60 if self.layout == "hexagonal-columns" else 1
+        down = SIN_60 if self.layout == "hexagonal" else 1
         return self.pitch_px[0] * across, self.pitch_px[1] * down
 
     def place(self, x_px: float, y_px: float) -> np.ndarray:
@@ -94,9 +92,9 @@ class MicroImageGrid:
         cells = self.cells(images.microlenses)
         (columns, rows), (x, y) = cells.T, cells.T.astype(float)
         if self.is_shifted and self.across:
-            x, y = x + 0.5 * (rows % 2 == 0), y * _SIN_60
+            x, y = x + 0.5 * (rows % 2 == 0), y * SIN_60
         elif self.is_shifted:
-            x, y = x * _SIN_60, y + 0.5 * (columns % 2 == 0)
+            x, y = x * SIN_60, y + 0.5 * (columns % 2 == 0)
         nodes = np.stack([x, y, np.ones(len(x))], axis=1)
         along, across, origin = np.linalg.lstsq(nodes[self.rows], images.centres[self.rows], rcond=None)[0]
         angle = math.atan2(along[1], along[0])

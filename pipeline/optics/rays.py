@@ -18,6 +18,10 @@ _RESIDUAL_MM = 1e-9
 """Distance from the surface beyond which a ray has missed it [mm]: that of `optics.aspheres`."""
 
 
+GRID = 81
+"""Rays along each side of a grid over a surface: odd, so that one of them goes through its middle."""
+
+
 def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np.ndarray:
     """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm]."""
     radius = np.sqrt(table[0, column.SEMI_DIAMETER_SQUARED])

@@ -32,16 +32,11 @@ _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json la
 
 @dataclass(frozen=True, slots=True)
 class BuiltFolder:
-    """A folder that a build finished.
-
-    `path`: the folder.
-    `stage`: the stage that was built, as the manifest names it.
-    `digests`: SHA-256 of every file, by its posix path below the folder.
-    """
+    """A folder that a build finished."""
 
     path: Path
-    stage: str
-    digests: dict[str, str]
+    stage: str  # the stage that was built, as the manifest names it
+    digests: dict[str, str]  # SHA-256 of every file, by its posix path below the folder
 
     @property
     def files(self) -> Set[str]:

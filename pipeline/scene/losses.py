@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.glass.absorption import Absorption, measured, stated
 from pipeline.optics.glass.medium import BadAbsorption, GlassError
 from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.rays import front_grid
+from pipeline.optics.rays import GRID, front_grid
 from pipeline.optics.table import towards_scene
 from pipeline.optics.transmission import CoatingData, Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
@@ -37,8 +37,6 @@ _BLAMED = {
     "glass-wavelengths": "plen:internalTransmittanceWavelengths",
 }
 """The attribute to mend, by the code of an error; errors of other codes concern the glass."""
-_GRID = 81
-"""Rays along each side of a grid over the rear surface: odd, so that one of them is the axis."""
 _SLACK_DEG = 0.005
 """Angle beyond the end of a table of which nobody is warned: half a unit of the last digit that the message prints."""
 
@@ -143,7 +141,7 @@ def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     if not any(tables):
         return
     table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])
-    way = front_grid(table, _GRID) - film_mm
+    way = front_grid(table, GRID) - film_mm
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     met = steepest_deg(table, np.tile(film_mm, (len(way), 1)), way)[::-1]
     for surface, angles_deg, met_deg in zip(ordered_surfaces(lens), tables, met, strict=True):

@@ -15,7 +15,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
-from pipeline.optics.rays import front_grid, traced
+from pipeline.optics.rays import GRID, front_grid, traced
 from pipeline.optics.table import VERTEX, motion_of, unbounded
 
 _PITCHES_MM = (2e-4, 0.5)
@@ -25,10 +25,8 @@ _WEAK_F_NUMBER = 100.0
 _TOO_WIDE, _TOO_SMALL, _OVERLAP, _GAPS = 1.25, 0.95, 1.05, 0.55
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images, which may leave gaps: those of a real Raytrix R12 at F/4 are 0.59 of it."""
-_GRID = 81
-"""Rays along each side of a grid over the rear surface: odd, so that one of them goes through its middle."""
 _ZOOMS = 5
-"""Grids, each 4 / `_GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
+"""Grids, each 4 / `GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
 _HALVINGS = 12
 """Bisections of the way to a dark corner: to 1/4096 of it, and the message has four digits."""
 _CROSSINGS = 12_001
@@ -152,7 +150,7 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
     """Whether any ray from a point of the film leaves the lens."""
-    table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, _GRID)
+    table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, GRID)
     opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
     for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: ever finer ones about the ray nearest to its centre
@@ -165,7 +163,7 @@ def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
         on_stop = traced(opened[: tracer.stop_row + 1], starts[passed], way[passed])[0]
         away = np.hypot(*apply(inverse(motion_of(table[tracer.stop_row])), on_stop)[:, :2].T)
         middle = grid[passed][np.argmin(away)]
-        grid = middle + (grid - grid.mean(axis=0)) * (4 / _GRID)
+        grid = middle + (grid - grid.mean(axis=0)) * (4 / GRID)
     return False
 
 

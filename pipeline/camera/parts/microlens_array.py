@@ -22,6 +22,8 @@ PLANE_LIKE = 1e-9
 
 _MOST_EDGES = 6
 """Edges that a table of faces has room for: those of a hexagonal cell; a square one has four."""
+SIN_60 = math.sqrt(3) / 2
+"""Distance of the lines of a hexagonal lattice over its pitch [1]."""
 LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
 MODELS = ("thin", "two-plane", "refractive")
 _AGREES = 1e-9

@@ -13,13 +13,11 @@ from typing import Any
 
 from pipeline.camera.parts.camera import PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.microlens_array import SIN_60, MicrolensArray
 from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
-_SIN_60 = math.sqrt(3) / 2
-"""Distance of the rows of a hexagonal lattice over its pitch."""
 _UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """Rotation of an array if the file states none: the unit matrix."""
 _NO_TILT_DEG = 1e-9
@@ -118,8 +116,8 @@ def _node(layout: str, k: int, l: int) -> tuple[float, float]:
     if layout == "square":
         return k, l
     if layout == "hexagonal":
-        return k + 0.5 * (l % 2 == 0), l * _SIN_60
-    return k * _SIN_60, l - 0.5 * (k % 2 == 1)
+        return k + 0.5 * (l % 2 == 0), l * SIN_60
+    return k * SIN_60, l - 0.5 * (k % 2 == 1)
 
 
 def _angles_deg(turn: list[list[float]]) -> tuple[float, float, float]:
@@ -161,7 +159,7 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str
     for k, l in product(range(-3, 4), repeat=2):
         x, y = _node(layout, columns - 1 - middle[0] - k, rows - 1 - middle[1] - l)
         x, y = x0 - x, y0 - y
-        line, place = (round(y / _SIN_60), x) if layout == "hexagonal" else (round(x / _SIN_60), y)
+        line, place = (round(y / SIN_60), x) if layout == "hexagonal" else (round(x / SIN_60), y)
         step = round(place - line / 2)
         ours = (step - line if layout == "hexagonal" else line - step) % 3
         kind = theirs(middle[0] + k, middle[1] + l)
