@@ -29,7 +29,6 @@ import pipeline
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import read_table
 from pipeline.frames import inverse
-from pipeline.graph.poses import vision_from_target
 from pipeline.scene.dataset import CameraEntry, Dataset
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -126,7 +125,7 @@ def solve_all(dataset: Dataset, entry: CameraEntry, rays: int) -> tuple[dict[Key
     last_step = 0.0
     for frame in dataset.frames:
         for number, target in enumerate(dataset.targets):
-            pose = vision_from_target(frame, entry.name, target.name)
+            pose = frame.vision_from_target(entry.name, target.name)
             if inverse(pose)[2, 3] <= 0:
                 continue  # the camera sees its back
             stream = frame.number * len(dataset.targets) + number

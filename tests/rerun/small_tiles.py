@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.files import exr_bands
 from pipeline.graph import tiles
-from pipeline.tasks import images
+from pipeline.tasks.artefacts import cameras
 from pipeline.truth.grid import correspond as searching
 
 
@@ -19,4 +19,4 @@ def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tiles, "_MICROLENSES", 12)
     monkeypatch.setattr(searching, "_BAND_POSITIONS", 1)
     monkeypatch.setattr(exr_bands, "_BAND_PX", 1)
-    monkeypatch.setattr(images, "_PREVIEW_ROWS", 7)
+    monkeypatch.setattr(cameras, "_PICTURE_ROWS", 7)
