@@ -117,12 +117,13 @@ def _there(x_px: np.ndarray) -> float:
     return float(np.mean(np.isfinite(x_px).all(axis=-1)))
 
 
-def write(file: Path, all_bars: list[Bar]) -> None:
-    """The bars as a table."""
+def write(file: Path, bars_of: dict[str, list[Bar]]) -> None:
+    """The bars of each camera as a table."""
     with file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(field.name for field in fields(Bar))
-        writer.writerows([_plain(value) for value in asdict(bar).values()] for bar in all_bars)
+        writer.writerow(["camera", *(field.name for field in fields(Bar))])
+        for camera, all_bars in bars_of.items():
+            writer.writerows([camera, *map(_plain, asdict(bar).values())] for bar in all_bars)
 
 
 def _plain(value: object) -> object:

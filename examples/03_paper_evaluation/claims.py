@@ -5,14 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from bars import SETTINGS, Bar, bars, lengths, mapped, mean_and_error, reference
+from cost import Cost
+from reading import found_and_outliers
 from results import Results, detected
 from sampling import SAMPLINGS
-from windows import METHODS
+from windows import METHODS, NO_FILTER, PLAIN, SINGLE, VARIANTS, Variant
 
 GAIN_PX, GAIN_SHARE = 0.0028, 0.016
 """The paper: what 320 x 320 samples gain over 128 x 128, in pixels and in detected corners."""
 APART_PX = 0.016
 """The paper: the means of its two methods differ by less than this."""
+AGREES = "half-pixel", "independent"
+"""The only setting in which no sentence fails."""
 YES, IN_SIGN, NO = "yes", "in sign", "no"
 _BOOTSTRAPS = 400
 _FEW, _SOME, _MANY = 64**2, 128**2, 320**2
@@ -53,8 +57,9 @@ def _mean(values: np.ndarray) -> np.ndarray:
 
 def largest_difference_px(all_bars: list[Bar], sampling: str, mapping: str) -> float:
     """Largest difference of the means of the paper's two methods, against K = 10 as in the paper."""
-    means = {m: {(b.k, b.samples): b.k10_px for b in _of(all_bars, m, sampling, mapping)} for m in METHODS}
-    return max(abs(value - means["two-plane"][key]) for key, value in means["image"].items() if not np.isnan(value))
+    means = [[b.k10_px for b in _of(all_bars, method, sampling, mapping)] for method in METHODS]
+    apart = np.abs(np.diff(means, axis=0))
+    return float(apart[~np.isnan(apart)].max(initial=0.0))
 
 
 def own_rays_difference_px(results: Results, mapping: str) -> float:
@@ -64,7 +69,8 @@ def own_rays_difference_px(results: Results, mapping: str) -> float:
         both = results.x_px[SAMPLINGS.index("independent"), 0, i, j], results.other_px[i, j]
         image, two_plane = (mean_and_error(lengths(mapped(x, int(k), mapping), k10))[0] for x in both)
         apart.append(abs(image - two_plane))
-    return float(np.nanmax(apart))
+    there = ~np.isnan(apart)
+    return float(np.max(apart, where=there, initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +84,18 @@ class Verdict:
     holds: str
 
 
-def judged(results: Results) -> dict[tuple[str, str], dict[str, Verdict]]:
+def judged(
+    results: Results, settings: tuple[tuple[str, str], ...] = SETTINGS
+) -> dict[tuple[str, str], dict[str, Verdict]]:
     """Per setting, sentence by sentence."""
     all_bars = bars(results)
-    return {(m, s): _judged(results, _of(all_bars, "image", s, m), m, s, all_bars) for m, s in SETTINGS}
+    return {(m, s): _judged(results, _of(all_bars, "image", s, m), m, s, all_bars) for m, s in settings}
+
+
+def by_threshold(results: Results) -> dict[Variant, dict[str, Verdict]]:
+    """The same in the setting that agrees, with other thresholds of the filters, and without these."""
+    variants = [variant for variant in VARIANTS if variant.precision == PLAIN.precision]
+    return {variant: judged(results.by(variant), (AGREES,))[AGREES] for variant in variants}
 
 
 def _judged(results: Results, image: list[Bar], mapping: str, sampling: str, all_bars: list[Bar]) -> dict[str, Verdict]:
@@ -111,6 +125,80 @@ def _judged(results: Results, image: list[Bar], mapping: str, sampling: str, all
         ),
         f"the methods' means are within {APART_PX} px": Verdict(seen, YES if apart < APART_PX else NO),
     }
+
+
+def further(plenoptic: Results, conventional: Results, cost: Cost) -> dict[str, Verdict]:
+    """What else the paper says: of thresholds, of conventional cameras, of single precision, of time."""
+    usual, (alike,) = judged(plenoptic, (AGREES,))[AGREES], judged(conventional, (AGREES,)).values()
+    kept = [set(failing(other)) <= set(failing(usual)) for other in by_threshold(plenoptic).values()]
+    harmed = failing(alike)
+    planes, samples = cost.planes.cpu_s / cost.board.cpu_s, plenoptic.samples[[0, -1]]
+    less = samples * cost.planes.cpu_s / cost.search.cpu_s
+    return {
+        "the conclusions hold for other thresholds": Verdict(
+            f"all of them with {sum(kept)} of {len(kept)} others", _most(float(np.mean(kept)))
+        ),
+        "thresholds mainly regulate the number of outliers": _of_outliers(plenoptic),
+        "conventional cameras are alike": Verdict(
+            f"without microlenses fail: {'; '.join(harmed) or 'none'}", NO if harmed else YES
+        ),
+        **_of_precision(plenoptic),
+        "`two-plane` is faster from more than two images": Verdict(
+            f"J_near and J_far together cost {planes:.2f} J of a board", YES if planes < 2 else NO
+        ),
+        "the search takes orders of magnitude less time": Verdict(
+            " and ".join(
+                f"{times:.0f} times less than {np.sqrt(n):.0f}² rays" for times, n in zip(less, samples, strict=True)
+            ),
+            YES if less[0] > 100 else NO,
+        ),
+    }
+
+
+def failing(sentences: dict[str, Verdict]) -> list[str]:
+    """Sentences that do not hold."""
+    return [name for name, verdict in sentences.items() if verdict.holds == NO]
+
+
+def _of_outliers(results: Results) -> Verdict:
+    """From the strictest to the loosest lambda_d, and without a filter: positions found, and outliers among them."""
+    limits = sorted(variant.lambda_d for variant in VARIANTS)
+    variants = Variant(lambda_d=limits[0]), Variant(lambda_d=limits[-1]), NO_FILTER
+    found, far = np.array([found_and_outliers(results.by(variant), 0) for variant in variants]).T
+    shares = far / np.maximum(found, 1)
+    seen = (
+        f"λ_d = {limits[0]:g} to {limits[-1]:g} finds {found[0]} to {found[1]} positions, {shares[0]:.0%} to"
+        f" {shares[1]:.0%} of them outliers; no filter {found[2]}, {shares[2]:.0%}"
+    )
+    more = shares[1:] / max(shares[0], 1e-9)
+    return Verdict(seen, YES if more[0] > found[1] / found[0] else IN_SIGN if more[1] > found[2] / found[0] else NO)
+
+
+def _of_precision(results: Results) -> dict[str, Verdict]:
+    rays, sums = results.traced_px.mean(axis=1)[:2], [values.mean() for values in moved_by_sums_px(results)]
+    apart = [largest_difference_px(bars(results.by(v)), *reversed(AGREES)) for v in (PLAIN, SINGLE)]
+    return {
+        "single precision harms `two-plane` more": Verdict(
+            f"rays move `image` by {rays[0]:.0e} px, `two-plane` by {rays[1]:.0e} px;"
+            f" running sums by {sums[0]:.4f} and {sums[1]:.4f} px",
+            _most(float(np.mean([rays[1] > 1.5 * rays[0], sums[1] > 1.5 * sums[0]]))),
+        ),
+        "single precision moves the methods' means apart": Verdict(
+            f"by {apart[1]:.4f} px, where double precision has {apart[0]:.4f} px; running sums of independent rays",
+            YES if apart[1] > 2 * apart[0] else NO,
+        ),
+    }
+
+
+def moved_by_sums_px(results: Results) -> list[np.ndarray]:
+    """What running sums in float32 move positions by the most samples by, of each method: all that both find."""
+    of = SAMPLINGS.index("independent")
+    apart = [lengths(results.by(SINGLE).x_px[of, m, :, -1], results.x_px[of, m, :, -1]) for m in range(len(METHODS))]
+    return [values[~np.isnan(values)] for values in apart]
+
+
+def _most(share: float) -> str:
+    return YES if share == 1 else IN_SIGN if share >= 0.5 else NO
 
 
 def _all_or_last(holds: list[bool]) -> str:

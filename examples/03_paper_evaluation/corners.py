@@ -1,14 +1,16 @@
 """The corners that the evaluation looks at: a random sample of all that exist, with their positions solved directly."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 import pipeline
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.optics.first_order import first_order
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.planes import tangent_planes
@@ -17,12 +19,14 @@ STAGE = Path(__file__).resolve().parent / "dataset.usda"
 ROUGH_PX, ACCURACY_PX = 1e-2, 1e-5
 """Accuracy with which rows are listed, and with which those that are drawn are known."""
 MIN_HIT_FRACTION = 0.05
+SHARP_MM = 430.0
+"""Distance that the camera without microlenses sees sharply: the middle of the boards' distances."""
 _SEED = 2019
 
 
 @dataclass(frozen=True, slots=True)
 class Corners:
-    """Pairs of a board's corner and a microlens that sees it, n of them.
+    """Pairs of a board's corner and a microlens that sees it, or the sensor of a camera without any, n of them.
 
     Attributes
     ----------
@@ -90,13 +94,21 @@ def camera_and_boards() -> tuple[Camera, int, list[np.ndarray], np.ndarray]:
     return entry.camera, dataset.seed, poses, board.target.points().position_mm
 
 
-def draw(count: int, frames: slice = slice(None), points: slice = slice(None)) -> Corners:
+def without_microlenses(camera: Camera) -> Camera:
+    """The same lens, stop and pixels, with the sensor where SHARP_MM is in focus."""
+    sensor_mm = -first_order(camera.prescription).image_mm(SHARP_MM)
+    return focused(replace(camera, microlenses=None, sensor_distance_mm=sensor_mm, near_mm=None, far_mm=None))
+
+
+def draw(
+    count: int, frames: slice = slice(None), points: slice = slice(None), *, conventional: bool = False
+) -> Corners:
     """So many pairs, drawn without repetition from all that exist in some frames for some corners.
 
     The first of many are those that are drawn where fewer are wanted.
     """
     camera, seed, poses, corners_mm = camera_and_boards()
-    tracer = Tracer(camera, seed)
+    tracer = Tracer(without_microlenses(camera) if conventional else camera, seed)
     rig = Rig.of(tracer)
     poses, corners_mm = poses[frames], corners_mm[points]
     pose = np.repeat(poses, len(corners_mm), axis=0)

@@ -2,10 +2,10 @@
 
     python examples/03_paper_evaluation/evaluate.py [--out FOLDER] [--corners N] [--jobs N] [--small]
 
-Writes results.csv, figures like the paper's (picture.png of `image`, figure_two_plane.png) and one of `moments`, and
-prints the tables. Rays are traced in windows around a random sample of the corners of dataset.usda; each takes about 11
-seconds of computing time.
-`--keep FILE.npz` keeps all positions, lot by lot, `--again FILE.npz` makes tables and figures from those.
+Writes results.csv, figures like the paper's (picture.png of `image`, figure_two_plane.png), one of `moments` and one of
+a camera without microlenses, and prints the tables. Rays are traced in windows around a random sample of the corners of
+dataset.usda; each takes about 11 seconds of computing time.
+`--keep FOLDER` keeps all positions, lot by lot, `--again FOLDER` makes tables and figures from those.
 """
 
 import argparse
@@ -16,11 +16,14 @@ from pathlib import Path
 import numpy as np
 from bars import SETTINGS, Bar, bars, write
 from corners import draw
+from cost import measured
 from figures import Panel
 from figures import draw as draw_figure
-from results import PAPER, SMALL, Results
-from running import run
+from results import PAPER, SMALL, Results, run
 from tables import report
+
+CAMERAS = {"plenoptic": 1.0, "conventional": 0.6}
+"""The paper's camera and the one without microlenses, and the share of the corners that each is looked at with."""
 
 
 def main() -> None:
@@ -33,19 +36,28 @@ def main() -> None:
     parser.add_argument("--again", type=Path)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    results = Results.load(given.again) if given.again else _traced(given)
-    all_bars = bars(results)
-    write(given.out / "results.csv", all_bars)
+    cameras = {name: _results(given, name) for name in CAMERAS}
+    bars_of = {name: bars(results) for name, results in cameras.items()}
+    write(given.out / "results.csv", bars_of)
+    conventional = _panels(cameras["conventional"], bars_of["conventional"], "image")
+    draw_figure(given.out / "figure_conventional.png", conventional[2:], 2)
+    results, all_bars = cameras["plenoptic"], bars_of["plenoptic"]
     draw_figure(given.out / "picture.png", _panels(results, all_bars, "image"), 2)
     draw_figure(given.out / "figure_two_plane.png", _panels(results, all_bars, "two-plane"), 2)
     draw_figure(given.out / "figure_moments.png", [_of_moments(results, all_bars)], 1)
-    sys.stdout.write(report(results))
+    cost = measured(1, 1024) if given.small else measured()
+    sys.stdout.write(report(results, cameras["conventional"], cost))
 
 
-def _traced(given: argparse.Namespace) -> Results:
+def _results(given: argparse.Namespace, name: str) -> Results:
+    file, conventional = f"{name}.npz", name == "conventional"
+    if given.again:
+        return Results.load(given.again / file)
+    keep = given.keep / file if given.keep else None
     if given.small:
-        return run(draw(6, slice(0, 1), slice(None, None, 9)), SMALL, given.jobs, given.keep)
-    return run(draw(given.corners), PAPER, given.jobs, given.keep)
+        few = draw(6, slice(0, 1), slice(None, None, 9), conventional=conventional)
+        return run(few, SMALL, given.jobs, keep)
+    return run(draw(round(CAMERAS[name] * given.corners), conventional=conventional), PAPER, given.jobs, keep)
 
 
 def _panels(results: Results, all_bars: list[Bar], method: str) -> list[Panel]:

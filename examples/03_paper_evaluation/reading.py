@@ -13,6 +13,16 @@ NOISE_STEPS = 0.03
 LAMBDA_D, LAMBDA_ALPHA_DEG = 0.15, 10.0
 
 
+OUTLIER_PX = 0.02
+"""Distance from the truth beyond which a position is an outlier [px]: ten times the mean of most bars."""
+
+
+def found_and_outliers(results: Results, samples: int) -> tuple[int, int]:
+    """Positions that `image` finds from independent rays, of all K together, and outliers among them."""
+    error = lengths(results.x_px[SAMPLINGS.index("independent"), 0, :, samples], results.truth_px)
+    return int(np.sum(~np.isnan(error))), int(np.sum(error > OUTLIER_PX))
+
+
 def printed_trend_px(ks: np.ndarray) -> np.ndarray:
     """What x = x_K / K alone makes of exact solutions, against the largest K: sqrt(2) times a difference of halves.
 
@@ -50,7 +60,8 @@ def noise_law(results: Results) -> list[tuple[float, float, int, float, float]]:
     noises = np.array([0.002, 0.01, 0.02, 0.025, 0.03, 0.035, 0.04, 0.05, 0.06, 0.08, 0.12, 0.5])
     ideal = ideal_grid_share(noises)
     s, cases = SAMPLINGS.index("independent"), []
-    whole = results.hit_fraction > 0.999
+    # Without microlenses a share is relative to the axis, and a circle of rays is never cut.
+    whole = (results.hit_fraction > 0.999) | results.is_conventional
     for (i, k), (j, n) in itertools.product(enumerate(results.ks), enumerate(results.samples)):
         fit = whole & np.isfinite(results.sharp_px[0, i, :, 0])
         # The start on the fine pixel spreads the bundle, too: 1/12 of a step squared.

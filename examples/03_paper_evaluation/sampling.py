@@ -1,9 +1,9 @@
 """Position images by two kinds of rays: ours, and plain independent ones as a renderer starts them.
 
-Both start anywhere on the square of a fine pixel (or at its centre), pass one microlens, and weigh their share of the
-irradiance. `ours` aims scrambled Sobol points at the part of the microlens from where light gets through the main lens:
-the rays of a build. `independent` draws pseudo-random numbers and aims at the whole aperture of the microlens; what the
-stop blocks is lost. Vision frame, mm.
+Both start anywhere on the square of a fine pixel (or at its centre), pass one microlens, if there are any, and weigh
+their share of the irradiance. `ours` aims scrambled Sobol points at where light gets through the main lens: the rays of
+a build. `independent` draws pseudo-random numbers and aims at the whole aperture of the microlens, whose blocked rays
+are lost; without microlenses at the same outline as ours. Vision frame, mm.
 """
 
 import numpy as np
@@ -21,6 +21,8 @@ from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
 SAMPLINGS = ("independent", "ours")
+PRECISIONS = ("double", "single")
+"""Of the sums: exact enough, or running sums in float32 of texture coordinates, as a renderer keeps them."""
 _CIRCUMRADIUS = 0.7072
 _PER_UINT32 = 2.3283064365386963e-10
 
@@ -32,6 +34,7 @@ def means(
     lens: np.ndarray,
     fine: np.ndarray,
     planes: np.ndarray,
+    spans_mm: np.ndarray,
     samples: tuple[int, ...],
     width_mm: float,
     seed: int | None = None,
@@ -43,11 +46,13 @@ def means(
     sampling : str
         One of SAMPLINGS.
     positions_mm, lens : (n, 2) float64, (n,) int64
-        On the sensor, and the microlens of each or SKIP.
+        On the sensor, and the microlens of each, NO_MICROLENS or SKIP.
     fine : (n, 2) int64
         What random numbers depend on: column and row of the fine grid.
     planes : (p, 4, 3) float64
         Rows origin, first axis, second axis, normal.
+    spans_mm : (p, 2, 2) float64
+        By plane and axis: where texture coordinates are 0, and the length on which they grow by 1.
     samples : tuple of int
         Ascending multiples of 1024.
     width_mm : float
@@ -57,38 +62,39 @@ def means(
 
     Returns
     -------
-    (n, len(samples), p, 2) float64
+    (len(PRECISIONS), n, len(samples), p, 2) float64
         In the planes' own axes [mm]; NaN where nothing passes.
     """
-    if tracer.camera.microlenses is None or not tracer.camera.microlenses.is_plain:
+    if tracer.camera.microlenses is not None and not tracer.camera.microlenses.is_plain:
         raise ValueError("sampled are plain microlenses: thin, untilted")
     stops = np.array(samples) // REPLICAS
     if (stops % PACKET).any() or (np.diff(stops) <= 0).any():
         raise ValueError(f"samples must ascend in multiples of {REPLICAS * PACKET}, not {samples}")
-    result = np.full((len(positions_mm), len(samples), len(planes), 2), np.nan)
+    result = np.full((len(PRECISIONS), len(positions_mm), len(samples), len(planes), 2), np.nan)
     seed = tracer.seed if seed is None else seed
     samples = Samples(sobol_bits(int(stops[-1])), seed & 0xFFFFFFFF ^ seed >> 32 & 0xFFFFFFFF, width_mm)
     positions = np.ascontiguousarray(positions_mm, float)
     starts = Starts(np.ascontiguousarray(fine, np.int64), positions, positions, np.ascontiguousarray(lens, np.int64))
-    planes = np.ascontiguousarray(planes)
-    _means(tracer.arrays, planes, samples, starts, sampling == "independent", stops, result)
+    planes, spans_mm = np.ascontiguousarray(planes), np.ascontiguousarray(spans_mm)
+    _means(tracer.arrays, (planes, spans_mm), samples, starts, sampling == "independent", stops, result)
     return result
 
 
 @kernel
-def _means(camera, planes, samples, starts, independent, stops, result):
-    bits, seed, width = samples
+def _means(camera, textures, samples, starts, independent, stops, result):
+    (planes, spans), (bits, seed, width) = textures, samples
     fine, _, positions, microlens = starts
     region, packet = new_region(), new_packet()
     x, y = packet.x, packet.y
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     start = SensorPoints(start_x, start_y)
     pivot, sums = np.zeros((planes.shape[0], 2)), np.zeros((planes.shape[0], 3))
+    single = np.zeros((planes.shape[0], 3), np.float32)
     for n in range(positions.shape[0]):
         if microlens[n] == SKIP:
             continue
         sx, sy = positions[n]
-        if independent:
+        if independent and microlens[n] >= 0:
             fan_of = _whole_aperture(camera, microlens[n], region)
         else:
             fan_of = bound(camera, microlens[n], sx, sy, _CIRCUMRADIUS * width, region)
@@ -96,7 +102,7 @@ def _means(camera, planes, samples, starts, independent, stops, result):
             continue
         base = hash32(hash32(seed, fine[n, 0]), fine[n, 1])
         started, stop = False, 0
-        sums[:] = 0.0
+        sums[:], single[:] = 0.0, np.float32(0.0)
         for block in range(REPLICAS * (stops[-1] // PACKET)):
             r, first = block % REPLICAS, block // REPLICAS * PACKET
             for d, values in enumerate((x, y, start_x, start_y)):
@@ -114,12 +120,15 @@ def _means(camera, planes, samples, starts, independent, stops, result):
             send_packet(camera, microlens[n], start, PACKET, packet)
             for p in range(planes.shape[0]):
                 started_here = _add(planes[p], packet, started, pivot[p], sums[p])
+                _add_single(spans[p], packet, single[p])
             started = started_here
             if block + 1 == REPLICAS * (stops[stop] // PACKET):
                 if started:
                     for p in range(planes.shape[0]):
-                        result[n, stop, p, 0] = pivot[p, 0] + sums[p, 1] / sums[p, 0]
-                        result[n, stop, p, 1] = pivot[p, 1] + sums[p, 2] / sums[p, 0]
+                        for axis in range(2):
+                            result[0, n, stop, p, axis] = pivot[p, axis] + sums[p, 1 + axis] / sums[p, 0]
+                            share = single[p, 1 + axis] / single[p, 0]
+                            result[1, n, stop, p, axis] = spans[p, axis, 0] + spans[p, axis, 1] * share
                 stop += 1
 
 
@@ -147,6 +156,19 @@ def _add(plane, packet, started, pivot, sums):
     sums[1] += first
     sums[2] += second
     return started
+
+
+@inline
+def _add_single(span, packet, sums):
+    """Add to running sums in float32 as a renderer does to its image; crossings are those that `_add` left."""
+    total, first, second = sums[0], sums[1], sums[2]
+    for i in range(PACKET):
+        if packet.alive[i] > 0.0:
+            light = np.float32(packet.weight[i])
+            total += light
+            first += light * np.float32((packet.scratch[0, i] - span[0, 0]) / span[0, 1])
+            second += light * np.float32((packet.scratch[1, i] - span[1, 0]) / span[1, 1])
+    sums[0], sums[1], sums[2] = total, first, second
 
 
 @inline

@@ -5,11 +5,11 @@ quad that holds it. So it says no more about the corner than in which pixel it l
 pixel, and random numbers depend on the place in the whole fine grid, not in the window.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from corners import Corners
-from sampling import means
+from sampling import PRECISIONS, means
 
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.camera.tracing.sampling_bounds import SKIP
@@ -19,10 +19,36 @@ from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fi
 from pipeline.truth.settings import TruthSettings
 
 METHODS = ("image", "two-plane")
+BOARD_MM = 56.0, 35.0
+"""Size of the board, on which texture coordinates grow by 1."""
 ACCEPTED, NO_QUAD, WINDOW, LENGTHS, ANGLES = range(5)
 """What became of a corner."""
 REJECTED = {NO_QUAD: "no quad", WINDOW: "window", LENGTHS: "lengths", ANGLES: "angles"}
 _ROOM = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """Sums in one of PRECISIONS, and the filters of the search: the paper's but for what is given."""
+
+    precision: str = "double"
+    filter: str = "lengths-and-angles"
+    lambda_d: float = 0.15
+    lambda_alpha_deg: float = 10.0
+
+    def settings(self, method: str) -> TruthSettings:
+        """The search of a build by this method."""
+        limits = {"lambda_d": self.lambda_d, "lambda_alpha_deg": self.lambda_alpha_deg}
+        return TruthSettings(method=method, filter=self.filter, **limits)
+
+
+PLAIN, SINGLE, NO_FILTER = Variant(), Variant(precision="single"), Variant(filter="none")
+VARIANTS = (
+    SINGLE,
+    *(Variant(lambda_d=limit) for limit in (0.05, 0.1, 0.3, 0.6)),
+    *(Variant(lambda_alpha_deg=limit) for limit in (2.5, 5.0, 20.0, 40.0)),
+    NO_FILTER,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +81,12 @@ def window(corners: Corners, number: int, k: int, margin_px: float) -> Window:
 
 
 def _window(corners: Corners, number: int, k: int, first: np.ndarray, size: int) -> Window:
-    rig = corners.rig
+    rig, cell = corners.rig, corners.cell[number : number + 1]
     fine = first + np.stack(np.meshgrid(np.arange(size), np.arange(size)), axis=-1)
     positions = rig.tracer.positions_mm(*image_from_fine(fine.reshape(-1, 2).T.astype(float), k))
-    assert rig.images is not None
-    own = rig.images.owner(positions) == corners.cell[number]
-    return Window(k, first, fine, positions, np.where(own, corners.cell[number], SKIP).reshape(size, size))
+    (own,) = rig.microlens(cell)
+    lens = np.where(rig.microlens_at(positions) == own, own, SKIP)
+    return Window(k, first, fine, positions, lens.reshape(size, size))
 
 
 def search(
@@ -72,14 +98,15 @@ def search(
     footprint: str = "pixel",
     margin_px: float = 0.5,
     seed: int | None = None,
+    variants: tuple[Variant, ...] = (PLAIN,),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The paper's two methods on a corner, with its filters and thresholds.
+    """The paper's two methods on a corner, from the same rays in all variants.
 
     Returns
     -------
-    (len(METHODS), len(samples), 2) float64
+    (len(variants), len(METHODS), len(samples), 2) float64
         Image positions by the half-pixel rule; NaN where the corner is not detected.
-    (len(METHODS), len(samples)) int64
+    (len(variants), len(METHODS), len(samples)) int64
         ACCEPTED, or what rejected it.
     """
     around, tracer, pose = window(corners, number, k, margin_px), corners.rig.tracer, corners.pose[number]
@@ -87,18 +114,24 @@ def search(
     planes = np.concatenate([[target_plane(pose)], parallel_planes(camera.near_mm, camera.far_mm)])
     width_mm = camera.sensor.pitch_mm / k if footprint == "pixel" else 0.0
     starts = around.positions_mm, around.lens.ravel(), around.fine.reshape(-1, 2)
-    crossings = means(tracer, sampling, *starts, planes, samples, width_mm, seed)
-    x, status = np.full((len(METHODS), len(samples), 2), np.nan), np.full((len(METHODS), len(samples)), NO_QUAD)
-    for j in range(len(samples)):
-        hit, near, far = (crossings[:, j, p].reshape(*around.shape, 2) for p in range(3))
-        images = hit, on_target(near, far, camera.near_mm, camera.far_mm, pose)
-        for i, (method, image) in enumerate(zip(METHODS, images, strict=True)):
-            x[i, j], status[i, j] = _found(image, around, corners.point_mm[number], TruthSettings(method=method))
+    # A texture begins at a corner of the board; the two planes have coordinates in mm.
+    spans = np.array([[[-size / 2, size] for size in BOARD_MM], *[[[0.0, 1.0]] * 2] * 2])
+    crossings = means(tracer, sampling, *starts, planes, spans, samples, width_mm, seed)
+    shape = len(variants), len(METHODS), len(samples)
+    x, status = np.full((*shape, 2), np.nan), np.full(shape, NO_QUAD)
+    for v, variant in enumerate(variants):
+        sums = crossings[PRECISIONS.index(variant.precision)]
+        for j in range(len(samples)):
+            hit, near, far = (sums[:, j, p].reshape(*around.shape, 2) for p in range(3))
+            images = hit, on_target(near, far, camera.near_mm, camera.far_mm, pose)
+            for i, (method, image) in enumerate(zip(METHODS, images, strict=True)):
+                here = image, around, corners.point_mm[number], variant.settings(method)
+                x[v, i, j], status[v, i, j] = _found(*here)
     return x, status
 
 
 def _found(image: np.ndarray, around: Window, point_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
-    grid = _grid(around, *(np.zeros((*around.shape, 2)),) * 2, np.zeros((*around.shape, 10)), (0.0, 1.0))
+    grid = position_grid(around.supersampling, around.cell)
     found, counts = find(image, point_mm[None], grid, settings)
     if not len(found.point):
         reasons = {WINDOW: "rejected_window", LENGTHS: "rejected_lengths", ANGLES: "rejected_angles"}
@@ -107,22 +140,20 @@ def _found(image: np.ndarray, around: Window, point_mm: np.ndarray, settings: Tr
     return inside + around.first / around.supersampling, ACCEPTED
 
 
-def _grid(
-    around: Window, near: np.ndarray, far: np.ndarray, covariance: np.ndarray, planes_mm: tuple[float, float]
-) -> RayGrid:
-    """The window as the search knows a camera's position images: one micro-image."""
-    blank = np.zeros(around.shape)
+def position_grid(k: int, cell: np.ndarray, microlenses: np.ndarray | None = None) -> RayGrid:
+    """Positions as the search knows them, without bundles: by default of one micro-image."""
+    blank = np.zeros((*cell.shape, 2))
     return RayGrid(
-        supersampling=around.supersampling,
-        near_mm=planes_mm[0],
-        far_mm=planes_mm[1],
-        near=near,
-        far=far,
-        covariance=covariance,
-        hit_fraction=blank,
-        error_px=np.zeros((*around.shape, 2)),
-        cell=around.cell,
-        microlenses=np.zeros((1, 3), np.int64),
+        supersampling=k,
+        near_mm=0.0,
+        far_mm=1.0,
+        near=blank,
+        far=blank,
+        covariance=np.zeros((*cell.shape, 10)),
+        hit_fraction=blank[..., 0],
+        error_px=blank,
+        cell=cell,
+        microlenses=np.zeros((1, 3), np.int64) if microlenses is None else microlenses,
         centres_px=None,
     )
 
@@ -140,7 +171,8 @@ def moments(corners: Corners, number: int, k: int, samples: int) -> tuple[np.nda
     bundle = tracer.moments(*starts)
     near, far = (bundle[:, i : i + 2].reshape(*around.shape, 2) for i in (0, 2))
     covariance = bundle[:, 4:14].reshape(*around.shape, 10)[k // 2 :: k, k // 2 :: k]
-    grid = _grid(around, near, far, covariance, z)
+    planes = {"near_mm": z[0], "far_mm": z[1], "near": near, "far": far}
+    grid = replace(position_grid(k, around.cell), covariance=covariance, **planes)
     image = corrected(on_target(near, far, *z, pose), grid, pose)
     found, _ = find(image, corners.point_mm[number][None], grid, TruthSettings(method="moments"))
     if not len(found.point):
