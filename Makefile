@@ -71,7 +71,7 @@ bench: $(STAMP)
 	$(BIN)/python benchmarks/memory.py
 	$(BIN)/python benchmarks/engine.py
 
-# The paper's evaluation, tables and figures of example 03: seven minutes of computing time.
+# The paper's evaluation, tables and figures of example 03: ten minutes of computing time.
 evaluation: $(STAMP)
 	$(BIN)/python examples/03_paper_evaluation/evaluate.py --out examples/03_paper_evaluation
 
