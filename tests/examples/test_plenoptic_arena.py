@@ -137,7 +137,7 @@ def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
 @pytest.mark.heavy
 def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
     """With what package indexes have: the thin lens of our own, and plenopticam, which finds centroids."""
-    command = [sys.executable, EXAMPLE / "plenoptic/compete.py", "--small", "--out", tmp_path / "plenoptic"]
+    command = [sys.executable, EXAMPLE / "plenoptic/compete.py", "--small", "--out", tmp_path]
     subprocess.run(command, check=True, cwd=EXAMPLE.parents[1])
     (case,) = json.loads((tmp_path / "plenoptic/results.json").read_text())["cases"].values()
     baseline, centres = case["contestants"]["baseline"], case["contestants"]["plenopticam"]["centres"]

@@ -1,10 +1,10 @@
 """Run the plenoptic half of the arena: programs that calibrate plenoptic cameras, judged against exact truth.
 
-    python examples/06_arena/plenoptic/compete.py [--snapshots FOLDER] [--out build/arena/plenoptic] [--small]
+    python examples/06_arena/plenoptic/compete.py [--snapshots FOLDER] [--out build/arena] [--small]
         [--rigs NAME ...] [--flaws NAME ...] [--only NAME ...]
 
-It builds every camera, writes what programs read, lets them work, and writes results.json and tables.txt there, and
-page.html beside the folder, which has the half of conventional cameras, too, if `arena.py` left its results there.
+It builds every camera, writes what programs read, lets them work, and writes OUT/plenoptic/results.json and tables.txt,
+and OUT/page.html, which has the half of conventional cameras, too, if `arena.py` left its results in OUT.
 FOLDER has the sources that are not on a package index, as git repositories OWNER+NAME/repo; a program whose source is
 not there, or that fails, is named with the reason. `--small` is one rig with a quarter of its sensor, and what needs no
 snapshot. What is there already is not built again.
@@ -56,7 +56,7 @@ def arguments() -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--snapshots", type=Path, help="folder of sources")
-    parser.add_argument("--out", type=Path, default=Path("build/arena/plenoptic"), help="folder that keeps everything")
+    parser.add_argument("--out", type=Path, default=Path("build/arena"), help="folder of both halves")
     parser.add_argument(
         "--small", action="store_true", help="one rig with a quarter of its sensor, and what needs no snapshot"
     )
@@ -70,7 +70,7 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Run the command."""
     asked, began = arguments(), time.time()
-    out = asked.out.resolve()
+    out = asked.out.resolve() / "plenoptic"
     names, kinds = (
         asked.rigs or ([_SMALL] if asked.small else None),
         asked.flaws or (["designed"] if asked.small else None),
