@@ -1,20 +1,24 @@
-"""The floor of the arena: a thin lens before pinholes, fitted to all rows with the poses of the boards, by SciPy.
+"""The floors of the arena: models fitted to all rows with the poses of the boards, by SciPy.
 
-It is the model of libpleno and its relatives without a tilt, as `pipeline.fits.thin_plenoptic` states it. It starts at
-the truth and its pitch is that of the array, so that what is left is the model's own error, and nothing that a search
-missed.
+One is a thin lens before pinholes, the model of libpleno and its relatives without a tilt, as
+`pipeline.fits.thin_plenoptic` states it, with the pitch of the array; the other is that of Bok and Nousias. Both start
+at the first-order truth, so that what is left is the model's own error, and nothing that a search missed.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from models import Projective, projective_of_thin_lens
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from truth import Rows, Truth
+from truth import Model, Rows, Truth
 
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.exports.thin_lens import thin_lens
 from pipeline.fits.thin_plenoptic import PARAMETERS, positions_mm
 
-_SCALES = np.array([0.1, 0.1, 0.1, 0.01, 1e-4, 0.01, 0.01, 0.01, 0.01, 1e-5, 1e-7, 1e-9])
+_UNITS = np.array([0.1, 0.1, 0.1, 0.01, 1e-4, 0.01, 0.01, 0.01, 0.01, 1e-5, 1e-7, 1e-9])
 """Units in which the parameters are counted: each moves positions by something like a pixel."""
 _STEP = 1e-4
 """Step of differences, in these units: errors of 1e-8 and of rounding are as small."""
@@ -36,62 +40,95 @@ class ThinLens:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
-    """A fitted model, the poses of its views (v, 4, 4), and the residual that a calibration would print [px]."""
+class Floor:
+    """A model to be fitted: names of its parameters, their first values and units, and a model of such values.
 
-    model: ThinLens
+    Steps of a unit move positions by something like a pixel. `front_z_mm`: where the model has Z = 0, vision frame.
+    """
+
+    names: tuple[str, ...]
+    first: np.ndarray
+    units: np.ndarray
+    model: Callable[[np.ndarray], Model]
+    front_z_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A fitted model, its parameters, the poses of its views (v, 4, 4), and the residual that it would print [px]."""
+
+    model: Model
+    parameters: dict[str, float]
     poses: np.ndarray
     rms_px: float
 
 
-def start(truth: Truth) -> ThinLens:
-    """The thin lens of the camera's first-order figures."""
-    from pipeline.camera.figures.first_order_figures import report
-    from pipeline.exports.thin_lens import thin_lens
-
+def thin_lens_floor(truth: Truth) -> Floor:
+    """The thin lens of the camera's first-order figures, with distortion, and shifts of array and sensor."""
     figures = report(truth.ready.camera)
     lens = thin_lens(figures, np.array([kind["focal_length_mm"] for kind in figures["mla"]["types"]]))
-    parameters = np.zeros(len(PARAMETERS))
-    parameters[:4] = lens.focal_mm, figures["lens"]["principal_planes_mm"][0], lens.main_lens_mm, lens.sensor_mm
-    tracer = truth.ready.rig.tracer
-    return ThinLens(parameters, truth.vertex_mm, tracer.pixels_at(np.zeros((1, 2)))[0], truth.rig.pixel_mm)
+    origin_px = truth.ready.rig.tracer.pixels_at(np.zeros((1, 2)))[0]
+    front_z_mm = figures["lens"]["principal_planes_mm"][0]
+    free = [name for name in PARAMETERS if name != "lens_z_mm"]  # which the poses have
+    rows = [PARAMETERS.index(name) for name in free]
+    first = np.zeros(len(PARAMETERS))
+    first[[PARAMETERS.index(name) for name in ("focal_mm", "main_lens_mm", "sensor_mm")]] = (
+        lens.focal_mm, lens.main_lens_mm, lens.sensor_mm,
+    )  # fmt: skip
+
+    def model(values: np.ndarray) -> ThinLens:
+        parameters = np.zeros(len(PARAMETERS))
+        parameters[rows] = values
+        return ThinLens(parameters, truth.vertex_mm, origin_px, truth.rig.pixel_mm)
+
+    return Floor(tuple(free), first[rows], _UNITS[rows], model, front_z_mm)
 
 
-def calibrate(truth: Truth, first: ThinLens, rows: Rows) -> Calibration:
-    """Fit lens and poses to rows of boards, from a first lens on."""
-    views = len(truth.poses)
-    free = np.flatnonzero([name != "lens_z_mm" for name in PARAMETERS])  # which the poses have
+def projective_floor(truth: Truth, thin: Floor) -> Floor:
+    """The model of Bok and Nousias that is a thin lens, before the true centres of the micro-images."""
+    first = projective_of_thin_lens(thin.first, thin.model(thin.first).origin_px, truth.rig.pixel_mm)
+    return Floor(
+        tuple(first),
+        np.array([*first.values()]),
+        np.array([0.1, 10.0, 10.0, 10.0, 1.0, 1.0]),
+        lambda p: Projective(p[0], p[1], p[2:4], p[4:6], truth.centre_px),
+        thin.front_z_mm,
+    )
 
-    def split(p: np.ndarray) -> tuple[ThinLens, np.ndarray]:
-        parameters = first.parameters.copy()
-        parameters[free] += p[: len(free)] * _SCALES[free]
-        motion = p[len(free) :].reshape(views, 6) * ([1e-3] * 3 + [0.1] * 3)
+
+def calibrate(truth: Truth, floor: Floor, rows: Rows) -> Calibration:
+    """Fit parameters and poses to rows of boards."""
+    free, views = len(floor.first), len(truth.poses)
+
+    def split(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        motion = p[free:].reshape(views, 6) * ([1e-3] * 3 + [0.1] * 3)
         poses = truth.poses.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(motion[:, :3]).as_matrix() @ poses[:, :3, :3]
-        poses[:, :3, 3] += motion[:, 3:]
-        return ThinLens(parameters, first.vertex_mm, first.origin_px, first.pixel_mm), poses
+        poses[:, :3, 3] += motion[:, 3:] - [0, 0, floor.front_z_mm]
+        return floor.first + p[:free] * floor.units, poses
 
     def residuals(p: np.ndarray) -> np.ndarray:
-        model, poses = split(p)
+        parameters, poses = split(p)
         points = np.einsum("nij,nj->ni", poses[rows.view, :3, :3], rows.points_mm) + poses[rows.view, :3, 3]
-        return (model.project(points, rows.microlens) - rows.image_px).ravel()
+        return (floor.model(parameters).project(points, rows.microlens) - rows.image_px).ravel()
 
     def slopes(p: np.ndarray) -> np.ndarray:
         """Central differences; those of all poses together, because a row depends on one."""
         matrix = np.zeros((2 * len(rows.view), len(p)))
-        for column in range(len(free) + 6):
+        for column in range(free + 6):
             step = np.zeros(len(p))
-            step[column if column < len(free) else slice(column, None, 6)] = _STEP
+            step[column if column < free else slice(column, None, 6)] = _STEP
             change = (residuals(p + step) - residuals(p - step)) / (2 * _STEP)
-            if column < len(free):
+            if column < free:
                 matrix[:, column] = change
             else:
                 view = np.repeat(rows.view, 2)
-                matrix[np.arange(len(change)), len(free) + 6 * view + column - len(free)] = change
+                matrix[np.arange(len(change)), free + 6 * view + column - free] = change
         return matrix
 
     ends = {"method": "lm", "x_scale": "jac", "xtol": 1e-9, "ftol": 1e-9}
-    best = least_squares(residuals, np.zeros(len(free) + 6 * views), jac=slopes, **ends).x
-    model, poses = split(best)
+    best = least_squares(residuals, np.zeros(free + 6 * views), jac=slopes, **ends).x
+    parameters, poses = split(best)
     lengths = (residuals(best).reshape(-1, 2) ** 2).sum(axis=1)
-    return Calibration(model, poses, float(np.sqrt(lengths.mean())))
+    values = dict(zip(floor.names, parameters.tolist(), strict=True))
+    return Calibration(floor.model(parameters), values, poses, float(np.sqrt(lengths.mean())))

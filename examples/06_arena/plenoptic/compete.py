@@ -146,7 +146,9 @@ def case(rig: Rig, folder: Path, contestants: dict[str, Any], *, has_noise: bool
     noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(NOISY)] if has_noise else []
     write_task(built.out, folder / "task", rig.electrons, noises)
     truth = truth_of(rig, stage, built.out)
-    judged = {"baseline": floor(truth, len(noises))}
+    thin = baseline.thin_lens_floor(truth)
+    floors = {"baseline": thin, "baseline, Bok's model": baseline.projective_floor(truth, thin)}
+    judged = {name: floor_judged(truth, floor, len(noises)) for name, floor in floors.items()}
     for name, run in contestants.items():
         if CONTESTANTS[name][0] is plenoptisign:
             continue  # it needs no image
@@ -164,16 +166,14 @@ def case(rig: Rig, folder: Path, contestants: dict[str, Any], *, has_noise: bool
     return result
 
 
-def floor(truth: Truth, noises: int) -> Answer:
-    """The baseline, without noise and with it."""
+def floor_judged(truth: Truth, floor: baseline.Floor, noises: int) -> Answer:
+    """A model fitted by ourselves, without noise and with it."""
     views, answers = np.arange(len(truth.poses)), []
-    first = baseline.start(truth)
     for number in range(1 + noises):
         random = np.random.default_rng([7, number])
-        fit = baseline.calibrate(truth, first, truth.boards.noisy(NOISE_PX, random) if number else truth.boards)
-        answers.append(calibrated(truth, fit.model, fit.poses, views, fit.rms_px))
-        answers[-1]["parameters"] = dict(zip(baseline.PARAMETERS, fit.model.parameters.tolist(), strict=True))
-    true = dict(zip(baseline.PARAMETERS, first.parameters.tolist(), strict=True))
+        fit = baseline.calibrate(truth, floor, truth.boards.noisy(NOISE_PX, random) if number else truth.boards)
+        answers.append(calibrated(truth, fit.model, fit.poses, views, fit.rms_px) | {"parameters": fit.parameters})
+    true = dict(zip(floor.names, floor.first.tolist(), strict=True))
     return {"exact": answers[0], "true": true} | with_noise(answers[1:])
 
 
@@ -256,8 +256,8 @@ def libpleno_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
     own |= {"failed": answer["failed"]} if "failed" in answer else {}
     if "corners" in answer:
         own["corners"] = corners_judged(answer["corners"], task / f"exports/libpleno/{camera}", table)
-    thin = dict(zip(baseline.PARAMETERS, baseline.start(truth).parameters.tolist(), strict=True))
-    true = {name: thin[name] for name in ("focal_mm", "main_lens_mm", "sensor_mm")}
+    thin = baseline.thin_lens_floor(truth)
+    true = dict(zip(thin.names[:3], thin.first.tolist(), strict=False))
     return {"exact": judged(answer["exact"]), "true": true, **own, **with_noise([*map(judged, answer["noise"])])}
 
 
@@ -289,8 +289,8 @@ def nousias_judged(truth: Truth, answer: Answer, task: Path) -> Answer:
         views, model = np.array([int(frame) for frame in frames]) - 1, models.nousias(calibration, truth.centre_px)
         return calibrated(truth, model, poses, views, calibration["rms_px"]) | {"parameters": calibration["parameters"]}
 
-    thin = baseline.start(truth)
-    true = models.projective_of_thin_lens(thin.parameters, thin.origin_px, truth.rig.pixel_mm)
+    floor = baseline.projective_floor(truth, baseline.thin_lens_floor(truth))
+    true = dict(zip(floor.names, floor.first.tolist(), strict=True))
     return {"exact": judged(answer["exact"]), "true": true} | with_noise([*map(judged, answer["noise"])])
 
 

@@ -42,8 +42,8 @@ def nousias(answer: dict[str, Any], centre_px: np.ndarray) -> Projective:
 
 
 def projective_of_thin_lens(thin: np.ndarray, origin_px: np.ndarray, pixel_mm: float) -> dict[str, float]:
-    """Parameters of the same model that say what a thin lens does, (F, z, D, d, ...): from similar triangles."""
-    focal, _, to_array, gap = thin[:4]
+    """Parameters of the same model that say what a thin lens does, (F, D, d, ...): from similar triangles."""
+    focal, to_array, gap = thin[:3]
     to_sensor = to_array + gap
     return {
         "K1": -to_sensor * (to_array - focal) / (gap * focal),
