@@ -13,11 +13,14 @@ from scipy.spatial.transform import Rotation
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
 sys.path[:0] = [str(EXAMPLE / "plenoptic"), str(EXAMPLE)]  # its modules lie beside the script that imports them
 
+import cameras  # noqa: E402
 import compete  # noqa: E402
 import judging  # noqa: E402
 import models  # noqa: E402
 import refocus  # noqa: E402
 from truth import Rows  # noqa: E402
+
+from pipeline.scene.load import load  # noqa: E402
 
 FOCAL_MM, ARRAY_MM, GAP_MM, PIXEL_MM = 50.0, 57.0, 0.4, 0.01
 MISSED_PX = 1e-6
@@ -120,6 +123,15 @@ def test_the_model_of_nousias_is_a_thin_lens_before_pinholes(truth):
     field = truth.field
 
     assert np.abs(model.project(field.points_mm, field.microlens) - field.image_px).max() < MISSED_PX
+
+
+@pytest.mark.parametrize("rig", cameras.RIGS, ids=lambda rig: rig.name)
+def test_all_cameras_of_the_arena_are_flawless_stages(rig, tmp_path):
+    for flaw in cameras.FLAWS:
+        stage = tmp_path / f"{flaw.name}.usda"
+        stage.write_text(cameras.stage_text(cameras.with_flaw(rig, flaw.name)), encoding="utf-8")
+
+        assert not load(stage).problems
 
 
 def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():

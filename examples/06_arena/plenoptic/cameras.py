@@ -137,7 +137,7 @@ class Flaw:
 FLAWS = (
     Flaw("designed", "as designed"),
     Flaw("tilted", "array turned by 0.2 degrees about x"),
-    Flaw("square", "square lattice"),
+    Flaw("square", "square lattice, of microlenses of the middle type"),
     Flaw("mismatched", "stop 0.7 as wide: the pupil, not the microlens, bounds what is blurred"),
     Flaw("vignetted", "first surface of the lens half as large"),
     Flaw("noisy", "images with the noise of a sensor that collects 1,000 electrons of white"),
@@ -149,7 +149,9 @@ def with_flaw(rig: Rig, flaw: str) -> Rig:
     if flaw == "tilted":
         return replace(rig, array=rig.array | {"tilt": (0.2, 0.0)})
     if flaw == "square":
-        return replace(rig, array=rig.array | {"layout": '"square"'})
+        focal_mm: list[float] = rig.array["focalLengths"]  # type: ignore[assignment]
+        middle = sorted(focal_mm)[len(focal_mm) // 2]
+        return replace(rig, array=rig.array | {"layout": '"square"', "focalLengths": [middle]})
     if flaw == "mismatched":
         return replace(rig, stop_mm=0.7 * rig.stop_mm)
     if flaw == "vignetted":
