@@ -63,7 +63,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--rigs", nargs="+", choices=[rig.name for rig in RIGS])
     parser.add_argument("--flaws", nargs="+", choices=[flaw.name for flaw in FLAWS])
     parser.add_argument("--quick", action="store_true", help="libpleno calibrates from exact rows alone")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="contestants")
+    parser.add_argument("--only", nargs="+", choices=["baseline", *CONTESTANTS], metavar="NAME", help="contestants")
     return parser.parse_args()
 
 
@@ -91,8 +91,10 @@ def main() -> None:
             print(name, flush=True)
             folder, is_first = out / f"{rig.name}_{flaw.name}", flaw.name == "designed"
             new = case(with_flaw(rig, flaw.name), folder, contestants, has_noise=is_first)
-            before = results["cases"].get(name, {"contestants": {}})["contestants"]
-            results["cases"][name] = new | {"contestants": before | new["contestants"]}
+            before = results["cases"].get(name, {"contestants": {}})
+            everybody = before["contestants"] | new["contestants"]
+            kept = new | before if "plenoptisign" not in contestants else new
+            results["cases"][name] = kept | {"contestants": everybody}
             about["wall_s"] = before_s + round(time.time() - began)
             deliver(results, out)
     print(tables(results))
