@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
 sys.path[:0] = [str(EXAMPLE / "plenoptic"), str(EXAMPLE)]  # its modules lie beside the script that imports them
 
+import baseline  # noqa: E402
 import cameras  # noqa: E402
 import compete  # noqa: E402
 import judging  # noqa: E402
@@ -113,16 +114,43 @@ def test_centres_are_judged_by_what_they_stand_for():
     assert judged["centroid"]["rms_px"] == pytest.approx(0.0, abs=1e-9)
 
 
+def pinholes_as_projective(truth):
+    """The model of Bok and Nousias of the fixture's camera: parameters, and centres of the micro-images."""
+    centre_px = -truth.vertex_mm * (ARRAY_MM + GAP_MM) / ARRAY_MM / PIXEL_MM
+    return models.projective_of_thin_lens(np.array([FOCAL_MM, ARRAY_MM, GAP_MM]), np.zeros(2), PIXEL_MM), centre_px
+
+
 def test_the_model_of_nousias_is_a_thin_lens_before_pinholes(truth):
-    """Its K1, K2 and f for a thin lens: worked out from similar triangles."""
-    to_sensor = ARRAY_MM + GAP_MM
-    centre_px = -truth.vertex_mm * to_sensor / ARRAY_MM / PIXEL_MM
-    k1 = -to_sensor * (ARRAY_MM - FOCAL_MM) / (GAP_MM * FOCAL_MM)
-    k2 = to_sensor * ARRAY_MM / GAP_MM
-    model = models.Projective(k1, k2, np.full(2, to_sensor / PIXEL_MM), np.zeros(2), centre_px)
-    field = truth.field
+    values, centre_px = pinholes_as_projective(truth)
+    p, field = np.array([*values.values()]), truth.field
+    model = models.Projective(p[0], p[1], p[2:4], p[4:6], centre_px)
 
     assert np.abs(model.project(field.points_mm, field.microlens) - field.image_px).max() < MISSED_PX
+
+
+def test_a_floor_finds_the_camera_that_made_the_rows(truth):
+    """From parameters two per cent off, with boards that are as unknown as in a calibration."""
+    values, centre_px = pinholes_as_projective(truth)
+    exact, random = np.array([*values.values()]), np.random.default_rng(2)
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, :3, :3] = Rotation.from_rotvec(random.uniform(-0.5, 0.5, (6, 3))).as_matrix()
+    poses[:, 2, 3] = [300, 315, 330, 345, 360, 330]  # all on one side of what is imaged onto the array
+    view, microlens = np.repeat(np.arange(6), 200), random.integers(0, len(truth.vertex_mm), 1200)
+    board_mm = np.concatenate([random.uniform(-20, 20, (1200, 2)), np.zeros((1200, 1))], axis=1)
+    seen_mm = np.einsum("nij,nj->ni", poses[view, :3, :3], board_mm) + poses[view, :3, 3]
+    rows = Rows(board_mm, view, np.arange(1200), microlens, through_pinholes(seen_mm, truth.vertex_mm[microlens]))
+    floor = baseline.Floor(
+        tuple(values),
+        exact * [1.02, 0.98, 1.02, 1.02, 1, 1] + [0, 0, 0, 0, 3, -3],
+        np.array([0.1, 10, 10, 10, 1, 1]),
+        lambda p: models.Projective(p[0], p[1], p[2:4], p[4:6], centre_px),
+        0.0,
+    )
+    fit = baseline.calibrate(SimpleNamespace(poses=poses), floor, rows)
+
+    assert fit.rms_px < MISSED_PX
+    assert [*fit.parameters.values()] == pytest.approx(exact, rel=1e-6, abs=1e-4)
+    assert np.abs(fit.poses - poses).max() < 1e-3
 
 
 @pytest.mark.parametrize("rig", cameras.RIGS, ids=lambda rig: rig.name)
