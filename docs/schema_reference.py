@@ -62,12 +62,10 @@ def classes() -> dict[str, Sdf.PrimSpec]:
 
 
 def with_heirs(name: str) -> list[str]:
-    """A class and those that inherit it, themselves or by way of others, in the order of the schema."""
-    heirs = [name]
-    for heir, spec in classes().items():
-        if {path.name for path in spec.inheritPathList.GetAddedOrExplicitItems()} & set(heirs):
-            heirs.append(heir)
-    return heirs
+    """A class and those that inherit it, in the order of the schema."""
+    base = Sdf.Path(f"/{name}")
+    heirs = [spec.name for spec in classes().values() if base in spec.inheritPathList.GetAddedOrExplicitItems()]
+    return [name, *heirs]
 
 
 def page_of(model: Model) -> str:

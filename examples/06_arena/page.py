@@ -32,6 +32,11 @@ _INTRODUCTION = """Every image and every number below comes from one simulated c
 sensor. Calibrators see the same boards; they are judged over the whole image at four distances, not by the
 residuals on their own points. Green marks the smallest number of a column."""
 
+_PLENOPTIC = """Calibrations see twelve boards at three distances. Field and depth: largest of the three; beyond: half a
+step before or behind them; outside: where no board was; chief and marginal: near the middle and the edge of
+micro-images. Turn and place are those of the boards. Baselines are fitted from the first-order truth on: what is left
+is the model's."""
+
 
 def write_page(out: Path) -> Path:
     """Write page.html about what a folder has: results.json with its pictures, and plenoptic/results.json."""
@@ -75,8 +80,8 @@ def plenoptic(results: dict[str, Any]) -> str:
     return "\n".join(
         [
             f"<h2>Plenoptic cameras</h2><p>{about['date']}, {about['wall_s']} s.</p>",
+            f"<p>{_PLENOPTIC}</p>",
             _definitions(results["rigs"] | results["flaws"]),
-            _missing(results["missing"]),
             *shown,
         ]
     )

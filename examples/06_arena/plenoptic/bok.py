@@ -1,10 +1,8 @@
-"""Bok et al. 2017, centres of micro-images and line features of central views, in GNU Octave with image and optim.
+"""Bok et al. 2017, centres of micro-images, in GNU Octave with image.
 
-Its MATLAB code lies in sotnousias/plenoptic-camera-calibration d41208d, thirdParty/Geometric_Calibration_Lightfield. It
-reads white.png, images of boards and pattern_size.txt. Steps: 1 centres, 2 central views with corners, 3 lines in
-micro-images, 4 calibration; only 1 and 2 were seen to end. Pixels count from 1; returned centres are ours. The
-templates of lines that the snapshot lacks are made by the source itself. Its radius is a whole
-number of pixels near half a pitch.
+Its MATLAB code lies in sotnousias/plenoptic-camera-calibration d41208d, thirdParty/Geometric_Calibration_Lightfield. Of
+its four steps this is the first, which reads white.png alone; its lines in micro-images, the third, were not seen to
+end. Pixels count from 1; returned centres are ours. Its radius is a whole number of pixels near half a pitch.
 """
 
 import json
@@ -15,7 +13,7 @@ import numpy as np
 from snapshots import clone, octave, replaced
 
 _COMMIT = "d41208d"
-_STEPS = ("1_MicroLensCenter", "2_CenterImage", "3_LineFeature", "4_LinearSolution")
+_STEP = "LightFieldCalib_Step1_MicroLensCenter"
 
 
 def build(snapshots: Path, folder: Path) -> None:
@@ -23,32 +21,19 @@ def build(snapshots: Path, folder: Path) -> None:
     place = folder / "bok"
     if clone(snapshots, "sotnousias+plenoptic-camera-calibration", _COMMIT, place):
         source = place / "thirdParty/Geometric_Calibration_Lightfield"
-        step = source / f"LightFieldCalib_Step{_STEPS[0]}.m"
+        step = source / f"{_STEP}.m"
         replaced(step, "radius = 7;\n", "radius = round(str2double(getenv('ARENA_INPUT')) / 2);\n")
         replaced(step, "figure; imshow(", "% figure; imshow(")
-        replaced(source / f"LightFieldCalib_Step{_STEPS[3]}.m", "=svd(Q);", "=svd(Q,0);")  # all of U is a large square
 
 
-def run(folder: Path, task: Path, steps: int = 4) -> dict[str, object]:
-    """The first steps; files of each are in runs/bok. A step that fails raises, and what was found before is lost."""
+def run(folder: Path, task: Path) -> dict[str, object]:
+    """Let it find the centres of a white image."""
     known = json.loads((task / "task.json").read_text(encoding="utf-8"))
     work = folder / "runs/bok"
     shutil.rmtree(work, ignore_errors=True)
-    (work / "white").mkdir(parents=True)
-    shutil.copy(task / "white.png", work / "white")
-    for frame in known["frames"]:
-        shutil.copy(task / f"{frame}.png", work)
-    (work / "pattern_size.txt").write_text(f"{known['square_mm']}\n", encoding="utf-8")
+    work.mkdir(parents=True)
+    shutil.copy(task / "white.png", work)
     source = folder / "bok/thirdParty/Geometric_Calibration_Lightfield"
-    pitch = str(known["pitch_px"])
-    first = f"pkg load image; LightFieldCalib_Step{_STEPS[0]}; printf('FOUND%s', jsonencode(center_list))"
-    centres = octave(first, [source], work / "white", typed=pitch).partition("FOUND")[2]
-    answer: dict[str, object] = {"centres_px": np.array(json.loads(centres)).T - 1}
-    shutil.copy(work / "white/microlens_center_list.mat", work)
-    for step in _STEPS[1:steps]:
-        said = octave(f"pkg load image optim; LightFieldCalib_Step{step}", [source], work, typed=pitch)
-        answer[f"said_{step}"] = said
-    if steps > 3:
-        last = f"load('{work}/IntParamLF.mat'); printf('FOUND%s', jsonencode(IntParamLF))"
-        answer["parameters"] = json.loads(octave(last, [source], work).partition("FOUND")[2])
-    return answer
+    program = f"pkg load image; {_STEP}; printf('FOUND%s', jsonencode(center_list))"
+    centres = octave(program, [source], work, typed=str(known["pitch_px"])).partition("FOUND")[2]
+    return {"centres_px": np.array(json.loads(centres)).T - 1}

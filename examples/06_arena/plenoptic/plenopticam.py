@@ -62,14 +62,14 @@ def build(snapshots: Path, folder: Path) -> None:
         (place / "installed").touch()
 
 
-def run(folder: Path, task: Path, method: str = "area") -> dict[str, object]:
-    """Let it find centres, by its method `area`, `peak`, `grid-fit` or another."""
+def run(folder: Path, task: Path) -> dict[str, object]:
+    """Let it find centres, by its method `area`, the best of those tried."""
     work = folder / "runs/plenopticam"
     work.mkdir(parents=True, exist_ok=True)
     shutil.copy(task / "white.png", work)  # it writes its list beside the image
     pitch_px = json.loads((task / "task.json").read_text(encoding="utf-8"))["pitch_px"]
     width = str(2 * int((pitch_px - 1) / 2) + 1)  # odd, as its windows are, and none reaches into the next micro-image
-    command = [str(folder / "plenopticam/bin/python"), "-c", _PROGRAM, "white.png", method, width]
+    command = [str(folder / "plenopticam/bin/python"), "-c", _PROGRAM, "white.png", "area", width]
     said = subprocess.run(command, cwd=work, capture_output=True, text=True, check=True).stdout
     centres, pattern, pitch = json.loads(said.partition("FOUND")[2])
     rows = np.array(centres)

@@ -18,7 +18,7 @@ from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 from pipeline.files.exr import read_exr
 
-_FORMATS = ["bok", "libpleno", "lftoolbox"]
+_FORMATS = ["bok", "libpleno"]
 _WHITE_DN = 250.0
 """Digital number of the brightest pixel of white images [DN]."""
 
