@@ -16,6 +16,7 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
+from pipeline.graph.label_tasks import add_labels
 from pipeline.graph.poses import Things, matrix, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.sensor.response import Irradiation
@@ -58,6 +59,7 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
                 for frame in dataset.frames:
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
+            add_labels(graph, files, dataset, camera, bare)
             _add_colours(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:

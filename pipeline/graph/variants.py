@@ -28,7 +28,7 @@ def preview_of(dataset: Dataset) -> Dataset:
 def _small(entry: CameraEntry) -> CameraEntry:
     asked = dataclasses.replace(entry.asked, sensor=_coarse(entry.asked.sensor))
     return dataclasses.replace(
-        entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), image_noise=None, f_numbers=()
+        entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), image_noise=None, f_numbers=(), labels=()
     )
 
 

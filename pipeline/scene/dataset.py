@@ -58,6 +58,7 @@ class CameraEntry:
     delivers_rays: bool = False  #: whether rays.exr is delivered even if no method needs it
     f_numbers: tuple[float, ...] = ()  #: of further white images, in the order of the stage
     diffraction: bool = False  #: whether images show it
+    labels: tuple[str, ...] = ()  #: of pixels, in the order of the schema
     channels: tuple[Channel, ...] = ()  #: in the order of the stage; none: its light has the one wavelength
     #: The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one
     channel: Channel | None = None
@@ -135,11 +136,15 @@ class TargetEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OccluderEntry:
-    """An occluder of the dataset; with lamps, any mesh, with what it is made of."""
+    """An occluder of the dataset; with lamps, any mesh, with what it is made of.
+
+    `instance`: path of the outermost instance to which it belongs; empty: it belongs to none.
+    """
 
     prim_path: str
     occluder: Occluder
     finish: Finish | None = None
+    instance: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

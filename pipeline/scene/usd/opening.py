@@ -170,6 +170,16 @@ def write_out_instances(stage: Usd.Stage) -> None:
                 prim.SetInstanceable(False)
 
 
+def instance_of(prim: Usd.Prim) -> str:
+    """Path of the outermost instance to which a prim belongs, or belonged until it was written out; empty: none.
+
+    The session layer, or a copy of the composed stage, still says of it whether it is instanceable.
+    """
+    prims = map(prim.GetStage().GetPrimAtPath, prim.GetPath().GetPrefixes())
+    above = [each.GetPath() for each in prims if each.HasAuthoredInstanceable()]
+    return str(above[0]) if above else ""
+
+
 def check_instances(stage: Usd.Stage) -> list[Problem]:
     """Write the instances out, and report opinions on prims below them, which USD ignores. Afterwards these opinions
     count, so such a stage must not be read.
