@@ -436,6 +436,11 @@ CAMERAS = {
         Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
+    "plen:image:labels": [
+        Case(A, ["depth", "flow"], {"labels"}),
+        Case(A, ["depth", "targets"], {"labels"}, given={(A, "plen:image:labels"): ["depth"]}),
+        Case(B, ["prim"], {"labels"}),
+    ],
     "plen:image:noise": [
         Case(A, 0.1, IN_PASSES),
         Case(A, 0.05, IN_PASSES - {"noise_level"}, given={(A, "plen:image:noise"): 0.1}),

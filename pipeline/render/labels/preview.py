@@ -1,29 +1,26 @@
-"""The picture of labels to look at: share, depth and things side by side, as far as there are any."""
+"""The picture of labels to look at, of the size of the image: things in colours of their own, darker the farther."""
 
 import numpy as np
 
 from pipeline.records.shapes import Float32
 from pipeline.render.spectral.preview import srgb_encoded
 
-Channels = dict[str, Float32[np.ndarray, "h w"]]
-"""Pixels of each channel, by its name."""
-_FARTHEST = 0.15
-"""Brightness of the farthest thing [1]; the nearest one is white, and what sees nothing is black."""
-_HUES = np.array([0, 9, 18])
-"""Bits of an id by which red, green and blue are shifted: those of its fraction."""
+_FARTHEST = 0.1
+"""Brightness of the farthest thing [1]; the nearest one has its full colour, and what sees nothing is black."""
+_LEAST = 0.15
+"""Least of red, green and blue in the colour of a thing [1]: none vanishes."""
 
 
-def preview(channels: Channels) -> np.ndarray:
-    """An sRGB picture, (h, n w, 3) uint8: depth in grey, then the things with most light in colours of their own."""
-    share = np.nan_to_num(channels["A"].astype(float))[..., None]
-    pictures = []
-    if "Z" in channels:
-        near_mm, far_mm = (np.nanmin(channels["Z"]), np.nanmax(channels["Z"])) if share.any() else (0.0, 0.0)
-        depth = np.nan_to_num((far_mm - channels["Z"].astype(float)) / max(far_mm - near_mm, 1e-9))
-        pictures.append(share * (_FARTHEST + (1 - _FARTHEST) * np.repeat(depth[..., None], 3, axis=2)))
-    for matte in [name.removesuffix("00.R") for name in channels if name.endswith("00.R")]:
-        ids, coverage = (np.ascontiguousarray(channels[f"{matte}00.{part}"]) for part in "RG")
-        colour = (ids.view(np.uint32)[..., None] >> _HUES.astype(np.uint32) & 255) / 255
-        pictures.append(coverage[..., None].astype(float) * colour)
-    shown = np.concatenate(pictures or [np.repeat(share, 3, axis=2)], axis=1)
+def preview(channels: dict[str, Float32[np.ndarray, "h w"]]) -> np.ndarray:
+    """An sRGB picture, (h, w, 3) uint8, of the channels of labels.exr that are there."""
+    shown = np.repeat(np.nan_to_num(channels["A"].astype(float))[..., None], 3, axis=2)
+    for matte in [name.removesuffix("00.R") for name in channels if name.endswith("00.R")][:1]:
+        bits = np.ascontiguousarray(channels[f"{matte}00.R"]).view(np.uint32)[..., None]
+        colour = _LEAST + (1 - _LEAST) * (bits >> np.array([0, 7, 14], np.uint32) & 127) / 127
+        shown = channels[f"{matte}00.G"][..., None] * colour
+    if "Z" in channels and np.isfinite(channels["Z"]).any():
+        z_mm = channels["Z"].astype(float)
+        near_mm, far_mm = np.nanmin(z_mm), np.nanmax(z_mm)
+        nearness = np.nan_to_num((far_mm - z_mm) / max(far_mm - near_mm, 1.0))
+        shown = shown * (_FARTHEST + (1 - _FARTHEST) * nearness)[..., None]
     return np.rint(255 * srgb_encoded(np.clip(shown, 0.0, 1.0))).astype(np.uint8)

@@ -151,9 +151,9 @@ def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
     facts = source.points[camera.name]
     seen = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
     body = f"frames/{view.frame:04d}/{body_and_channel(camera.name)[0]}"
-    pictures = _pictures(source, place, ("image", "raw"))
+    pictures = _pictures(source, place, ("image", "raw", "labels"))
     if body != place:
-        pictures += _pictures(source, body, ("image", "raw"), "all channels: ")
+        pictures += _pictures(source, body, ("image", "raw", "labels"), "all channels: ")
     poses = view.poses
     return View(
         frame=view.frame,

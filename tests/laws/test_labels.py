@@ -1,0 +1,265 @@
+"""Claim: labels say what each pixel sees, by the light that it receives; CONVENTIONS.md, "Labels", defines them.
+
+A pinhole has them in closed form. Of a lens and of microlenses the exact positions of target points are the judge.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.lit import plate
+from laws.solving import rig_of, solved
+from laws.test_model_cameras import model
+
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
+from pipeline.files.cryptomatte import id_of
+from pipeline.frames import apply, rigid
+from pipeline.render.labels.pixels import RANKS, Asked, labels
+from pipeline.render.labels.things import Later, Things
+from pipeline.render.pixel_rays import Band
+from pipeline.targets.mesh import Occluder
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.surfaces import Cube, Cylinder, Flat, Warped
+from pipeline.targets.target import Target
+
+BOARD = Checkerboard(columns=5, rows=4, square_mm=2.0)
+TOKENS = ("depth", "range", "position", "normal", "board", "flow", "targets")
+SAMPLES = 64
+SINGLE_MM = 5e-5
+"""A depth of 434 mm in single precision [mm]: half a unit of its last place is 1.5e-5 mm, of a mean of two as much."""
+OF_SAMPLES = 0.05
+"""What a mean of 64 scrambled Sobol points may miss, over their spread [1]: independent ones would miss 0.125 rms."""
+FLOW_PX = 2e-3
+"""Flow beside the difference of two truths [px]: on a board that is tilted by 30 degrees J of its own plane and of
+one across the axis differ by 1e-3 px from frame to frame; what is interpolated between pixels by 3e-4 px."""
+LIT_FLOW_PX = 1e-3
+"""The same behind microlenses, in the inner half of micro-images, where no edge cuts light off [px]."""
+
+
+@dataclass
+class Labelled:
+    rig: Rig
+    channels: dict[str, np.ndarray]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    def at(self, name: str, xy_px: np.ndarray) -> np.ndarray:
+        """A channel between the centres of four pixels."""
+        x, y = xy_px.T
+        i, j = np.floor(x).astype(int), np.floor(y).astype(int)
+        a, b, c = x - i, y - j, self.channels[name].astype(float)
+        return (c[j, i] * (1 - a) + c[j, i + 1] * a) * (1 - b) + (c[j + 1, i] * (1 - a) + c[j + 1, i + 1] * a) * b
+
+
+def labelled(
+    camera: Camera, targets=(), occluders=(), later: Later | None = None, samples: int = SAMPLES, pose=None
+) -> Labelled:
+    """Labels of things that are called t0, t1, … and o0, o1, …"""
+    rig = rig_of(camera)
+    names = [f"t{k}" for k in range(len(targets))] + [f"o{k}" for k in range(len(occluders))]
+    ids = np.array([id_of(name) for name in names], np.float32)
+    asked = Asked(TOKENS, np.eye(4) if pose is None else pose, tuple(names[: len(targets)]), {"Crypto": ids})
+    (values,) = labels(Band.of(rig), samples, [(Things(targets, occluders, later), asked)])
+    return Labelled(rig, dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True)))
+
+
+def pinhole() -> Camera:
+    return model(rigs.conventional(), "pinhole")
+
+
+def slopes(rig: Rig) -> np.ndarray:
+    """x and y over z of what a pinhole sees in each pixel, (h, w, 2)."""
+    sensor, z_mm = rig.tracer.camera.sensor, rig.tracer.camera.sensor_distance_mm
+    y, x = np.mgrid[: sensor.height_px, : sensor.width_px]
+    return -rig.tracer.positions_mm(x.ravel(), y.ravel()).reshape(*x.shape, 2) / z_mm
+
+
+@pytest.mark.parametrize("camera", [pinhole(), model(rigs.conventional(), "thinLens"), rigs.plenoptic(extent_mm=3.0)])
+def test_a_plane_across_the_axis_has_one_depth_through_any_lens(camera):
+    seen = labelled(camera, occluders=[(plate(434.4), np.eye(4))])
+    lit = seen["A"] > 0
+    assert lit.mean() > 0.9
+    np.testing.assert_allclose(seen["Z"][lit], 434.4, rtol=0, atol=SINGLE_MM)
+    assert seen["spread.Z"][lit].max() < SINGLE_MM
+    np.testing.assert_array_equal(seen["A"][lit], 1.0)
+    np.testing.assert_allclose(seen["N.Z"][lit], -1.0, rtol=0, atol=1e-6)
+
+
+def test_a_tilted_plane_before_a_pinhole():
+    """Depth z0 / (1 - tan(30 deg) x) along slopes x, to the second order in a pixel's square."""
+    pose, tangent = rigs.facing(434.4, 30.0), np.tan(np.radians(30.0))
+    seen = labelled(pinhole(), [(Target(Checkerboard(columns=50, rows=39, square_mm=4.0), Flat()), pose)])
+    slope = slopes(seen.rig)
+    normal = pose[:3, 2]
+    z_mm = 434.4 * normal[2] / (normal[2] + slope @ normal[:2])
+    assert abs(abs(normal[0] / normal[2]) - tangent) < 1e-12
+    step_mm = np.abs(np.diff(z_mm, axis=1)).max()
+    np.testing.assert_allclose(seen["Z"], z_mm, rtol=0, atol=OF_SAMPLES * step_mm)
+    for axis in range(2):
+        np.testing.assert_allclose(seen[f"P.{'XY'[axis]}"], z_mm * slope[..., axis], rtol=0, atol=OF_SAMPLES * 0.4)
+        np.testing.assert_allclose(seen[f"N.{'XY'[axis]}"], normal[axis], rtol=0, atol=1e-6)
+    point = np.stack([seen["P.X"], seen["P.Y"], seen["P.Z"]], axis=-1).astype(float)
+    np.testing.assert_allclose(seen["range"], np.linalg.norm(point, axis=-1), rtol=0, atol=1e-3)
+    np.testing.assert_array_equal(seen["board.share"], 1.0)
+
+
+def test_position_and_normal_are_in_the_world():
+    world_from_vision = rigid(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([10.0, 20.0, 30.0]))
+    seen = labelled(pinhole(), occluders=[(plate(434.4), np.eye(4))], pose=world_from_vision)
+    np.testing.assert_allclose(seen["P.X"], 444.4, rtol=0, atol=SINGLE_MM)
+    np.testing.assert_allclose(seen["N.X"], -1.0, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(seen["P.Y"] - 20.0, 434.4 * slopes(seen.rig)[..., 0], rtol=0, atol=OF_SAMPLES * 0.4)
+
+
+def test_two_half_planes_share_the_pixels_at_their_edge():
+    """Through a pinhole the edge at x = 0.3 px of a column cuts it at 0.8; mean and spread are those of two depths."""
+    camera = pinhole()
+    pitch = 0.05 / camera.sensor_distance_mm  # slope of a pixel
+    edge = (0.3 - 0.5) * pitch  # 96 columns: the axis lies between columns 47 and 48
+    left, right = (plate(z, 400.0, 400.0 * side + edge * z) for z, side in ((400.0, -1), (600.0, 1)))
+    seen = labelled(camera, occluders=[(left, np.eye(4)), (right, np.eye(4))], samples=1024)
+    share = {float(i): s for i, s in zip(seen["Crypto00.R"][36, 47:49], seen["Crypto00.G"][36, 47:49], strict=True)}
+    near = seen["Crypto00.R"] == id_of("o0")
+    assert near[:, :48].all() and not near[:, 48:].any() and len(share) == 2
+    # Column 47 has its centre at -0.5 px, so the edge, at -0.2 px, leaves 0.8 of it to the left plate.
+    np.testing.assert_allclose(seen["Crypto00.G"][:, 47], 0.8, atol=0.01)
+    np.testing.assert_allclose(seen["Crypto00.A"][:, 47], 0.2, atol=0.01)
+    np.testing.assert_allclose(seen["Z"][:, 47], 0.8 * 400 + 0.2 * 600, atol=0.01 * 200)
+    np.testing.assert_allclose(seen["spread.Z"][:, 47], 200 * np.sqrt(0.8 * 0.2), atol=0.01 * 200)
+    np.testing.assert_allclose(seen["A"][:, 47], 1.0, atol=1e-6)
+
+
+def test_an_edge_out_of_focus_is_shared_as_the_disc_of_its_blur_is_cut():
+    """A thin lens at F/11, focused at 434 mm, before an edge at 300 mm: shares are those of segments of a disc."""
+    camera = model(rigs.conventional(), "thinLens")
+    rig = rig_of(camera)
+    stop_mm = camera.prescription.stop.semi_diameter_mm
+    seen = labelled(camera, occluders=[(plate(300.0, 400.0, -400.0), np.eye(4))], samples=1024)
+    focus_mm = 1 / (1 / camera.prescription.stop.focal_length_mm - 1 / camera.sensor_distance_mm)
+    x_mm = -rig.tracer.positions_mm(np.arange(96), np.full(96, 36))[:, 0] / camera.sensor_distance_mm * 300.0
+    radius_mm = stop_mm * (1 - 300.0 / focus_mm)
+    cut = np.clip(x_mm / radius_mm, -1, 1)
+    expected = (np.arccos(cut) - cut * np.sqrt(1 - cut**2)) / np.pi
+    assert np.count_nonzero((expected > 0) & (expected < 1)) > 3
+    np.testing.assert_allclose(seen["A"][36], expected, atol=0.02)
+    assert np.isnan(seen["Z"][36, expected == 0]).all()
+
+
+def test_shares_of_ids_sum_to_what_is_hit_and_the_rest_has_none():
+    small = [(plate(420.0 + 4 * k, 0.7, 2.0 * k - 7), np.eye(4)) for k in range(8)]
+    seen = labelled(rigs.conventional(), occluders=small)
+    ids = [seen[f"Crypto{rank // 2:02d}.{'RB'[rank % 2]}"] for rank in range(RANKS)]
+    shares = np.array([seen[f"Crypto{rank // 2:02d}.{'GA'[rank % 2]}"] for rank in range(RANKS)])
+    lit = np.isfinite(seen["A"])
+    np.testing.assert_allclose(shares.sum(axis=0)[lit], seen["A"][lit], atol=1e-6)
+    assert (np.diff(shares, axis=0) <= 0).all() and 0 < seen["A"][lit].mean() < 0.5
+    known = {float(id_of(f"o{k}")) for k in range(8)}
+    assert {float(value) for values in ids for value in np.unique(values)} == known | {0.0}
+
+
+def test_board_coordinates_at_the_truth_of_a_corner_are_those_of_the_corner():
+    for camera in (pinhole(), rigs.conventional()):
+        for surface in (Flat(), Warped(deflection_mm=(0.4, -0.2))):
+            target, pose = Target(BOARD, surface), rigs.facing(434.4, 30.0)
+            seen = labelled(camera, [(target, pose)])
+            rows = solved(seen.rig, BOARD, pose).solutions if surface == Flat() else None
+            points = target.points()
+            if rows is None:  # a pinhole is exact of any surface; a warped board has planes of its own
+                if camera.prescription.stop.semi_diameter_mm > 1e-2:
+                    continue
+                there = apply(pose, points.position_mm)
+                xy = seen.rig.tracer.pixels_at(-there[:, :2] / there[:, 2:] * camera.sensor_distance_mm)
+                which = np.arange(len(xy))
+            else:
+                xy, which = rows.xy_px, rows.point
+            assert len(xy) == 20
+            spread = seen.at("spread.board", xy)
+            for axis, name in enumerate(("board.U", "board.V")):
+                off = np.abs(seen.at(name, xy) - points.nominal_mm[which, axis])
+                assert (off < OF_SAMPLES * spread).all()
+
+
+def test_a_cylinder_has_the_arc_and_a_cube_names_its_face():
+    rolled = Target(BOARD, Cylinder(radius_mm=20.0))
+    seen = labelled(pinhole(), [(rolled, rigs.facing(434.4))])
+    on = seen["A"] == 1
+    u, x, z = seen["board.U"][on], seen["P.X"][on], seen["P.Z"][on]
+    np.testing.assert_allclose(20 * np.sin(u / 20), x, atol=2e-3)
+    np.testing.assert_allclose(434.4 + 20 * (1 - np.cos(u / 20)), z, atol=2e-3)
+    np.testing.assert_allclose(seen["N.X"][on], np.sin(u / 20), atol=1e-3)
+    cube = labelled(pinhole(), [(Target(BOARD, Cube(edge_mm=16.0)), rigs.facing(434.4, 40.0))])
+    faces = cube["board.face"][cube["A"] == 1]
+    assert set(np.unique(faces)) == {0.0, 3.0} or set(np.unique(faces)) == {0.0, 1.0}
+
+
+def pairs(now, then) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the same points in the same cells."""
+    place = {key: row for row, key in enumerate(zip(then.point.tolist(), then.cell.tolist(), strict=True))}
+    common = [
+        (row, place[key])
+        for row, key in enumerate(zip(now.point.tolist(), now.cell.tolist(), strict=True))
+        if key in place
+    ]
+    return tuple(np.array(common).T)
+
+
+@pytest.mark.parametrize("camera", [pinhole(), model(rigs.conventional(), "thinLens"), rigs.conventional()])
+def test_flow_is_the_difference_of_the_truths_of_two_frames(camera):
+    now, then = rigs.facing(434.4, 30.0), rigs.facing(440.0, 32.0, 0.3, -0.2)
+    seen = labelled(camera, [(Target(BOARD, Flat()), now)], later=Later([then], []))
+    before, after = (solved(seen.rig, BOARD, pose).solutions for pose in (now, then))
+    first, second = pairs(before, after)
+    way = after.xy_px[second] - before.xy_px[first]
+    assert len(first) == 20 and np.abs(way).max() > 2
+    for axis, name in enumerate(("flow.X", "flow.Y")):
+        np.testing.assert_allclose(seen.at(name, before.xy_px[first]), way[:, axis], rtol=0, atol=FLOW_PX)
+    assert seen["spread.flow"][30:40, 40:50].max() < 1e-6
+
+
+def test_flow_behind_microlenses_is_that_of_each_micro_image():
+    now, then = rigs.facing(434.4, 10.0), rigs.facing(436.0, 11.0, 0.2, -0.1)
+    seen = labelled(rigs.plenoptic(extent_mm=3.0), [(Target(BOARD, Flat()), now)], later=Later([then], []))
+    before, after = (solved(seen.rig, BOARD, pose).solutions for pose in (now, then))
+    first, second = pairs(before, after)
+    images = seen.rig.images
+    inner = np.ones(len(first), bool)
+    for rows, some in ((before, first), (after, second)):
+        off_mm = seen.rig.tracer.positions_mm(*rows.xy_px[some].T) - images.centre_mm[rows.cell[some]]
+        inner &= np.hypot(*off_mm.T) < images.radius_mm / 2
+    inner &= (np.abs(before.xy_px[first] - [63.5, 47.5]) < [62, 46]).all(axis=1)  # with pixels on all sides
+    way = (after.xy_px[second] - before.xy_px[first])[inner]
+    assert len(way) >= 6 and np.abs(way).max() > 0.5
+    for axis, name in enumerate(("flow.X", "flow.Y")):
+        flow = seen.at(name, before.xy_px[first[inner]])
+        np.testing.assert_allclose(flow, way[:, axis], rtol=0, atol=LIT_FLOW_PX)
+    u = seen.at("board.U", before.xy_px[first[inner]])
+    spread = seen.at("spread.board", before.xy_px[first[inner]])
+    assert (np.abs(u - BOARD.points_mm()[before.point[first[inner]], 0]) < OF_SAMPLES * spread).all()
+
+
+def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
+    """A plate twice as large flows away from its middle; one that is gone, or has other faces, has no flow."""
+    here = plate(434.4, 10.0)
+    larger = Occluder(vertices_mm=tuple((2 * x, 2 * y, z) for x, y, z in here.vertices_mm), triangles=here.triangles)
+    other = Occluder(vertices_mm=here.vertices_mm, triangles=here.triangles[:1])
+    still = np.eye(4)
+    seen = labelled(pinhole(), occluders=[(here, still)], later=Later([], [(larger, still)]))
+    inside = (np.abs(slopes(seen.rig)) * 434.4 < 9.0).all(axis=2)
+    x = np.mgrid[:72, :96][1] - 47.5
+    stays = inside & np.isfinite(seen["flow.X"])
+    assert stays.sum() > 100
+    np.testing.assert_allclose(seen["flow.X"][stays], x[stays], rtol=0, atol=0.02)
+    for then in (None, (other, still)):
+        assert np.isnan(labelled(pinhole(), occluders=[(here, still)], later=Later([], [then]))["flow.X"]).all()
+
+
+def test_bands_of_rows_are_rows_of_the_whole():
+    camera, pose = rigs.plenoptic(extent_mm=3.0), rigs.facing(434.4)
+    rig = rig_of(camera)
+    asked = Asked(TOKENS, np.eye(4), ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
+    scene = [(Things([(Target(BOARD, Flat()), pose)], [], Later([pose], [])), asked)]
+    (whole,), (some,) = labels(Band.of(rig), 16, scene), labels(Band.of(rig, (20, 50)), 16, scene)
+    np.testing.assert_array_equal(whole[20:50], some)
