@@ -9,6 +9,7 @@ import json
 import numpy as np
 
 _MASK = 0xFFFFFFFF
+"""Bits of a number that count: it has 32."""
 _FIRST, _SECOND = 0xCC9E2D51, 0x1B873593
 """Factors of the hash for each block."""
 
