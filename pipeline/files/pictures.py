@@ -1,6 +1,7 @@
-"""Pictures of other programs, for surfaces and skies: PNG, JPEG and OpenEXR, as linear numbers."""
+"""Pictures of other programs, for surfaces and skies: those that USD's own reader reads, as linear numbers."""
 
 import io
+import re
 import tempfile
 
 import numpy as np
@@ -11,10 +12,15 @@ from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_foreign_exr
 from pipeline.limits import how_to_raise, limits
 
-_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tga": "TGA", ".bmp": "BMP"}
 """Formats of Pillow, by the end of the name of a file."""
+SUFFIXES = (*_FORMATS, ".exr", ".hdr")
+"""Ends of the names of files that are read."""
+_HDR_SIZE = re.compile(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n")
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
 """Numbers of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
+_BITS, _DEEP = 16, 65535.0
+"""Bits of a deep component, and its value of white."""
 _LARGEST = 1e9
 """Largest number of a pixel [1]: the sun is about 1e5 times as bright as its sky, and single precision ends at 3e38."""
 
@@ -25,12 +31,12 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     `space`: `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear.
     Raises PipelineError: the file cannot be read, has too many pixels, or one that is no finite number.
     """
-    if suffix == ".exr":
-        return _with_four(_from_exr(content))
+    if suffix not in _FORMATS:
+        return _with_four(_floats(content, suffix))
     pixels, scale = _from_8_or_16_bits(content, suffix)
     values = pixels.reshape(*pixels.shape[:2], -1) / scale
     colours = values[..., : 1 if values.shape[2] < 3 else 3]
-    if space == "sRGB" or (space == "auto" and colours.shape[2] == 3):
+    if space == "sRGB" or (space == "auto" and colours.shape[2] == 3 and scale < _DEEP):
         low = colours / _SLOPE
         colours = np.where(colours <= _BLACK_LEVEL, low, ((colours + _OFFSET) / (1 + _OFFSET)) ** _POWER)
     return _with_four(np.concatenate([colours, values[..., colours.shape[2] :]], axis=2))
@@ -38,10 +44,10 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
 
 def ends_of(content: bytes, suffix: str) -> tuple[float, float]:
     """Numbers that no pixel of a picture lies below or above, as `decoded` gives them [1]; it raises what that does."""
-    if suffix != ".exr":
+    if suffix in _FORMATS:
         _from_8_or_16_bits(content, suffix)
         return 0.0, 1.0
-    values = _from_exr(content)
+    values = _floats(content, suffix)
     return float(values.min()), float(values.max())
 
 
@@ -52,12 +58,24 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
             _require_few(4 * picture.width * picture.height)
             deep = picture.mode.startswith("I;16")
             kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
+            if picture.format == "PNG" and content[24] == _BITS and not deep:
+                return _by_opencv(content), _DEEP  # Pillow keeps 8 bits of each
             pixels = np.array(picture if deep else picture.convert(kind))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
         hint = "write it anew as PNG or JPEG"
         raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{why}", hint=hint) from error
-    return pixels, 65535.0 if deep else 255.0
+    return pixels, _DEEP if deep else 255.0
+
+
+def _by_opencv(content: bytes) -> np.ndarray:
+    """Pixels of a picture that OpenCV reads, (h, w, 3 or 4), in the order red, green, blue; ValueError if it cannot."""
+    import cv2
+
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim < 3:
+        raise ValueError("it is damaged")
+    return pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
 
 
 def _with_four(values: np.ndarray) -> np.ndarray:
@@ -76,6 +94,27 @@ def _require_few(values: int) -> None:
         raise PipelineError(what, hint=how_to_raise("picture_pixels", pixels))
 
 
+def _floats(content: bytes, suffix: str) -> np.ndarray:
+    values = _from_exr(content) if suffix == ".exr" else _from_hdr(content)
+    odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
+    if odd:
+        hint = "denoise it, or clip it where the sun is"
+        raise PipelineError(f"has {odd:,} numbers that are not finite, or beyond {_LARGEST:g}", hint=hint)
+    return values
+
+
+def _from_hdr(content: bytes) -> np.ndarray:
+    """Colours of a file of Radiance, (h, w, 3)."""
+    size = _HDR_SIZE.search(content)
+    try:
+        if not size:
+            raise ValueError("it states no size")
+        _require_few(4 * int(size[1]) * int(size[2]))
+        return _by_opencv(content)
+    except ValueError as error:
+        raise PipelineError(f"is no Radiance HDR that can be read: {error}", hint="write it anew") from error
+
+
 def _from_exr(content: bytes) -> np.ndarray:
     # OpenEXR reads named files alone.
     with tempfile.NamedTemporaryFile() as file:
@@ -89,9 +128,4 @@ def _from_exr(content: bytes) -> np.ndarray:
     names = [name for name in "RGBA" if name in channels] if {"R", "G", "B"} <= set(channels) else ["Y"]
     if not set(names) <= set(channels):
         raise PipelineError(f"has the channels {', '.join(sorted(channels))}", hint="it needs R, G, B or Y")
-    values = np.stack([channels[name] for name in names], axis=2)
-    odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
-    if odd:
-        hint = "denoise it, or clip it where the sun is"
-        raise PipelineError(f"has {odd:,} numbers that are not finite, or beyond {_LARGEST:g}", hint=hint)
-    return values
+    return np.stack([channels[name] for name in names], axis=2)

@@ -23,6 +23,7 @@ from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.usd.opening import check_instances, open_stage
+from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need, unchanging
@@ -90,7 +91,7 @@ def _refused(problems: list[Problem]) -> Loaded:
 
 
 def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Problem]) -> Loaded:
-    problems = without_followers(problems + check(stage, roots))
+    problems = without_followers([*Others(stage).settled(problems), *check(stage, roots)])
     loaded = _refused(problems)
     if loaded.errors:
         return loaded

@@ -9,21 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pxr import Ar, Sdf, Usd, UsdShade
+from pxr import Ar, Sdf, Usd, UsdLux, UsdShade
 
 from pipeline.errors import PipelineError
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.targets import is_in_preview
-from pipeline.scene.usd.roots import OUTSIDE_HINT, is_inside
+from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, having, read_once
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
-NAMES = ("inputs:file", "inputs:texture:file")
-"""Attributes that name a picture: of a texture, or in a sky."""
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
-"""Kinds of picture files that are read."""
+NAME = "inputs:texture:file"
+"""Attribute of a light that names a picture."""
 _ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
 
 
@@ -32,6 +30,7 @@ class PictureFile:
     """A picture that can be decoded: its bytes, and numbers that none of its pixels lies below or above [1]."""
 
     content: bytes
+    suffix: str
     least: float
     most: float
 
@@ -61,22 +60,24 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
 def read_pictures(stage: Usd.Stage) -> dict[Sdf.Path, PictureEntry]:
     """All pictures that the stage's textures and domes name, by the paths of the attributes that name them."""
     entries = dict[Sdf.Path, PictureEntry]()
-    for attribute, space in (named for prim in stage.TraverseAll() for named in _named_by(prim)):
+    for attribute, space in (named for prim in stage.TraverseAll() for named in named_by(prim)):
         encoded = base64.b64encode(picture_of(attribute).content).decode("ascii")
-        suffix, name = Path(attribute.Get().resolvedPath).suffix.lower(), name_of(attribute, space)
+        suffix, name = picture_of(attribute).suffix, name_of(attribute, space)
         entries[attribute.GetPath()] = PictureEntry(name=name, suffix=suffix, encoded=encoded, space=space)
     return entries
 
 
-def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
+def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
     """Attributes of a prim, or behind one of a texture, that name pictures, used or not, with the colour space."""
     if is_in_preview(prim):
         return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
         given, space = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
         producers = given.GetValueProducingAttributes() if given else []
-        return [(producers[0], str(space.Get() or "auto") if space else "auto")] if producers else []
-    return [(attribute, "auto") for name in NAMES if is_picture(attribute := prim.GetAttribute(name))]
+        names_file = producers and is_picture(producers[0])
+        return [(producers[0], str(space.Get() or "auto") if space else "auto")] if names_file else []
+    is_lamp = prim.HasAPI(UsdLux.LightAPI) and is_picture(prim.GetAttribute(NAME))
+    return [(prim.GetAttribute(NAME), "auto")] if is_lamp else []
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:
@@ -88,6 +89,8 @@ def is_picture(attribute: Usd.Attribute) -> bool:
 def picture_of(attribute: Usd.Attribute) -> PictureFile:
     """The picture that an attribute names; UnreadableValue if it is missing, outside, too large, or cannot be read."""
     value = attribute.Get()
+    if attribute.GetNumTimeSamples():
+        raise NotSupported(f'"{attribute.GetName()}" is animated, and pictures are not', attribute)
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
     picture = _inspected(value.path, value.resolvedPath, _ROOTS.get())
@@ -108,26 +111,30 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | 
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
         return _Flaw("asset-missing", "cannot be found", slashes)
-    if Ar.IsPackageRelativePath(path):
-        return _Flaw(NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage")
-    if Path(path).suffix.lower() not in _SUFFIXES:
-        hint = f"known are files that end in {', '.join(_SUFFIXES)}"
+    file, member = Ar.SplitPackageRelativePathInner(path)  # a package may lie in another one
+    suffix = Path(member or file).suffix.lower()
+    from pipeline.files.pictures import SUFFIXES, ends_of  # stages without pictures need no library for them
+
+    if suffix not in SUFFIXES:
+        hint = f"known are files that end in {', '.join(SUFFIXES)}"
         return _Flaw(NotSupported.code, "is no picture of a kind that is read", hint)
-    if not is_inside(path, roots):
+    file = file_of(path)
+    if not is_inside(file, roots):
         return _Flaw("asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT)
     try:
-        if not Path(path).is_file():
+        if not Path(file).is_file():
             return _Flaw("file-kind", "is not a plain file")
-        size, most = Path(path).stat().st_size, limits().picture_bytes
+        packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path)) if member else None
+        if member and not packed:
+            return _Flaw("unreadable", "cannot be read from its package")
+        size, most = packed.GetSize() if packed else Path(file).stat().st_size, limits().picture_bytes
         if size > most:
             hint = how_to_raise("picture_bytes", size)
             return _Flaw("file-size", f"has {size:,} bytes; a picture may have {most:,}", hint)
-        content = Path(path).read_bytes()
+        content = bytes(packed.GetBuffer()) if packed else Path(file).read_bytes()
     except OSError as error:
         return _Flaw("unreadable", f"cannot be read: {error.strerror}")
-    from pipeline.files.pictures import ends_of  # stages without pictures need no library for them
-
     try:
-        return PictureFile(content, *ends_of(content, Path(path).suffix.lower()))
+        return PictureFile(content, suffix, *ends_of(content, suffix))
     except PipelineError as error:
         return _Flaw("bad-picture", error.what, error.hint)

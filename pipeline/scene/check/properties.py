@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.scene.usd.problems import Problem, authored_apis, did_you_mean, problem, shortened, shown_path, specs
+from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import (
     FOREIGN,
-    LENS_DISTORTION,
-    LENS_DISTORTION_NAMES,
     LONGEST_TEXT,
     Range,
     Rule,
@@ -34,6 +32,8 @@ _TARGETS_NAMED = 5
 """Number of missing targets of one relationship that are listed; further ones are counted."""
 # Namespaces in which anybody may add properties to any prim.
 _FREE_NAMESPACES = ("primvars:", "material:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
+_BINDINGS = ("material:binding", "material:binding:full", "material:binding:preview")
+"""Relationships to materials."""
 _FAMILIES = {
     "plen:apertureShape": "aperture-value",
     "plen:shape": "shape-value",
@@ -106,6 +106,8 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
         if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             for time, value in _authored_values(prop):
                 yield from _check_value(prop, value, time, _MOVES)
+        elif prop.GetName() in _BINDINGS and isinstance(prop, Usd.Relationship):
+            yield from _check_relationship(prop)  # no schema declares it
         elif prop.GetName() not in known:
             strange.append(prop.GetName())
             yield from _check_unknown(prop, known)
@@ -127,18 +129,15 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
 def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
     prim, name = prop.GetPrim(), prop.GetName()
     is_ours = name.startswith("plen:")  # plen: names are never extra data
-    # Programs that know a schema of Omniverse do not write "custom".
-    is_distortion = name.startswith(LENS_DISTORTION_NAMES) and prim.GetTypeName() == "Camera"
-    is_of_others = is_distortion and not LENS_DISTORTION.isdisjoint(authored_apis(prim))
-    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES) or is_of_others):
+    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
         return
     type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
-    if not (type_name or is_ours):
+    hint = did_you_mean(name, known)
+    if not is_ours and not (type_name and (hint or type_name.startswith("Plen"))):  # programs add what they like
         return
     api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(str(prim.GetTypeName()))
     if name.startswith("plen:response:"):
         api = "PlenSensorResponseAPI"
-    hint = did_you_mean(name, known)
     if not hint and not is_ours:
         hint = 'write "custom" in front of it if it is meant to be extra data'
     elif not hint and api and api not in prim.GetAppliedSchemas():
@@ -214,7 +213,8 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
     schema = definition.GetAttributeDefinition(name)
     wanted = schema.GetTypeName()
     # The composed attribute has the type of the schema; only the opinions show the written type.
-    if wrong := [spec for spec in specs(attribute) if spec.typeName != wanted]:
+    # USD takes types that hold the same, as point3f and float3, for each other.
+    if wrong := [spec for spec in specs(attribute) if spec.typeName.type != wanted.type]:
         for spec in wrong:
             yield Problem(
                 code="wrong-type",

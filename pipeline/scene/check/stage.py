@@ -15,17 +15,28 @@ from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.properties import check_properties
+from pipeline.scene.check.units import check_units
 from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
-from pipeline.scene.pictures import NAMES, is_picture, picture_of
+from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.targets import check_target, is_in_preview
+from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import LAST_FRAME
-from pipeline.scene.usd.problems import Problem, authored_apis, did_you_mean, metadata_problem, problem, shown_path
+from pipeline.scene.usd.problems import (
+    Problem,
+    authored_apis,
+    did_you_mean,
+    metadata_problem,
+    of_reader,
+    problem,
+    shown_path,
+    specs,
+)
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import LENS_DISTORTION, LENS_DISTORTION_NAMES, Range, UnreadableValue
+from pipeline.scene.usd.values import LENS_DISTORTION, Range, UnreadableValue
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
@@ -68,7 +79,8 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
     if outside := _check_used(stage, roots):
         return outside
-    problems = [*_check_layers(stage), *_check_assets(stage, roots)]
+    others = Others(stage)
+    problems = [*_check_layers(stage, others), *_check_assets(stage, roots, others)]
     prims = list[Usd.Prim]()
     everything = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     next(everything)  # the pseudo-root
@@ -77,10 +89,10 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
             prims.append(prim)
         else:
             everything.PruneChildren()
-            problems.append(_of_dangling(prim))
+            problems += others.settled([_of_dangling(prim)])
     wrong: set[Sdf.Path] = set()
-    for prim in prims:
-        of_prim = [*_check_prim(prim), *check_properties(prim)]
+    for prim in filter(Usd.Prim.IsActive, prims):
+        of_prim = list(others.settled([*_check_prim(prim, others), *check_properties(prim)]))
         problems += of_prim
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
@@ -96,7 +108,8 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         for prim in _parts(prims):
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
             problems += check_planes(prim) if _is_camera(prim) else []
-        problems += check_poses(root) if root else []
+        problems += others.settled(check_poses(root)) if root else []
+        problems += check_units(stage, others)
     return list(dict.fromkeys(problems))
 
 
@@ -131,17 +144,23 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
     return problem(prim, "over-without-def", message, hint=hint)
 
 
-def _check_prim(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_prim(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
     name = prim.GetTypeName()
     if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
         hint = did_you_mean(name, _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
-        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint)
+        is_strange = not hint and not name.startswith("Plen")
+        severity = "warning" if is_strange or others.wrote(prim) else "error"
+        hint = "it is not drawn, and its transform does not count" if is_strange else hint
+        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
     yield from _check_apis(prim)
     yield from _check_xform_order(prim)
-    yield from _check_variants(prim)
-    if prim.HasAuthoredMetadata("clips") or prim.HasAuthoredMetadata("clipSets"):
-        yield problem(prim, "not-yet-supported", "value clips are not supported yet")
+    yield from _check_variants(prim, others)
+    clips = Usd.ClipsAPI(prim)
+    for name in clips.GetClips() if prim.HasAuthoredMetadata("clips") else ():
+        for asset in clips.GetClipAssetPaths(name) or ():
+            if not asset.resolvedPath:
+                yield problem(prim, "asset-missing", f"cannot find file @{asset.path}@ of its value clips")
 
 
 def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
@@ -153,7 +172,8 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
         if not registry.FindAppliedAPIPrimDefinition(name):
             known = _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
             hint = did_you_mean(name, known | LENS_DISTORTION)
-            yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
+            if hint or name.startswith("Plen"):  # else another program's, which USD keeps
+                yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
             continue
         # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
         can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
@@ -177,7 +197,10 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
             message = f'xformOpOrder names "{name}", which does not exist'
             yield problem(order, "missing-xform-op", message, hint=hint)
     ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
-    unused = [attribute for attribute in ops if attribute.GetName() not in named]
+    # A stronger order leaves out what a weaker file moves, as USD intends.
+    strongest = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118
+    decided = strongest.get("xformOpOrder", len(strongest))
+    unused = [op for op in ops if op.GetName() not in named and strongest.get(op.GetName(), 0) <= decided]
     if unused:
         names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
         usual = sorted((attribute.GetName() for attribute in unused), key=_rank)
@@ -194,26 +217,32 @@ def _rank(op: str) -> int:
     return next((i for i, start in enumerate(usual) if op.startswith(start)), len(usual))
 
 
-def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
-    sets = prim.GetVariantSets()
+def _check_variants(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
+    sets, stack = prim.GetVariantSets(), specs(prim)
     for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
+        layer = next((spec.layer for spec in stack if name in spec.variantSelections), None)
+        is_ours = layer not in others.layers
         if name not in sets.GetNames():
+            if not is_ours:
+                continue
             hint = did_you_mean(name, sets.GetNames())
             yield problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint)
         elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
             hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
-            yield problem(prim, "unknown-variant", f'variant set "{name}" has no variant "{choice}"', hint=hint)
+            message, severity = f'variant set "{name}" has no variant "{choice}"', "error" if is_ours else "warning"
+            yield problem(prim, "unknown-variant", message, hint=hint, severity=severity)
 
 
 def _known(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
     return {name_of(kind) for kind in Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName(base))} - {""}
 
 
-def _check_layers(stage: Usd.Stage) -> Iterator[Problem]:
-    """Problems of the layers themselves."""
+def _check_layers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
+    """Problems of the layers themselves, of others aside."""
+    layers = [layer for layer in used_layers(stage) if layer not in others.layers]
     yield from _check_root(stage)
-    yield from list(_check_numbers(stage)) or _check_alike(stage)
-    for layer in used_layers(stage):
+    yield from list(_check_numbers(layers)) or _check_alike(layers)
+    for layer in layers:
         file = shown_path(layer.realPath)
         for code, path, message, hint, line in text_map(layer.realPath).flaws:
             yield Problem(code=code, message=message, file=file, line=line, at=path or None, hint=hint)
@@ -232,16 +261,16 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
-def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
-    for layer in used_layers(stage):
+def _check_numbers(layers: list[Sdf.Layer]) -> Iterator[Problem]:
+    for layer in layers:
         for key, span in _NUMBERS.items():
             value = _info(layer, key, None)
             if value is not None and not span.holds(value):
                 yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
 
 
-def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:
-    root, *others = used_layers(stage)
+def _check_alike(layers: list[Sdf.Layer]) -> Iterator[Problem]:
+    root, *others = layers
     for key, fallback, why in _ALIKE:
         wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in others]
         if len(others) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
@@ -326,20 +355,21 @@ def _check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     ]
 
 
-def _check_assets(stage: Usd.Stage, roots: list[Path]) -> Iterator[Problem]:
-    """Problems of asset values: pictures that cannot be read, and files outside all roots, missing, or never read."""
-    prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+def _check_assets(stage: Usd.Stage, roots: list[Path], others: Others) -> Iterator[Problem]:
+    """Problems of asset values: pictures that cannot be read, and files outside all roots, or missing."""
+    prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    pictures = [(prim, attribute) for prim in prims for attribute, _ in named_by(prim)]
+    for prim, attribute in pictures:
+        try:
+            picture_of(attribute)
+        except UnreadableValue as error:
+            is_ours = not others.wrote(attribute)
+            yield of_reader(attribute, error) if is_ours else others.without_picture(prim, error)
+    read = {attribute for _, attribute in pictures}
     for attribute in (attribute for prim in prims for attribute in prim.GetAuthoredAttributes()):
         prim = attribute.GetPrim()
-        if attribute.GetName() in NAMES and is_picture(attribute) and not attribute.GetNumTimeSamples():
-            if not is_in_preview(prim):  # previews are of viewers: a copied dataset.usda builds without its pictures
-                try:
-                    picture_of(attribute)
-                except UnreadableValue as error:
-                    yield problem(error.thing, error.code, error.what, hint=error.hint)
-            continue
-        # Other renderers project by tables of files, which nothing of ours reads.
-        is_table = prim.GetTypeName() == "Camera" and attribute.GetName().startswith(LENS_DISTORTION_NAMES)
+        if attribute in read or is_in_preview(prim) or others.wrote(attribute):
+            continue  # previews are of viewers: a copied dataset.usda builds without its pictures
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
         arrays = [[value] if isinstance(value, Sdf.AssetPath) else value for value in values]
         for asset in [asset for array in arrays if isinstance(array, list | Sdf.AssetPathArray) for asset in array]:
@@ -349,6 +379,3 @@ def _check_assets(stage: Usd.Stage, roots: list[Path]) -> Iterator[Problem]:
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
-            elif asset.path and not is_table:
-                message = f"@{asset.path}@: files other than layers are not supported yet"
-                yield problem(attribute, "not-yet-supported", message)

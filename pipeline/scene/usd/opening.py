@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
+from pipeline.scene.usd.others import layers_of_others
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.usd.roots import library_path, real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
@@ -188,7 +189,7 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    problems = []
+    problems, others = [], layers_of_others(stage)
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}
@@ -197,7 +198,7 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
             spec
             for path, specs in below.items()
             for spec in specs
-            if path != top and spec.layer != stage.GetSessionLayer() and spec not in before.get(path, [])
+            if path != top and spec.layer not in {stage.GetSessionLayer(), *others} and spec not in before.get(path, [])
         ]
         if ignored:
             problems.append(_below_instance(top, ignored))

@@ -135,16 +135,17 @@ def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[st
         return None, None
     path = str(stack[0].path)
     if time is not None and isinstance(thing, Usd.Property):  # a reference may shift and scale times
-        _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
+        stacked = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())
+        layer_to_stage = next(offset for spec, offset in stacked if not spec.layer.anonymous)
         path += sample_key(float(layer_to_stage.GetInverse() * time))
     return shown_path(file), line_of(file, path)
 
 
 def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
-    """Opinions on a prim or property, strongest first."""
-    if isinstance(thing, Usd.Prim):
-        return list(thing.GetPrimStack())
-    return list(thing.GetPropertyStack(Usd.TimeCode.Default()))
+    """Opinions of files on a prim or property, strongest first: those of the session are ours."""
+    is_prim = isinstance(thing, Usd.Prim)
+    stack = thing.GetPrimStack() if is_prim else thing.GetPropertyStack(Usd.TimeCode.Default())
+    return [spec for spec in stack if not spec.layer.anonymous]
 
 
 def authored_apis(prim: Usd.Prim) -> list[str]:
@@ -181,7 +182,7 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
     """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim."""
     if isinstance(error, UnreadableValue):
-        return problem(error.thing, error.code, error.what)
+        return problem(error.thing, error.code, error.what, hint=error.hint)
     if isinstance(error, PipelineError):
         return problem(thing, IMPOSSIBLE, error.what, hint=error.hint)
     return problem(thing, IMPOSSIBLE, "the lens has no first-order figures: it bends no light")

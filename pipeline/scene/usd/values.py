@@ -33,8 +33,6 @@ LENS_DISTORTION = frozenset(
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
 """Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
-LENS_DISTORTION_NAMES = "omni:lensdistortion:"
-"""Beginning of the names of their attributes."""
 
 
 @contextmanager

@@ -22,11 +22,11 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
+from pipeline.scene.pictures import named_by
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
 from pipeline.scene.usd.problems import shown_path
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import LENS_DISTORTION_NAMES
 from pipeline.targets.preview import PreviewFaces, preview_faces
 from pipeline.targets.target import Target
 
@@ -47,17 +47,19 @@ _SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
 def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """The composed stage in one layer.
 
-    References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
-    would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
-    must have been written out (`write_out_instances`), because flattening would leave their prototypes beside the root.
+    References are composed. Names of files that nothing reads, as tables of other renderers, are left out: the files do
+    not travel with a build, and flattening would write their paths on this machine. So are parts of cameras, which a
+    build has made for viewers. Instances must have been written out (`write_out_instances`), because flattening would
+    leave their prototypes beside the root.
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     files = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
+    pictures = {attribute.GetPath() for prim in stage.TraverseAll() for attribute, _ in named_by(prim)}
     for prim in stage.TraverseAll():
         if not (spec := layer.GetPrimAtPath(prim.GetPath())):
             continue
         for attribute in list(spec.attributes):
-            if attribute.name.startswith(LENS_DISTORTION_NAMES) and attribute.typeName in files:
+            if attribute.typeName in files and attribute.path not in pictures:
                 spec.RemoveProperty(attribute)
         if prim.IsA(UsdGeom.Camera):
             _leave_out_parts(spec)

@@ -1,0 +1,100 @@
+"""Checks of lengths and axes of what others made: USD converts nothing, a transform where it is referenced may."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Pcp, Sdf, Usd, UsdGeom
+
+from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.poses import ancestry, xform_ops
+from pipeline.scene.usd.problems import Problem, problem, shown_path, specs
+
+_SAME = 1e-6
+"""Relative difference of units that is none [1]: some programs write them in single precision."""
+_CONVERTING = 1 / 3
+"""Least share of a ratio of units, in powers of ten, that a scale must have to be meant as a conversion [1]: a thing
+that is fitted into a scene has another scale than the ratio, and one that is merely stretched hardly any.
+"""
+_UPRIGHT = 0.7
+"""Cosine of an angle to the axis that a transform leaves where it is [1]: 45 degrees."""
+
+
+def check_units(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
+    """A warning for each prim that brings in lengths or an axis other than its own, and does not convert them."""
+    for prim in stage.Traverse() if others.layers else ():
+        if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
+            for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
+                is_used = arc.GetArcType() in (Pcp.ArcTypeReference, Pcp.ArcTypePayload) and not arc.IsAncestral()
+                if is_used and arc.GetTargetLayer() in others.layers and (bad := _unconverted(prim, arc)):
+                    yield bad
+                    break
+
+
+def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
+    here, there = arc.GetIntroducingNode().layerStack, arc.GetTargetNode().layerStack
+    mine, file = here.identifier.rootLayer, there.identifier.rootLayer
+    (unit, up), (its_unit, its_up) = _units(mine), _units(file)
+    if min(unit, its_unit) <= 0:
+        return None
+    ratio, matrix = its_unit / unit, _matrix(prim, set(here.layers), set(there.layers))
+    scale = float(abs(np.linalg.det(matrix)) ** (1 / 3))
+    is_sized = abs(ratio - 1) <= _SAME or (scale > 0 and math.log(scale) / math.log(ratio) > _CONVERTING)
+    axis = np.eye(3)["XYZ".index(its_up)]
+    is_turned = up == its_up or axis @ matrix @ axis < _UPRIGHT * np.linalg.norm(matrix @ axis)
+    if is_sized and is_turned:
+        return None
+    what, ops = [], []
+    if not is_turned:
+        ops += [("double xformOp:rotateX:unitsResolve", "-90" if its_up == "Z" else "90")]
+        what += [f"{its_up} is up in {shown_path(file.realPath)}, {up} here, and nobody turns it"]
+    if not is_sized:
+        ops += [("double3 xformOp:scale:unitsResolve", f"({ratio:.10g}, {ratio:.10g}, {ratio:.10g})")]
+        cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
+        box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
+        metres = max(box.GetSize()) * UsdGeom.GetStageMetersPerUnit(prim.GetStage()) if not box.IsEmpty() else 0.0
+        sizes = f"is {_length(metres * ratio / (scale or 1.0))} large by its own units and {_length(metres)} here"
+        counted = f'metersPerUnit is {its_unit:g} in {shown_path(file.realPath)} and {unit:g} here: "{prim.GetName()}" '
+        what += [counted + (sizes if metres > 0 else "has lengths of another unit")]
+    hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, there, ops)}"
+    if not prim.IsA(UsdGeom.Xformable):
+        hint = f"put it below an Xform; there {hint}"
+    return problem(prim, "asset-units", "; ".join(what), hint=hint, severity="warning")
+
+
+def _units(layer: Sdf.Layer) -> tuple[float, str]:
+    """Metres per unit and upward axis of the root layer of a layer stack."""
+    root = layer.pseudoRoot
+    unit = root.GetInfo("metersPerUnit") if root.HasInfo("metersPerUnit") else UsdGeom.LinearUnits.centimeters
+    up = str(root.GetInfo("upAxis")) if root.HasInfo("upAxis") else UsdGeom.GetFallbackUpAxis()
+    return float(unit), up if up in ("Y", "Z") else "Y"
+
+
+def _matrix(prim: Usd.Prim, here: set[Sdf.Layer], there: set[Sdf.Layer]) -> np.ndarray:
+    """Linear part of the transforms above what is brought in, on column vectors (3, 3): those of its own are not."""
+    matrix = np.eye(3)
+    for link in ancestry(prim):
+        is_inside = any(spec.layer in here for spec in specs(link.GetParent()))  # of what the layer stack brought in
+        for op in reversed(xform_ops(link)):
+            layer = next((spec.layer for spec in specs(op.GetAttr())), None)
+            if layer in here or (is_inside and layer not in there):
+                matrix = np.array(op.GetOpTransform(Usd.TimeCode.EarliestTime()))[:3, :3].T @ matrix
+    return matrix
+
+
+def _order(prim: Usd.Prim, there: Pcp.LayerStack, ops: list[tuple[str, str]]) -> str:
+    """The xformOpOrder with the conversion before what the file itself moves."""
+    names = list(prim.GetAttribute("xformOpOrder").Get() or ()) if prim.GetAttribute("xformOpOrder") else []
+    layers = set(there.layers)
+    its = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
+    added = [op.split()[1] for op, _ in ops]
+    order = [name for name in names if name not in its and name not in added] + added + its
+    return "uniform token[] xformOpOrder = [" + ", ".join(f'"{name}"' for name in order) + "]"
+
+
+def _length(metres: float) -> str:
+    """A length in the unit in which people say it."""
+    for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if metres >= size:
+            return f"{metres / size:.3g} {unit}"
+    return f"{metres / 1e-9:.3g} nm"

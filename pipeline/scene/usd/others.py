@@ -1,0 +1,121 @@
+"""What others wrote: layers that a stage references, or has as payloads, and in which nothing of ours is defined.
+
+Only their authors could mend them, and USD composes them as they are. So what is an error in a file of ours is nothing
+here, or a warning that says what is drawn instead; and a value that cannot be used is blocked in the session layer, so
+that everything behind sees a stage without it. Sublayers of the stage are its own.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import cached_property
+
+from pxr import Gf, Sdf, Usd, UsdShade
+
+from pipeline.scene.usd.problems import Problem, problem, shown_path, specs
+from pipeline.scene.usd.roots import used_layers
+from pipeline.scene.usd.values import UnreadableValue, read_once
+
+_SILENT = (
+    *("api-not-applicable", "no-pose-sample", "over-without-def", "text", "uniform-animated", "unknown-api"),
+    *("unknown-property", "unused-xform-op"),
+)
+"""Codes of what USD takes no notice of, or does as its documentation says."""
+_BLOCKED = ("bad-token", "entries", "not-finite", "out-of-range", "wrong-type")
+"""Codes of values that cannot be used."""
+_INSTEAD = {
+    "asset-missing": "what it would bring is not drawn",
+    "missing-target": "it counts as not written",
+    "missing-xform-op": "the transform is that of the others",
+    "usd-": "what it would bring is not drawn",
+}
+"""Codes of what else is a warning, or their beginnings, and what is done instead."""
+
+
+@read_once
+def layers_of_others(stage: Usd.Stage) -> frozenset[Sdf.Layer]:
+    """Layers that are neither the stage's own nor any of its sublayers, and define nothing of ours."""
+    layers = set(used_layers(stage)).difference(stage.GetLayerStack())
+    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.PrimAllPrimsPredicate) if layers else ():
+        layers -= {spec.layer for spec in prim.GetPrimStack() if spec.layer in layers and _is_ours(spec)}
+    return frozenset(layers)
+
+
+def _is_ours(spec: Sdf.PrimSpec) -> bool:
+    apis = spec.GetInfo("apiSchemas").GetAddedOrExplicitItems() if spec.HasInfo("apiSchemas") else []
+    is_named = any(name.startswith("Plen") for name in [spec.typeName, *apis])
+    return is_named or any(name.startswith("plen:") for name in spec.properties.keys())  # noqa: SIM118  # no dict
+
+
+class Others:
+    """The layers of others of a stage, and what becomes of problems in them."""
+
+    def __init__(self, stage: Usd.Stage) -> None:
+        self._stage, self.layers = stage, layers_of_others(stage)
+        self._files = {shown_path(layer.realPath) for layer in self.layers}
+
+    def wrote(self, thing: Usd.Prim | Usd.Property) -> bool:
+        """Whether the strongest opinion on a prim or property is one of others."""
+        return next((spec.layer for spec in specs(thing)), None) in self.layers
+
+    def settled(self, problems: Iterable[Problem]) -> Iterator[Problem]:
+        """The problems; those in layers of others are left out, or are warnings of what is done instead."""
+        strange = dict[str, list[Problem]]()
+        for each in problems:
+            thing = self._stage.GetObjectAtPath(each.at) if each.at else None
+            instead = next((text for code, text in _INSTEAD.items() if each.code.startswith(code)), None)
+            if not each.is_error or each.file not in self._files:
+                yield each
+            elif each.code in _BLOCKED and isinstance(thing, Usd.Attribute):
+                yield from self._blocked(each, thing)
+            elif instead:
+                if each.code == "missing-xform-op" and isinstance(thing, Usd.Attribute):
+                    there = {"!resetXformStack!", *thing.GetPrim().GetPropertyNames()}
+                    with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
+                        thing.Set([op for op in thing.Get() if op.removeprefix("!invert!") in there])
+                yield replace(each, severity="warning", hint=instead)
+            elif each.code == "unknown-property" and "did you mean" in (each.hint or ""):
+                strange.setdefault((each.at or "").partition(".")[0], []).append(each)
+            elif each.code not in _SILENT:
+                yield each
+        for first, *more in strange.values():
+            message = first.message + (f", nor {len(more)} others that are written" if more else "")
+            yield replace(first, severity="warning", message=message)
+
+    def _blocked(self, each: Problem, attribute: Usd.Attribute) -> Iterator[Problem]:
+        """A warning of a value that counts as not written from now on; none if it does not count anyhow."""
+        value, fallback = attribute.Get(Usd.TimeCode.EarliestTime()), attribute.GetTypeName().defaultValue
+        if value is None or (each.code == "wrong-type" and type(value) is type(fallback)):
+            return
+        if attribute.GetName() == "purpose":
+            yield replace(each, severity="warning", hint="drawn are the purposes default and render")
+            return
+        with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
+            attribute.Block()
+        yield replace(each, severity="warning", hint=f"it counts as {attribute.Get() or 'not written'}")
+
+    def without_picture(self, prim: Usd.Prim, error: UnreadableValue) -> Problem:
+        """A warning of a picture that cannot be read; the texture, or that of a light, is taken out."""
+        fallback = prim.GetAttribute("inputs:fallback")
+        values = fallback.Get() if fallback and fallback.HasAuthoredValue() else None
+        with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
+            error.thing.Block()
+            for given, output in self._readers.get(prim.GetPath(), ()):
+                given.GetAttr().SetConnections([])
+                value = Gf.Vec3f(*values[:3]) if values and output == "rgb" else None
+                value = values["rgba".index(output)] if values and output in [*"rgba"] else value
+                if type(value) is type(given.GetTypeName().defaultValue):
+                    given.Set(value)
+        instead = f"inputs:fallback of <{prim.GetPath()}>" if values else "what is drawn without it"
+        return problem(error.thing, error.code, error.what, hint=f"drawn instead is {instead}", severity="warning")
+
+    @cached_property
+    def _readers(self) -> dict[Sdf.Path, list[tuple[UsdShade.Input, str]]]:
+        """Inputs that read an output of a shader, and its name, by the path of the shader."""
+        readers: dict[Sdf.Path, list[tuple[UsdShade.Input, str]]] = {}
+        for prim in self._stage.TraverseAll():
+            for given in UsdShade.ConnectableAPI(prim).GetInputs() if UsdShade.ConnectableAPI(prim) else ():
+                for source in given.GetValueProducingAttributes() if given.HasConnectedSource() else ():
+                    if UsdShade.Output.IsOutput(source):
+                        name = UsdShade.Output(source).GetBaseName()
+                        readers.setdefault(source.GetPrim().GetPath(), []).append((given, name))
+        return readers

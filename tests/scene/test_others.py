@@ -1,0 +1,372 @@
+"""Scenes of others compose: what a stage references is taken as USD takes it, and what cannot be drawn is a warning."""
+
+import re
+from base64 import b64decode
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from stage_text import head
+from tolerances import SINGLE
+
+from pipeline.errors import PipelineError
+from pipeline.files.pictures import decoded
+from pipeline.scene.load import Loaded, load
+
+STAGE = """
+def PlenDataset "Scene"
+{
+    rel plen:cameras = </Scene/Rig/Camera>
+    rel plen:targets = </Scene/Board>
+
+    def "Rig" (
+        prepend references = @rigs/conventional_100mm.usda@
+    )
+    {
+        double3 xformOp:translate = (0, 0, 9000)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def "Board" (
+        prepend references = @targets/checkerboard_4x7.usda@
+    )
+    {
+        double3 xformOp:translate = (2000, 0, -1500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def DomeLight "Sky"
+    {
+    }
+
+    def Xform "Man" (
+        prepend references = @asset.usda@
+    )
+    {
+        %s
+    }
+}
+"""
+MAN = """
+def Xform "Man" (
+    %s
+)
+{
+    %s
+    def Mesh "Body" (
+        prepend apiSchemas = ["MaterialBindingAPI"]
+    )
+    {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0, 0, 0), (0.4, 0, 0), (0, 0, 1.8)]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1)] (
+            interpolation = "vertex"
+        )
+        uniform token subdivisionScheme = "none"
+        %s
+    }
+    %s
+}
+"""
+PAINT = """
+    def Material "Paint"
+    {
+        asset inputs:picture = @%s@
+        token outputs:surface.connect = </Man/Paint/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor.connect = </Man/Paint/Picture.outputs:rgb>
+            float inputs:roughness.connect = </Man/Paint/Picture.outputs:g>
+            token outputs:surface
+        }
+
+        def Shader "Picture"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file.connect = </Man/Paint.inputs:picture>
+            float2 inputs:st.connect = </Man/Paint/Reader.outputs:result>
+            float3 outputs:rgb
+            float outputs:g
+            %s
+        }
+
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float2"
+            string inputs:varname = "st"
+            float2 outputs:result
+        }
+    }
+"""
+BOUND = "rel material:binding = </Man/Paint>"
+METRES = head("Man", unit="1").replace('"Y"', '"Z"')
+CONVERTED = """double xformOp:rotateX:unitsResolve = -90
+        double3 xformOp:scale:unitsResolve = (1000, 1000, 1000)
+        uniform token[] xformOpOrder = ["xformOp:rotateX:unitsResolve", "xformOp:scale:unitsResolve"]"""
+
+
+def asset(top: str = METRES, meta: str = "", own: str = "", body: str = "", beside: str = "") -> str:
+    return top + MAN % (meta, own, body, beside)
+
+
+def written(folder: Path, man: str, over: str = CONVERTED) -> Path:
+    (folder / "asset.usda").write_text(man, encoding="utf-8")
+    (folder / "dataset.usda").write_text(head("Scene") + STAGE % over, encoding="utf-8")
+    return folder / "dataset.usda"
+
+
+def told(loaded: Loaded) -> list[tuple[str, str]]:
+    assert loaded.errors == [] and loaded.dataset
+    return [(problem.code, (problem.at or "").rpartition("/")[2]) for problem in loaded.problems]
+
+
+def size_mm(path: Path) -> list[float]:
+    stage = Usd.Stage.Open(str(path))
+    man, cache = stage.GetPrimAtPath("/Scene/Man"), UsdGeom.BBoxCache(Usd.TimeCode(1), [UsdGeom.Tokens.default_])
+    return [float(x) for x in cache.ComputeWorldBound(man).ComputeAlignedRange().GetSize()]
+
+
+@pytest.mark.parametrize(
+    "own", ["", 'double3 xformOp:translate = (1, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:translate"]']
+)
+def test_who_does_not_convert_is_told_the_size_and_the_hint_converts(tmp_path, own):
+    """By the hint the man is as tall as its file says, upright, and where the file puts it."""
+    loaded = load(written(tmp_path, asset(own=own), ""))
+    assert told(loaded) == [("asset-units", "Man")]
+    [problem] = loaded.problems
+    assert "is 1.8 m large by its own units and 1.8 mm here" in problem.message and "Z is up" in problem.message
+    ops = re.findall(r"(double3? xformOp:\S+ = \S+(?: \S+, \S+\))?)(?:,| and)", problem.hint)
+    order = re.search(r"uniform token\[\] xformOpOrder = \[.*\]", problem.hint)
+    hint = "\n".join([op.rstrip(",") for op in ops] + [order[0]])
+    path = written(tmp_path, asset(own=own), hint)
+    assert told(load(path)) == []
+    assert size_mm(path) == pytest.approx([400, 1800, 0], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        (CONVERTED, []),
+        (CONVERTED.replace("1000", "100"), []),  # a thing that is fitted in
+        (CONVERTED.replace("1000", "2"), ["metersPerUnit"]),
+        (CONVERTED.replace("-90", "5"), ["Z is up"]),
+        (CONVERTED.replace("-90", "30").replace("1000", "1"), ["metersPerUnit", "Z is up"]),
+    ],
+)
+def test_a_transform_converts_if_it_turns_the_axis_and_has_about_the_ratio(tmp_path, over, says):
+    loaded = load(written(tmp_path, asset(), over))
+    assert told(loaded) == [("asset-units", "Man")] * bool(says)
+    assert [words for words in ("metersPerUnit", "Z is up") if any(words in p.message for p in loaded.problems)] == says
+
+
+def test_a_prim_above_may_convert_and_what_converts_inside_is_not_asked_again(tmp_path):
+    """A file in metres that references one in centimetres and scales it, below an Xform that converts metres."""
+    (tmp_path / "inner.usda").write_text(
+        asset(METRES.replace("metersPerUnit = 1", "metersPerUnit = 0.01")), encoding="utf-8"
+    )
+    inside = 'def Xform "In" (\nprepend references = @inner.usda@\n)\n{\n%s\n}'
+    scaled = 'double3 xformOp:scale = (0.01, 0.01, 0.01)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    assert told(load(written(tmp_path, asset(beside=inside % scaled)))) == []
+    path = written(tmp_path, asset(beside=inside % ""))
+    assert told(load(path)) == [("asset-units", "In")]
+    outer = f'{CONVERTED}\nover "In"\n{{\n{scaled}\n}}'
+    assert told(load(written(tmp_path, asset(beside=inside % ""), outer))) == []
+
+
+@pytest.mark.parametrize(("where", "part"), [("beside", 'def PlenSensor "S"\n{\n}'), ("body", "double plen:x = 1")])
+def test_layers_with_parts_of_ours_and_sublayers_have_the_units_of_the_stage(tmp_path, where, part):
+    codes = {problem.code for problem in load(written(tmp_path, asset(**{where: part}))).errors}
+    assert {"layer-metersPerUnit", "layer-upAxis"} <= codes
+    path = written(tmp_path, asset())
+    path.write_text(path.read_text().replace("\n)\n", "\n    subLayers = [@asset.usda@]\n)\n", 1))
+    assert {"layer-metersPerUnit", "layer-upAxis"} <= {problem.code for problem in load(path).errors}
+
+
+def test_pictures_of_packages_are_read_even_of_one_in_another(tmp_path, monkeypatch):
+    Image.fromarray(np.full((2, 2, 3), (255, 0, 51), np.uint8)).save(tmp_path / "p.png")
+    (tmp_path / "man.usda").write_text(asset(body=BOUND, beside=PAINT % ("p.png", "")), encoding="utf-8")
+    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "man.usda"), str(tmp_path / "inner.usdz"))
+    with Sdf.ZipFileWriter.CreateNew(str(tmp_path / "outer.usdz")) as package:
+        (tmp_path / "top.usda").write_text(METRES + 'def Xform "Man" (\nprepend references = @inner.usdz@\n)\n{\n}\n')
+        package.AddFile(str(tmp_path / "top.usda"), "top.usda")
+        package.AddFile(str(tmp_path / "inner.usdz"), "inner.usdz")
+    path = written(tmp_path, "")
+    for name in ("inner.usdz", "outer.usdz"):
+        path.write_text((head("Scene") + STAGE % CONVERTED).replace("asset.usda", name), encoding="utf-8")
+        loaded = load(path)
+        assert told(loaded) == []
+        [picture] = loaded.dataset.pictures
+        assert (picture.suffix, b64decode(picture.encoded)) == (".png", (tmp_path / "p.png").read_bytes())
+        assert str(tmp_path) not in loaded.flattened
+        [surface] = loaded.dataset.occluders[0].finish.materials
+        assert surface.diffuse_color.texture.name == picture.name
+    monkeypatch.setenv("PIPELINE_LIMITS", "picture_bytes=20")
+    assert told(load(path)) == [("file-size", "Paint.inputs:picture")]
+
+
+@pytest.mark.parametrize(
+    ("picture", "code"),
+    [("away.png", "asset-missing"), ("t.<UDIM>.png", "asset-missing"), ("p.psd", "not-yet-supported")],
+)
+@pytest.mark.parametrize("fallback", ["", "float4 inputs:fallback = (1, 0.5, 0.25, 1)"])
+def test_an_asset_without_its_picture_is_drawn_with_the_fallback(tmp_path, picture, code, fallback):
+    """That of the texture if it has one, else those of UsdPreviewSurface."""
+    (tmp_path / "p.psd").write_bytes(b"8BPS")
+    loaded = load(written(tmp_path, asset(body=BOUND, beside=PAINT % (picture, fallback))))
+    assert told(loaded) == [(code, "Paint.inputs:picture")]
+    [surface] = loaded.dataset.occluders[0].finish.materials
+    colour, roughness = ((1.0, 0.5, 0.25), (0.5,)) if fallback else ((0.18, 0.18, 0.18), (0.5,))
+    assert (surface.diffuse_color.value, surface.roughness.value) == (colour, roughness)
+    assert (surface.diffuse_color.texture, surface.roughness.texture) == (None, None)
+    over = 'over "Paint"\n{\nasset inputs:picture = @also_away.png@\n}'
+    path = written(tmp_path, asset(body=BOUND, beside=PAINT % (picture, fallback)), f"{CONVERTED}\n{over}")
+    assert [problem.code for problem in load(path).errors] == ["asset-missing"], (
+        "what the stage itself says is an error"
+    )
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_deep_colours_keep_their_bits_and_are_linear(tmp_path, depth):
+    """USD's rule for `auto`: 8 bits of colour are sRGB, 16 are not."""
+    values = np.array([25700, 40001, 65535]) >> (16 - depth)
+    picture = values[None, None, ::-1].astype(np.uint8 if depth == 8 else np.uint16)
+    pixel = decoded(cv2.imencode(".png", picture)[1].tobytes(), ".png", "auto")[0, 0]
+    share = values / (2**depth - 1)
+    assert pixel == pytest.approx([*(share if depth == 16 else ((share + 0.055) / 1.055) ** 2.4), 1], abs=SINGLE)
+
+
+def test_pictures_of_radiance_are_read_and_their_size_first(monkeypatch):
+    content = cv2.imencode(".hdr", np.full((3, 2, 3), (1.0, 8.0, 16.0), np.float32))[1].tobytes()
+    assert decoded(content, ".hdr", "auto") == pytest.approx(np.full((3, 2, 4), (16.0, 8.0, 1.0, 1.0)))
+    for bad, what in ((content[:30], "no Radiance HDR"), (b"#?RADIANCE\n\n-Y 9999999 +X 9999999\n", "may have")):
+        with pytest.raises(PipelineError, match=what):
+            decoded(bad, ".hdr", "auto")
+
+
+MOVED = """double xformOp:rotateY = 30
+uniform token[] xformOpOrder = ["xformOp:rotateY"]"""
+
+
+def test_an_order_of_the_stage_leaves_out_what_the_asset_moves(tmp_path):
+    assert told(load(written(tmp_path, asset(own=MOVED)))) == []
+
+
+@pytest.mark.parametrize("own", ["", MOVED])
+def test_an_op_of_the_stage_that_no_order_names_is_an_error(tmp_path, own):
+    """Whether the order is missing, or that of the asset, which the stage would have to replace."""
+    [error] = load(written(tmp_path, asset(own=own), "double3 xformOp:scale = (1000, 1000, 1000)")).errors
+    assert (error.code, error.at) == ("unused-xform-op", "/Scene/Man.xformOp:scale")
+
+
+CUSTOMS = """string unity:shaderName = "Standard"
+        float3[] extentsHint = [(0, 0, 0), (1, 1, 1)]
+        asset sound:file = @beep.wav@
+        token exporter:kind = "x"
+        custom string note = "a\tb"
+"""
+
+
+@pytest.mark.parametrize("where", ["asset", "stage"])
+def test_what_programs_add_for_themselves_is_no_error(tmp_path, where):
+    (tmp_path / "beep.wav").write_bytes(b"")
+    own, over = (CUSTOMS, CONVERTED) if where == "asset" else ("", f"{CONVERTED}\n{CUSTOMS}")
+    meta, more = 'prepend apiSchemas = ["OmniThingAPI"]', 'def OmniSound "Sound"\n{\n}'
+    loaded = load(written(tmp_path, asset(meta=meta, own=own, beside=more), over))
+    assert told(loaded) == [("unknown-type", "Sound")]
+    assert str(tmp_path) not in loaded.flattened
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("bool doublesided = 1", "unknown-property"),
+        ("double plen:radianc = 1", "unknown-property"),
+        ("token visibility = 'hidden'", "bad-token"),
+        ("rel material:binding = </Scene/Nothing>", "missing-target"),
+    ],
+)
+def test_what_the_stage_misspells_is_an_error(tmp_path, line, code):
+    over = f'{CONVERTED}\nover "Body"\n{{\n{line}\n}}'
+    assert [error.code for error in load(written(tmp_path, asset(), over)).errors] == [code]
+
+
+@pytest.mark.parametrize(
+    ("where", "line", "code"),
+    [
+        ("body", "bool doublesided = 1", "unknown-property"),
+        ("body", "token visibility = 'hidden'", "bad-token"),
+        ("body", "normal3d[] normals = [(0, 0, 1)]", "wrong-type"),
+        ("body", "float3[] extent = [(inf, 0, 0), (1, 1, nan)]", "not-finite"),
+        ("body", "rel material:binding = </Man/Nothing>", "missing-target"),
+        ("own", 'uniform token[] xformOpOrder = ["xformOp:gone"]', "missing-xform-op"),
+        ("own", 'double3 xformOp:scale = (nan, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]', "not-finite"),
+        ("meta", "prepend references = @gone.usda@", "usd-invalid-asset-path"),
+        ("meta", "prepend payload = @./asset.usda@</Gone>", "usd-unresolved-prim-path"),
+        ("meta", 'variants = {\nstring look = "red"\n}\nprepend variantSets = "look"', "unknown-variant"),
+        ("beside", 'over "Gone"\n{\n}', None),
+        ("beside", 'def SpatialAudio "Beep"\n{\nuniform asset filePath = @beep.wav@\n}', None),
+        ("beside", 'def Camera "View"\n{\nfloat focalLength = 50\n}', None),
+        ("body", "float3[] primvars:displayColor = [(1, 0, 0)]", None),
+        ("meta", 'variants = {\nstring look = "red"\n}', None),
+        ("meta", 'kind = "strange"', None),
+    ],
+)
+def test_what_an_asset_has_wrong_is_a_warning_at_most_and_the_rest_is_drawn(tmp_path, where, line, code):
+    """No error, because only its author could mend it; the body is in the images all the same."""
+    top, over = (head("Man"), "") if where == "own" else (METRES, CONVERTED)
+    path = written(tmp_path, asset(top, **{where: line}), over)
+    loaded = load(path)
+    assert {kind for kind, _ in told(loaded)} == ({code} if code else set())
+    drawn = [entry.prim_path for entry in loaded.dataset.occluders]
+    assert "/Scene/Man/Body" in drawn and np.isfinite(list(loaded.dataset.frames[0].world_from_occluder.values())).all()
+
+
+def test_clips_move_a_thing_as_USD_says(tmp_path):
+    (tmp_path / "clip.usda").write_text(
+        '#usda 1.0\ndef "Man"\n{\ndouble3 xformOp:translate.timeSamples = {\n1: (1, 0, 0),\n3: (5, 0, 0)\n}\n}\n'
+    )
+    clips = """clips = {
+        dictionary default = {
+            asset[] assetPaths = [@./clip.usda@]
+            asset manifestAssetPath = @./clip.usda@
+            string primPath = "/Man"
+            double2[] active = [(0, 0)]
+            double2[] times = [(0, 0), (10, 10)]
+        }
+    }"""
+    own = 'double3 xformOp:translate\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+    path = written(tmp_path, asset(head("Man"), meta=clips, own=own), "")
+    path.write_text(path.read_text().replace("endTimeCode = 1", "endTimeCode = 3"))
+    loaded = load(path)
+    assert told(loaded) == []
+    assert [frame.world_from_occluder["/Scene/Man/Body"][0][3] for frame in loaded.dataset.frames] == [1, 3, 5]
+
+
+@pytest.mark.parametrize(
+    ("line", "drawn"),
+    [
+        ('uniform token purpose = "render"', True),
+        ('uniform token purpose = "guide"', False),
+        ('uniform token purpose = "proxy"', False),
+        ('token visibility = "invisible"', False),
+        ('token visibility.timeSamples = {\n1: "inherited", 2: "invisible"\n}', True),
+    ],
+)
+def test_purpose_and_visibility_of_an_asset_decide(tmp_path, line, drawn):
+    loaded = load(written(tmp_path, asset(own=line)))
+    assert told(loaded) == []
+    assert ("/Scene/Man/Body" in loaded.dataset.frames[0].world_from_occluder) is drawn
+
+
+def test_classes_and_inactive_prims_are_not_drawn_and_nothing_is_asked_of_them(tmp_path):
+    bad = 'def Mesh "Bad"\n{\npoint3f[] points = [(nan, 0, 0)]\n}\nclass Mesh "_Kind"\n{\n}'
+    path = written(tmp_path, asset(beside=bad), f'{CONVERTED}\nover "Bad" (\nactive = false\n)\n{{\n}}')
+    loaded = load(path)
+    assert told(loaded) == []
+    assert [entry.prim_path for entry in loaded.dataset.occluders] == ["/Scene/Man/Body"]
