@@ -13,7 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.imaging import pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.materials import WRAPS, MaterialTable, input_at
+from pipeline.render.lighting.materials import WRAPS, MaterialTable, Spot, input_at
 from pipeline.render.lighting.records import Coat, Input, Lighting, Material, Texture
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
@@ -76,7 +76,8 @@ def test_textures_are_those_of_a_slow_twin(wraps):
     table = MaterialTable({"it": texels})
     table.add(Material(roughness=Input(value=(0.5,), texture=texture)))
     for s, t in generator.uniform(-2.5, 3.5, (40, 2)):
-        found = input_at(table.arrays(np.full(3, 1 / 3)), 0, 2, (s, t))
+        spot = Spot(np.tile([s, t], (1, 3, 1)), 0, (0.2, 0.3, 0.5))
+        found = input_at(table.arrays(np.full(3, 1 / 3)), 0, 2, spot)
         assert found == pytest.approx(0.25 + 0.5 * slow_texel(picture, s, t, wraps), abs=1e-6), (s, t)
     assert set(wraps) <= set(WRAPS)
 

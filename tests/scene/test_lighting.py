@@ -259,13 +259,11 @@ def test_a_mesh_of_a_lit_dataset_hides_points_and_one_of_a_dark_one_does_not(tmp
     assert dark.occluders == () and dark.lamps == () and dark.pictures == ()
 
 
-def test_a_texture_without_file_or_coordinates_is_named_at_its_shader(tmp_path):
+def test_a_texture_without_a_file_or_with_a_misspelled_value_is_named_at_its_shader(tmp_path):
     content = SUN + WALL % "rel material:binding = </Scene/Paper>" + TEXTURED % "raw"
     Image.new("RGB", (2, 2)).save(tmp_path / "picture.png")
     broken = [
         (content.replace("@picture.png@", "@absent.png@"), "asset-missing", "absent.png"),
-        (content.replace("texCoord2f[] primvars:st", "texCoord2f[] primvars:uv"), "unreadable-value", "primvars:st"),
-        (content.replace("UsdPrimvarReader_float2", "UsdPrimvarReader_float3"), "not-yet-supported", "connect a"),
         (content.replace('Space = "raw"', 'Space = "linear"'), "unreadable-value", "raw, sRGB, auto"),
     ]
     for text, code, word in broken:
@@ -273,6 +271,150 @@ def test_a_texture_without_file_or_coordinates_is_named_at_its_shader(tmp_path):
         assert [one.code for one in errors][:1] == [code], [str(one) for one in errors]
         assert word in f"{errors[0].message} {errors[0].hint}"
         assert errors[0].line
+
+
+def drawn_with(folder, content: str, **at) -> tuple[float, list]:
+    """Light of the wall below the sun over what a white one has, and the warnings about what is not drawn."""
+    warnings = [one for one in loaded(folder, content).problems if one.code == "not-drawn"]
+    return wall_light(folder, content, **at) * math.pi / 2, warnings
+
+
+SURFACE = """
+    def Material "Paper"
+    {
+        token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            float inputs:ior = 1
+            %s
+            token outputs:surface
+        }
+        %s
+    }
+"""
+BOUND = SUN + WALL % "rel material:binding = </Scene/Paper>\n%s"
+READER = """
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_%s"
+            string inputs:varname = "%s"
+            %s
+        }
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "drawn", "words"),
+    [
+        (("token outputs:surface.connect", "token outputs:mtlx:surface.connect"), 0.3, "outputs:mtlx:surface"),
+        (('"UsdPreviewSurface"', '"ND_standard_surface"'), 0.3, "ND_standard_surface"),
+        (("token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>", ""), 0.3, "no surface"),
+        (("inputs:ior = 1", "inputs:ior = 1\nfloat inputs:displacement = 2"), 0.6, "displacement"),
+        (
+            ("color3f inputs:diffuseColor = ", "color3f inputs:diffuseColor.timeSamples = {1: (0.6, 0.6, 0.6), 9: "),
+            0.6,
+            "time code 1",
+        ),
+        (
+            ("inputs:diffuseColor = (0.6, 0.6, 0.6)", "inputs:diffuseColor.connect = </Scene/Paper/Surface.outputs:x>"),
+            0.18,
+            '"inputs:diffuseColor" is connected to </Scene/Paper/Surface.outputs:x>, which is not there',
+        ),
+    ],
+)
+def test_what_a_material_of_others_asks_for_and_is_not_drawn_is_one_warning(tmp_path, change, drawn, words):
+    colour = "color3f inputs:diffuseColor = (0.6, 0.6, 0.6)" + ("}" if "timeSamples" in change[1] else "")
+    content = BOUND % "color3f[] primvars:displayColor = [(0.3, 0.3, 0.3)]" + (SURFACE % (colour, "")).replace(*change)
+    found, warnings = drawn_with(tmp_path, content)
+    assert found == pytest.approx(drawn, rel=1e-6)
+    assert len(warnings) == 1 and words in warnings[0].message and warnings[0].at.startswith("/Scene/Paper")
+
+
+def test_a_material_for_previews_is_drawn_where_the_full_one_cannot_be(tmp_path):
+    other = SURFACE.replace('"Paper"', '"Other"').replace("/Paper/", "/Other/").replace("UsdPreviewSurface", "mdl")
+    binding = "rel material:binding:preview = </Scene/Paper>\nrel material:binding:full = </Scene/Other>"
+    content = SUN + WALL % binding + SURFACE % ("color3f inputs:diffuseColor = (0.4, 0.4, 0.4)", "") + other % ("", "")
+    assert drawn_with(tmp_path, content) == (pytest.approx(0.4, rel=1e-6), [])
+
+
+CORNERS = [(-45.0, 45.0), (45.0, 45.0), (45.0, -45.0), (-45.0, -45.0)]
+"""Places near the corners of the wall in the order of its vertices; the camera's y points down."""
+
+
+@pytest.mark.parametrize("interpolation", ["vertex", "varying", "faceVarying"])
+@pytest.mark.parametrize("by_reader", [False, True])
+def test_colours_at_vertices_lie_linearly_between_them(tmp_path, interpolation, by_reader):
+    """By the display colour alone, and by a material that reads it."""
+    colours = f"""color3f[] primvars:displayColor = [(0.1, 0.1, 0.1), (0.7, 0.7, 0.7)] (
+            interpolation = "{interpolation}"
+        )
+        int[] primvars:displayColor:indices = [0, 1, 1, 0]"""
+    reader = "color3f inputs:diffuseColor.connect = </Scene/Paper/Reader.outputs:result>"
+    material = SURFACE % (reader, READER % ("float3", "displayColor", "float3 outputs:result"))
+    content = BOUND % colours + material if by_reader else SUN + WALL % colours
+    for (x, y), expected in zip(CORNERS, (0.13, 0.67, 0.67, 0.13), strict=True):
+        assert drawn_with(tmp_path, content, at=(x, y, 500.0))[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_colours_and_opacities_of_faces_are_those_of_the_faces(tmp_path):
+    two = (
+        (WALL % "")
+        .replace("[4]", "[3, 3]")
+        .replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
+        .replace(
+            "uniform token subd",
+            """color3f[] primvars:displayColor = [(0.2, 0.2, 0.2), (0.5, 0.5, 0.5)] (interpolation = "uniform")
+        float[] primvars:displayOpacity = [1, 0] (interpolation = "uniform")
+        uniform token subd""",
+        )
+    )
+    (first, warnings), (second, _) = (drawn_with(tmp_path, SUN + two, at=(x, x, 500.0)) for x in (20.0, -20.0))
+    assert (first, second) == (pytest.approx(0.2, rel=1e-6), 0.0)
+    assert len(warnings) == 1 and "hides points as if it were opaque" in warnings[0].message
+
+
+def test_a_primvar_that_is_not_there_is_its_fallback(tmp_path):
+    reader = "color3f inputs:diffuseColor.connect = </Scene/Paper/Reader.outputs:result>"
+    fallback = "float3 inputs:fallback = (0.4, 0.4, 0.4)\nfloat3 outputs:result"
+    found, warnings = drawn_with(tmp_path, BOUND % "" + SURFACE % (reader, READER % ("vector", "paint", fallback)))
+    assert found == pytest.approx(0.4, rel=1e-6)
+    assert len(warnings) == 1 and '"primvars:paint"' in warnings[0].message and "0.4, 0.4, 0.4" in warnings[0].message
+
+
+def test_two_textures_of_a_material_have_each_their_coordinates(tmp_path):
+    """Half as opaque, and only where the second set says so."""
+    pixels = np.zeros((1, 2, 3), np.uint8)
+    pixels[0, 0] = 255
+    Image.fromarray(pixels).save(tmp_path / "picture.png")
+    sets = """texCoord2f[] primvars:other = [(0.25, 0.5), (0.25, 0.5), (0.75, 0.5), (0.75, 0.5)] (
+            interpolation = "vertex"
+        )"""
+    picture = """
+        def Shader "Picture%s"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @picture.png@
+            token inputs:sourceColorSpace = "raw"
+            token inputs:wrapS = "clamp"
+            float2 inputs:st.connect = </Scene/Paper/Reader%s.outputs:result>
+            float outputs:r
+            float3 outputs:rgb
+        }
+"""
+    readers = [
+        (READER % ("float2", name, "float2 outputs:result")).replace("Reader", f"Reader{name}", 1)
+        for name in ("st", "other")
+    ]
+    inputs = """color3f inputs:diffuseColor.connect = </Scene/Paper/Picturest.outputs:rgb>
+            float inputs:opacity.connect = </Scene/Paper/Pictureother.outputs:r>
+            float inputs:opacityThreshold = 0.5"""
+    shaders = "".join([picture % ("st", "st"), picture % ("other", "other"), *readers])
+    content = BOUND % sets + SURFACE % (inputs, shaders)
+    places = {(-45.0, 40.0): 1.0, (45.0, 40.0): 0.0, (-45.0, -40.0): 0.0}
+    for (x, y), expected in places.items():
+        assert drawn_with(tmp_path, content, at=(x, y, 500.0))[0] == pytest.approx(expected, abs=1e-6)
 
 
 BOARD = Target(Checkerboard(columns=4, rows=3, square_mm=10.0, white=1.0, black=1.0))

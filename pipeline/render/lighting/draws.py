@@ -22,6 +22,10 @@ STAGES = 4
 """Stages of each vertex [1]."""
 _COLOUR = 1 << 20
 """Stage at which a ray gets its slice of the spectrum [1]: beyond those of all vertices."""
+_PASSING = 1 << 21
+"""First stage at which surfaces let a ray pass by chance [1]: beyond that of colours."""
+LAYERS = 64
+"""Most surfaces that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""
 _STREAM = 1 << 26
 """First stream of random numbers of paths, one for each microlens of a pixel: far behind those of rays."""
 _BYTES = 4
@@ -52,6 +56,11 @@ def draw(points, key, place, stage):
         second ^= points[byte, index >> np.uint32(8 * byte) & np.uint32(255)]
     # The first coordinate is the index with its digits turned round, as all bits are here.
     return scrambled(index, hash32(seed, np.uint32(1))), scrambled(second, hash32(seed, np.uint32(2)))
+
+
+def passing_stage(vertex: int, layer: int) -> int:
+    """Stage at which a ray to a vertex may pass a surface, the layer-th in its way."""
+    return _PASSING + LAYERS * vertex + layer
 
 
 @kernel

@@ -1,23 +1,34 @@
-"""Lamps: where a ray meets one, directions towards one, and pictures of the sky. Vision frame, mm.
+"""Lamps: where a ray meets one, and directions towards one. Vision frame, mm.
 
 A lamp is a row of a table whose columns are named below. All emit the same radiance in all directions of their bright
-side; rects and disks shine along the -z of their frame, cylinders from their lateral surface, which lies about x.
-
-A picture of the sky is in latitude and longitude as UsdLux has it: the first row is at +y of the dome's frame, the
-columns run from longitude +pi to -pi, longitude 0 is +z and pi/2 is +x. Directions are drawn from a table of its bins.
+side, unless they are shaped; rects and disks shine along the -z of their frame, cylinders from their lateral surface,
+which lies about x. See `emitting` for these, and `skies`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.jit.decorators import inline
 from pipeline.records.plain import from_plain
-from pipeline.records.shapes import Float64, Num
+from pipeline.records.shapes import Float64
+from pipeline.render.lighting.emitting import (
+    COLUMNS,
+    EVEN,
+    PART,
+    PICTURE,
+    PROFILE,
+    TINT,
+    Emitting,
+    rows_of,
+    shape_of,
+    shaped,
+)
 from pipeline.render.lighting.records import Lamp, PlacedLamp
-from pipeline.render.lighting.shapes import Glow, first_above
+from pipeline.render.lighting.shapes import Glow
+from pipeline.render.lighting.skies import Dome, dome_density, dome_sample, dome_texel
 from pipeline.targets.vectors import across, along, dot, minus, times, unit, world
 
 KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
@@ -29,89 +40,20 @@ KIND, RADIANCE, CHANCE, AREA, SIZE_A, SIZE_B = range(6)
 [sr]; both sizes of `records.Lamp`."""
 CENTRE, AXIS_X, AXIS_Y, AXIS_Z = 6, 9, 12, 15
 """First columns of the origin and of the unit axes of its frame."""
-COLUMNS = 18
-"""Number of columns."""
 TOUCHING = 1e-9
 """Part of a path within which two things count as the same place [1]."""
 _EVEN = 0.5
 """Part of the choices of a lamp that does not ask how bright it is [1]: estimates may be wrong behind walls."""
-_FLOOR = 0.05
-"""Part of the directions towards a sky that does not ask how bright it is there [1]."""
-
-
-class Dome(NamedTuple):
-    """A picture of the sky in one light."""
-
-    texels: np.ndarray  # (h, w, 4) float32, red, green and blue as factors of the lamp's radiance; (0, 0, 4): none
-    raised: np.ndarray  # (3,), weights of red, green and blue in the light
-    # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
-    rows: np.ndarray
-    columns: np.ndarray
 
 
 class Lamps(NamedTuple):
     """All lamps of a scene, with surfaces that shine by themselves."""
 
     table: np.ndarray
+    emitting: Emitting
     dome: Dome  # the picture of the textured dome; without texels there is none
     background: float  # radiance that the camera sees where nothing is, if there is no dome
     glow: Glow
-
-
-@inline
-def _position(dome, direction):
-    """Row and column of a direction, as fractions of the picture."""
-    height, width, _ = dome.texels.shape
-    latitude = math.asin(min(1.0, max(-1.0, direction[1])))
-    longitude = math.atan2(direction[0], direction[2])
-    return (0.5 - latitude / math.pi) * height, (0.5 - longitude / (2.0 * math.pi)) * width
-
-
-@inline
-def _bright(dome, i, j):
-    """A texel in the light of the dome."""
-    red, green, blue = dome.raised
-    return red * dome.texels[i, j, 0] + green * dome.texels[i, j, 1] + blue * dome.texels[i, j, 2]
-
-
-@inline
-def dome_texel(dome, direction):
-    """Linear interpolation between the centres of four texels."""
-    height, width, _ = dome.texels.shape
-    y, x = _position(dome, direction)
-    y, x = y - 0.5, x - 0.5
-    i, j = math.floor(y), math.floor(x)
-    a, b = y - i, x - j
-    up, down = min(max(i, 0), height - 1), min(max(i + 1, 0), height - 1)
-    left, right = j % width, (j + 1) % width
-    upper = (1.0 - b) * _bright(dome, up, left) + b * _bright(dome, up, right)
-    lower = (1.0 - b) * _bright(dome, down, left) + b * _bright(dome, down, right)
-    return (1.0 - a) * upper + a * lower
-
-
-@inline
-def dome_density(dome, direction):
-    """Density of `dome_sample` [1/sr]."""
-    height, width, _ = dome.texels.shape
-    y, x = _position(dome, direction)
-    i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
-    sine = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
-    chance = (dome.rows[i + 1] - dome.rows[i]) * (dome.columns[i, j + 1] - dome.columns[i, j])
-    return chance * height * width / (2.0 * math.pi * math.pi * sine)
-
-
-@inline
-def dome_sample(dome, pair):
-    """A direction and its density [1/sr]."""
-    height, width, _ = dome.texels.shape
-    i = first_above(dome.rows, pair[0]) - 1
-    part = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
-    j = first_above(dome.columns[i], pair[1]) - 1
-    other = (pair[1] - dome.columns[i, j]) / (dome.columns[i, j + 1] - dome.columns[i, j])
-    latitude, longitude = (0.5 - (i + part) / height) * math.pi, (0.5 - (j + other) / width) * 2.0 * math.pi
-    across = math.cos(latitude)
-    direction = across * math.sin(longitude), math.sin(latitude), across * math.cos(longitude)
-    return direction, dome_density(dome, direction)
 
 
 @inline
@@ -160,6 +102,17 @@ def _nearer_root(a, b, c, low, high):
 
 
 @inline
+def radiance_of(lamps, k, origin, way, t):
+    """Radiance of a lamp of finite size along a direction that meets it after a path."""
+    table, line = lamps.table, lamps.table[k]
+    if line[EVEN] > 0.0:
+        return line[RADIANCE]
+    x, y, p = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), minus(origin, _triple(table, k, CENTRE))
+    p, in_lamp = along(p, t, way), (dot(way, x), dot(way, y), dot(way, _triple(table, k, AXIS_Z)))
+    return shaped(lamps.emitting, line, in_lamp, dot(p, x) / line[SIZE_A], dot(p, y) / line[SIZE_B])
+
+
+@inline
 def density(table, k, origin, t, cosine):
     """Probability density of `sample_lamp` for the direction that meets a lamp of finite size [1/sr]."""
     if table[k, KIND] == SPHERE:
@@ -197,7 +150,8 @@ def sample_lamp(lamps, k, origin, normal, pair):
         direction = _in_cap(unit(off), cap, pair)
         t, cosine = meet_lamp(table, k, origin, direction)
         # A direction at the rim may miss the sphere by rounding; it counts as touching.
-        return direction, (math.sqrt(dot(off, off)) if t == math.inf else t), radiance, 1.0 / cap
+        t = math.sqrt(dot(off, off)) if t == math.inf else t
+        return direction, t, radiance_of(lamps, k, origin, direction, t), 1.0 / cap
     off = minus(_point_on(table, k, pair), origin)
     t = math.sqrt(dot(off, off))
     direction = times(1.0 / t, off)
@@ -207,7 +161,7 @@ def sample_lamp(lamps, k, origin, normal, pair):
         cosine = -(math.cos(turn) * dot(direction, _triple(table, k, AXIS_Y)) + math.sin(turn) * cosine)
     if not cosine > 0.0:
         return direction, t, 0.0, 0.0
-    return direction, t, radiance, t * t / (cosine * table[k, AREA])
+    return direction, t, radiance_of(lamps, k, origin, direction, t), t * t / (cosine * table[k, AREA])
 
 
 @inline
@@ -239,7 +193,7 @@ def _in_cap(axis, solid_angle, pair):
 def _towards_dome(lamps, k, normal, pair):
     table = lamps.table
     x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
-    if lamps.dome.texels.shape[0] > 0:
+    if table[k, PICTURE] >= 0.0:
         in_dome, chance = dome_sample(lamps.dome, pair)
         return world(in_dome, x, y, z), math.inf, table[k, RADIANCE] * dome_texel(lamps.dome, in_dome), chance
     radius, turn = math.sqrt(pair[0]), 2.0 * math.pi * pair[1]
@@ -263,7 +217,7 @@ def far_light(lamps, k, direction, cosine):
         return (table[k, RADIANCE], 1.0 / table[k, AREA]) if inside else (0.0, 0.0)
     if kind != DOME:
         return 0.0, 0.0
-    if lamps.dome.texels.shape[0] > 0:
+    if table[k, PICTURE] >= 0.0:
         x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
         in_dome = dot(direction, x), dot(direction, y), dot(direction, z)
         return table[k, RADIANCE] * dome_texel(lamps.dome, in_dome), dome_density(lamps.dome, in_dome)
@@ -282,11 +236,14 @@ def blocked_by_lamp(table, chosen, origin, direction, end):
 def lamps_of(
     placed: Sequence[PlacedLamp],
     sky: Dome,
+    emitting: Emitting,
     raised: Float64[np.ndarray, "3"],
     shining: tuple[Glow, float],
     background: float,
 ) -> Lamps:
-    """The lamps of a view, with the picture of `sky_of`, and with the surfaces that shine, by `shapes.glow_of`."""
+    """The lamps of a view, with the pictures of `sky_of` and `emitting_of`, and with the surfaces that shine, by
+    `shapes.glow_of`.
+    """
     corners = shining[0].shapes.corners.reshape(-1, 3)
     # The middle of what is lit decides how often each lamp is asked.
     middle_mm = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
@@ -296,7 +253,9 @@ def lamps_of(
         radiance, area = float(raised @ np.array(lamp.radiance)), lamp.area
         table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, 0.0, area, *lamp.size
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
-        table[k, AXIS_X:] = pose[:3, :3].T.ravel()
+        table[k, AXIS_X:PART] = pose[:3, :3].T.ravel()
+        table[k, PART:TINT] = raised * np.array(lamp.radiance)
+        table[k, TINT:] = shape_of(lamp)
         light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
     if shining[1] > 0:
         glow, power_mm2 = shining  # about the irradiance that they may give, as `_seen` says it of lamps
@@ -308,7 +267,10 @@ def lamps_of(
     table[:, CHANCE] = chance[: len(table)]
     of_glow = float(chance[len(table) :].sum())
     glow = shining[0]._replace(chance=of_glow, per_mm2=of_glow * shining[0].per_mm2)
-    return Lamps(table, sky._replace(raised=raised), background, glow)
+    rows = rows_of(placed)
+    for k, (profile, picture) in enumerate(rows):
+        table[k, PROFILE], table[k, PICTURE] = profile, picture
+    return Lamps(table, emitting, sky._replace(raised=raised), background, glow)
 
 
 def _seen(kind: str, area: float, distance_mm: float) -> float:
@@ -316,25 +278,3 @@ def _seen(kind: str, area: float, distance_mm: float) -> float:
     if kind in ("distant", "dome"):
         return area or 1.0
     return area / (4 * distance_mm**2 + area)
-
-
-def sky_of(
-    placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]
-) -> Dome:
-    """The picture of the textured dome with the tables from which directions are drawn, by how bright it is in a light;
-    linear interpolation spreads a texel over its neighbours, so the tables know the brightest of them.
-    """
-    name = next((entry.lamp["texture"] for entry in placed if entry.lamp["texture"]), None)
-    if name is None:
-        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)))
-    picture = np.array(pictures[name], np.float32)
-    texels, height = picture[..., :3].astype(float) @ raised, len(picture)
-    rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
-    taller = np.max([rows[:-2], rows[1:-1], rows[2:]], axis=0)
-    most = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
-    sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
-    share = (most + _FLOOR * most.mean() + 1e-12) * sine
-    columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
-    whole = columns[:, -1:]
-    rows = np.concatenate([[0.0], np.cumsum(whole[:, 0])])
-    return Dome(picture, raised, rows / rows[-1], columns / whole)

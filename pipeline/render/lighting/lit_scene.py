@@ -4,7 +4,7 @@ Embree names the triangle that a ray meets, for whole batches; everything else i
 artwork of targets is evaluated by its formula at the exact hit, as in scenes without lamps.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -20,12 +20,13 @@ from pipeline.render.glow import PatchLight, add_values, inked
 from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lamps import Lamps, lamps_of, sky_of
-from pipeline.render.lighting.materials import THRESHOLD, Materials, MaterialTable
+from pipeline.render.lighting.emitting import emitting_of
+from pipeline.render.lighting.lamps import TOUCHING, Lamps, lamps_of
+from pipeline.render.lighting.materials import SOLID, THRESHOLD, VEIL, Materials, MaterialTable
 from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
 from pipeline.render.lighting.records import Finish, Lighting
-from pipeline.render.lighting.reflection import tabled_layers
-from pipeline.render.lighting.shapes import find_holes
+from pipeline.render.lighting.reflection import Layers, tabled_layers
+from pipeline.render.lighting.skies import sky_of
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import MeshScene
@@ -36,8 +37,8 @@ _GAP_MM, _GAP = 1e-3, 2e-7
 """Least gap between a surface and the rays that leave it [mm], and the same as a part of the largest coordinate [1]:
 Embree's single precision moves corners by 6e-8 of that.
 """
-_MOST_HOLES = 64
-"""Most holes that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""
+_Passes = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int], None]
+"""Writes the paths to the triangles that rays pass: of triangles, rows of these rays, starts, paths and the layer."""
 _Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 
 
@@ -80,7 +81,8 @@ class LitScene:
                 pieces.append(shapes.of_patch(patch, pose @ patch.target_from_patch, row))
         for (occluder, pose), plain in zip(view.occluders, lighting.finishes, strict=True):
             finish = from_plain(Finish, plain)
-            rows = [table.add(material, occluder.radiance) for material in finish.materials]
+            columns = shapes.columns_of(finish)
+            rows = [table.add(material, occluder.radiance, columns) for material in finish.materials]
             pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
         self._ends = np.cumsum([0, *(len(piece.corners) for piece in pieces)])
         self._shapes = shapes.joined(pieces)
@@ -88,14 +90,16 @@ class LitScene:
         corners = self._shapes.corners.reshape(-1, 3)
         weights = np.array([weights_of_rgb(light) for light in view.lights[number]])
         sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
+        emitting = emitting_of(lighting.lamps, view.pictures)
         for k, raised in enumerate(weights):
             materials, art = table.arrays(raised), list[PatchLight]()
             for target, pose in inked(view.targets, view.colours, number, slice(k, k + 1)):
                 art += [PatchLight(patch, pose @ patch.target_from_patch) for patch in target.patches()]
-            lamps = lamps_of(lighting.lamps, sky, raised, shapes.glow_of(self._shapes, materials), view.background)
+            glow = shapes.glow_of(self._shapes, materials)
+            lamps = lamps_of(lighting.lamps, sky, emitting, raised, glow, view.background)
             self._tints.append(_Tint(art, materials, lamps))
-        self._opacity = self._tints[0].materials
-        self._has_holes = bool((self._opacity.flags[:, THRESHOLD] > 0).any())
+        flags = self._tints[0].materials.flags
+        self._lets_pass = bool(((flags[:, THRESHOLD] > 0) | (flags[:, VEIL] != SOLID)).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
         self._scene = tabled_layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
@@ -139,14 +143,14 @@ class LitScene:
                 paths = _those(paths, reaches)
             if not len(paths.power):
                 break
-            hits = self._meet(tint, paths)
+            hits = self._meet(tint, vertex, paths)
             kernels.gather(lamps, candidates_at(vertex - 1), paths, hits, light)
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
             paths, hits = _those(paths, lit), _those(hits, lit)
             if len(lamps.table) or lamps.glow.chance > 0.0:
-                self._ask_lamps(lamps, vertex, paths, hits, light)
+                self._ask_lamps(tint, vertex, paths, hits, light)
             goes_on = np.zeros(len(paths.power), bool)
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
             paths = _those(paths, goes_on)
@@ -160,40 +164,55 @@ class LitScene:
         draws.name_rays(seed, self._light, rays.squares, owner, *names)
         return names
 
-    def _ask_lamps(self, lamps: Lamps, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
+    def _ask_lamps(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
         """Add the light that lamps send to some surfaces directly."""
-        count = len(paths.power)
+        lamps, count = tint.lamps, len(paths.power)
         shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
         step = vertex, candidates_at(vertex)
         kernels.send_to_lamps(lamps, self._scene, step, paths, hits, shadows)
         some = shadows.light > 0.0
         shadows = _those(shadows, some)
-        triangle = self._first_triangle(shadows.origin, shadows.direction)
+        left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
+
+        def dimmed(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
+            rest = left[some] - np.sum((start - shadows.origin[some]) * shadows.direction[some], axis=1)
+            light_there = shadows.light[some]
+            shapes.dim(self._surfaces(tint), triangle, start, shadows.direction[some], rest, light_there, past)
+            shadows.light[some] = light_there
+
+        triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
         kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
 
-    def _meet(self, tint: _Tint, paths: Paths) -> Hits:
+    def _meet(self, tint: _Tint, vertex: int, paths: Paths) -> Hits:
+        def by_chance(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
+            dice = draws.points(), paths.key[some], paths.place[some], draws.passing_stage(vertex, layer)
+            shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, paths.direction[some], past)
+
         count = len(paths.power)
-        triangle = self._first_triangle(paths.origin, paths.direction)
-        point, flat, normal, paint = np.empty((4, count, 3))
-        hits = Hits(np.empty(count), triangle, point, flat, normal, paint, np.empty(count))
+        triangle = self._first_triangle(paths.origin, paths.direction, by_chance)
+        point, flat, normal = np.empty((3, count, 3))
+        hits = Hits(np.empty(count), triangle, point, flat, normal, np.empty((count, 5)), np.empty(count))
         albedo = np.full(count, np.nan)
         for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
             if on_art.any():
                 albedo[on_art] = 0.0
                 art.shine(np.where(on_art, triangle - first, -1), paths.origin, paths.direction, albedo)
-        kernels.meet(self._shapes, tint.materials, albedo, paths, hits)
+        kernels.meet(self._shapes, tint.materials, tabled_layers(), albedo, paths, hits)
         return hits
 
-    def _first_triangle(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """First triangle of each ray that is no hole there, (n,) int64; -1: none."""
+    def _surfaces(self, tint: _Tint) -> tuple[shapes.Shapes, Materials, Layers]:
+        return self._shapes, tint.materials, tabled_layers()
+
+    def _first_triangle(self, origin: np.ndarray, direction: np.ndarray, passes: _Passes) -> np.ndarray:
+        """First triangle of each ray that it does not pass, (n,) int64; -1: none."""
         triangle = self._embree.first_hit(origin, direction).astype(np.int64)
-        if not self._has_holes:
+        if not self._lets_pass:
             return triangle
         left, start = np.arange(len(triangle)), origin
-        for _ in range(_MOST_HOLES):
+        for layer in range(draws.LAYERS):
             past = np.empty(len(left))
-            find_holes(self._shapes, self._opacity, triangle[left], start, direction[left], past)
+            passes(triangle[left], left, start, past, layer)
             through = np.flatnonzero(np.isfinite(past))
             if not len(through):
                 break

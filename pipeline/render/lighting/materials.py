@@ -6,6 +6,7 @@ times a coefficient. Both hold scale and bias of the texture, and the light.
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -13,27 +14,37 @@ import numpy as np
 from pipeline.jit.decorators import inline
 from pipeline.records.shapes import Float64, Num
 from pipeline.render.lighting.records import Coat, Input, Material
-from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint
+from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint, let_through
 
-DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z = range(9)
+DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z, COAT, COAT_ROUGHNESS = range(
+    11
+)
 """Inputs of a material [1]."""
-INPUTS = 9
+INPUTS = 11
 """Number of inputs."""
 TEXTURE, WRAP_S, WRAP_T, CONSTANT = range(4)
-"""Columns of an input: row of its texture, -1 without; wrap modes, numbers of `WRAPS`; its constant."""
+"""Columns of an input: row of its texture, -1 without, `PRIMVAR`: the primvar itself; wrap modes, numbers of `WRAPS`;
+its constant."""
 COEFFICIENTS, MAP = 4, 8
-"""First columns of the coefficients of a texel's components, and of the map from the primvar to s and t."""
-COLUMNS = 14
+"""First columns of the coefficients of a texel or a primvar, and of the map from the primvar to s and t."""
+FIRST = 14
+"""Column of an input: the first one of its texture coordinates, or of its primvar, among the primvars of the shape."""
+COLUMNS = 15
 """Number of columns of an input."""
-WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY = range(5)
+PRIMVAR = -2
+"""Entry in place of a texture [1]."""
+WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY, VEIL, COATED = range(7)
 """Flags of a material: whether `specularColor` counts; reflectance of a facet of its dielectric face on; opacity below
-which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant."""
-FLAGS = 5
+which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant; what light passes, one
+of `SOLID`, `GLASS` and `PRESENCE`; whether it has a clear coat."""
+FLAGS = 7
 """Number of flags."""
 WRAPS = ("repeat", "mirror", "clamp", "black")
 """Wrap modes, by their number in kernels."""
 REPEAT, MIRROR, CLAMP, BLACK = range(4)
 """Numbers of the wrap modes."""
+SOLID, GLASS, PRESENCE = range(3)
+"""What the opacity is that of: of nothing; of the paint, so that layers above it still reflect; of all."""
 
 
 class Materials(NamedTuple):
@@ -43,6 +54,21 @@ class Materials(NamedTuple):
     flags: np.ndarray
     pictures: np.ndarray  # (k, 3) int64, first texel, width and height of each texture
     texels: np.ndarray  # (n, 4) float32, linear, the first row of a picture is its top
+
+
+class Spot(NamedTuple):
+    """A place of a triangle, by the weights of its corners, with the primvars at the corners of all, (t, 3, n)."""
+
+    primvars: np.ndarray
+    triangle: int
+    weights: tuple[float, float, float]
+
+
+@inline
+def primvar_at(spot, column):
+    """One number of the primvars at a place."""
+    corners, w = spot.primvars[spot.triangle], spot.weights
+    return w[0] * corners[0, column] + w[1] * corners[1, column] + w[2] * corners[2, column]
 
 
 @inline
@@ -68,13 +94,18 @@ def _texel(materials, picture, x, y, place):
 
 
 @inline
-def input_at(materials, m, which, st):
-    """An input of a material at texture coordinates, between the centres of four texels."""
+def input_at(materials, m, which, spot):
+    """An input of a material at a place, of a texture between the centres of four texels."""
     row = materials.inputs[m, which]
-    value, picture = row[CONSTANT], int(row[TEXTURE])
+    value, picture, first = row[CONSTANT], int(row[TEXTURE]), int(row[FIRST])
+    if picture == PRIMVAR:
+        for k in range(3):
+            if row[COEFFICIENTS + k] != 0.0:
+                value += row[COEFFICIENTS + k] * primvar_at(spot, first + k)
     if picture < 0:
         return value
     width, height = materials.pictures[picture, 1], materials.pictures[picture, 2]
+    st = primvar_at(spot, first), primvar_at(spot, first + 1)
     s = row[MAP] * st[0] + row[MAP + 1] * st[1] + row[MAP + 2]
     t = row[MAP + 3] * st[0] + row[MAP + 4] * st[1] + row[MAP + 5]
     x, y = s * width - 0.5, (1.0 - t) * height - 0.5
@@ -94,28 +125,59 @@ def input_at(materials, m, which, st):
 
 
 @inline
-def is_hole(materials, m, st):
-    """Whether a material lets everything through at a point."""
-    threshold = materials.flags[m, THRESHOLD]
-    return threshold > 0.0 and input_at(materials, m, OPACITY, st) < threshold
-
-
-@inline
 def _share(x):
     return min(max(x, 0.0), 1.0)
 
 
 @inline
-def paint_at(materials, m, st):
-    """The paint of a surface at a point."""
-    colour = _share(input_at(materials, m, DIFFUSE, st))
-    if materials.flags[m, LAYER] == 0.0:
-        return Paint(colour, 0.0, 0.0)
-    alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, st)) ** 2)
-    if materials.flags[m, WORKFLOW] > 0.0:
-        return Paint(colour, _share(input_at(materials, m, SPECULAR, st)), alpha)
-    metal = _share(input_at(materials, m, METALLIC, st))
-    return Paint((1.0 - metal) * colour, (1.0 - metal) * materials.flags[m, FACING] + metal * colour, alpha)
+def passing(layers, materials, m, spot, cosine):
+    """Share of light that passes a surface straight on, for the cosine of its angle to the triangle."""
+    flags = materials.flags[m]
+    if flags[THRESHOLD] > 0.0:
+        return 1.0 if input_at(materials, m, OPACITY, spot) < flags[THRESHOLD] else 0.0
+    if flags[VEIL] == SOLID:
+        return 0.0
+    clear = 1.0 - _share(input_at(materials, m, OPACITY, spot))
+    return clear * let_through(layers, paint_at(materials, m, spot), abs(cosine)) if flags[VEIL] == GLASS else clear
+
+
+@inline
+def veiled(layers, materials, m, spot, cosine, paint):
+    """What meets a surface by chance where it does not pass: its paint, and the factor of its light."""
+    if materials.flags[m, VEIL] != GLASS:
+        return paint, 1.0
+    passed = passing(layers, materials, m, spot, cosine)
+    opacity = _share(input_at(materials, m, OPACITY, spot))
+    faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha)
+    return faint, 1.0 / max(1.0 - passed, 1e-12)
+
+
+@inline
+def presence_at(materials, m, spot):
+    """Share of a surface that is there."""
+    flags = materials.flags[m]
+    if flags[THRESHOLD] > 0.0:
+        return 0.0 if input_at(materials, m, OPACITY, spot) < flags[THRESHOLD] else 1.0
+    return _share(input_at(materials, m, OPACITY, spot)) if flags[VEIL] == PRESENCE else 1.0
+
+
+@inline
+def paint_at(materials, m, spot):
+    """The paint of a surface at a place."""
+    colour, flags = _share(input_at(materials, m, DIFFUSE, spot)), materials.flags[m]
+    coat, coat_alpha, facing, alpha = 0.0, LEAST_ALPHA, 0.0, 0.0
+    if flags[COATED] > 0.0:
+        coat = _share(input_at(materials, m, COAT, spot))
+        coat_alpha = max(LEAST_ALPHA, _share(input_at(materials, m, COAT_ROUGHNESS, spot)) ** 2)
+    if flags[LAYER] > 0.0:
+        alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, spot)) ** 2)
+        if flags[WORKFLOW] > 0.0:
+            facing = _share(input_at(materials, m, SPECULAR, spot))
+        else:
+            metal = _share(input_at(materials, m, METALLIC, spot))
+            facing = (1.0 - metal) * flags[FACING] + metal * colour
+            colour *= 1.0 - metal
+    return Paint(colour, facing, alpha, coat, coat_alpha)
 
 
 class MaterialTable:
@@ -129,22 +191,23 @@ class MaterialTable:
         self._pictures = np.array(places, np.int64).reshape(-1, 3)
         texels = [np.asarray(picture, np.float32).reshape(-1, 4) for picture in pictures.values()]
         self._texels = np.concatenate([np.zeros((0, 4), np.float32), *texels])
-        self._materials: list[tuple[Material, float]] = []
+        self._materials: list[tuple[Material, float, Mapping[str, int]]] = []
         self._flags: list[tuple[float, ...]] = []
 
-    def add(self, material: Material, radiance: float = 0.0) -> int:
-        """Add a material that also shines by itself; returns its row."""
+    def add(self, material: Material, radiance: float = 0.0, columns: Mapping[str, int] = MappingProxyType({})) -> int:
+        """Add a material that also shines by itself, with the first columns of primvars; returns its row."""
         bumpy = material.normal.texture is not None
-        self._materials.append((material, radiance))
-        facing = facing_of(material.ior)
-        flags = material.specular_color is not None, facing, material.opacity_threshold, _has_layer(material), bumpy
-        self._flags.append(flags)
+        self._materials.append((material, radiance, columns))
+        facing, is_cut = facing_of(material.ior), material.opacity_threshold > 0
+        veil = SOLID if is_cut or not _may_vary(material.opacity, 1.0) else PRESENCE if material.is_presence else GLASS
+        flags = (material.specular_color is not None, facing, material.opacity_threshold, _has_layer(material))
+        self._flags.append((*flags, bumpy, veil, _may_vary(material.clearcoat, 0.0)))
         return len(self._flags) - 1
 
     def add_coat(self, coat: Coat | None) -> int:
         """Add what lies on the artwork of a target; returns its row."""
         row = self.add(Material(roughness=Input(value=(coat.roughness if coat else 0.0,)), ior=coat.ior if coat else 1))
-        self._flags[row] = (False, facing_of(coat.ior) if coat else 0.0, 0.0, coat is not None, False)
+        self._flags[row] = (False, facing_of(coat.ior) if coat else 0.0, 0.0, coat is not None, False, SOLID, False)
         return row
 
     def arrays(self, raised: Float64[np.ndarray, "3"]) -> Materials:
@@ -153,24 +216,31 @@ class MaterialTable:
         flags = np.array(self._flags, float).reshape(-1, FLAGS)
         return Materials(np.array(inputs).reshape(-1, INPUTS, COLUMNS), flags, self._pictures, self._texels)
 
-    def _inputs(self, material: Material, radiance: float, raised: np.ndarray) -> np.ndarray:
+    def _inputs(
+        self, material: Material, radiance: float, columns: Mapping[str, int], raised: np.ndarray
+    ) -> np.ndarray:
         inputs = np.zeros((INPUTS, COLUMNS))
         colours = {DIFFUSE: material.diffuse_color, EMISSION: material.emissive_color}
         if material.specular_color:
             colours[SPECULAR] = material.specular_color
         for place, value in colours.items():
-            inputs[place] = self._row(value, raised)
-        numbers = (material.metallic, material.roughness, material.opacity)
-        for place, value in zip((METALLIC, ROUGHNESS, OPACITY), numbers, strict=True):
-            inputs[place] = self._row(value, np.ones(1))
+            inputs[place] = self._row(value, raised, columns)
+        numbers = {METALLIC: material.metallic, ROUGHNESS: material.roughness, OPACITY: material.opacity}
+        numbers |= {COAT: material.clearcoat, COAT_ROUGHNESS: material.clearcoat_roughness}
+        for place, value in numbers.items():
+            inputs[place] = self._row(value, np.ones(1), columns)
         for axis in range(3):
-            inputs[NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
+            inputs[NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis], columns)
         inputs[EMISSION, CONSTANT] += radiance
         return inputs
 
-    def _row(self, value: Input, weights: np.ndarray) -> np.ndarray:
+    def _row(self, value: Input, weights: np.ndarray, columns: Mapping[str, int]) -> np.ndarray:
         """An input whose components are summed up with some weights."""
         row, texture = np.zeros(COLUMNS), value.texture
+        if value.primvar:
+            row[TEXTURE], row[FIRST] = PRIMVAR, columns[value.primvar]
+            row[COEFFICIENTS : COEFFICIENTS + len(weights)] = weights
+            return row
         row[TEXTURE] = -1
         row[CONSTANT] = float(weights @ np.array(value.value))
         if texture is None:
@@ -180,7 +250,7 @@ class MaterialTable:
         row[WRAP_S], row[WRAP_T] = (WRAPS.index(wrap) for wrap in texture.wrap)
         row[CONSTANT] = float(weights @ np.array(texture.bias)[places])
         row[[COEFFICIENTS + place for place in places]] = weights * np.array(texture.scale)[places]
-        row[MAP:] = texture.st_from_primvar
+        row[MAP : MAP + 6], row[FIRST] = texture.st_from_primvar, columns.get(texture.primvar, 0)
         return row
 
 
@@ -192,8 +262,13 @@ def facing_of(ior: float) -> float:
 def _has_layer(material: Material) -> bool:
     """Whether a specular layer is there: none has the index of air, or a black `specularColor`."""
     if material.specular_color:
-        return bool(material.specular_color.texture or any(material.specular_color.value))
-    return bool(material.metallic.texture or any(material.metallic.value) or material.ior != 1.0)
+        return _may_vary(material.specular_color, 0.0)
+    return _may_vary(material.metallic, 0.0) or material.ior != 1.0
+
+
+def _may_vary(value: Input, idle: float) -> bool:
+    """Whether an input may be anything else than a value."""
+    return bool(value.texture or value.primvar or any(number != idle for number in value.value))
 
 
 def texture_names(materials: Sequence[Material]) -> list[str]:

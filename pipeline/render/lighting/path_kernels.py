@@ -22,16 +22,15 @@ from pipeline.render.lighting.lamps import (
     density,
     far_light,
     meet_lamp,
+    radiance_of,
     sample_lamp,
 )
-from pipeline.render.lighting.lamps import RADIANCE as OF_LAMP
-from pipeline.render.lighting.materials import EMISSION, input_at, paint_at
+from pipeline.render.lighting.materials import EMISSION, Spot, input_at, paint_at, veiled
 from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, reflected_as, scattered, seen_along
 from pipeline.render.lighting.shapes import (
     glow_density,
     sample_glow,
     shading_normal,
-    st_at,
     weights,
 )
 from pipeline.targets.surface_kernels import path_to
@@ -71,7 +70,7 @@ class Hits(NamedTuple):
     # (n, 3), unit normals of the triangle and for shading, on the side that the ray comes from
     flat: np.ndarray
     normal: np.ndarray
-    paint: np.ndarray  # (n, 3), fields of `reflection.Paint`
+    paint: np.ndarray  # (n, 5), fields of `reflection.Paint`
     emission: np.ndarray
 
 
@@ -95,8 +94,9 @@ def reach_lamps(lamps, paths, reaches):
 
 
 @kernel
-def meet(shapes, materials, albedo, paths, hits):
-    """Say what each path meets: `hits.triangle` is the first triangle of each ray, -1: none.
+def meet(shapes, materials, layers, albedo, paths, hits):
+    """Say what each path meets: `hits.triangle` is the first triangle of each ray, -1: none. A path that could have
+    passed it stands for more light.
 
     `albedo`, (n,) float64: reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
     """
@@ -109,19 +109,22 @@ def meet(shapes, materials, albedo, paths, hits):
         path, normal = path_to(shapes.corners[t], start, way)
         point = along(start, path, way)
         w = weights(shapes.corners[t], normal, point)
-        flat, st, m = unit(normal), st_at(shapes, t, w), shapes.material[t]
+        flat, spot, m = unit(normal), Spot(shapes.primvars, t, w), shapes.material[t]
         shading = shading_normal(shapes, materials, t, w, flat)
         side = -1.0 if dot(flat, way) > 0.0 else 1.0
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
         shading = shading if dot(shading, way) < 0.0 else flat
-        paint = paint_at(materials, m, st)
+        paint, more = veiled(layers, materials, m, spot, dot(flat, way), paint_at(materials, m, spot))
+        paths.power[i] *= more
         if not math.isnan(albedo[i]):
-            paint = Paint(albedo[i], paint.facing, paint.alpha) if side > 0.0 else Paint(0.0, 0.0, 0.0)
-        hits.distance[i], hits.emission[i] = path, input_at(materials, m, EMISSION, st)
+            front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha)
+            paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha)
+        hits.distance[i], hits.emission[i] = path, input_at(materials, m, EMISSION, spot)
         for k in range(3):
             hits.point[i, k], hits.flat[i, k], hits.normal[i, k] = point[k], flat[k], shading[k]
         hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2] = paint.diffuse, paint.facing, paint.alpha
+        hits.paint[i, 3], hits.paint[i, 4] = paint.coat, paint.coat_alpha
 
 
 @kernel
@@ -143,7 +146,8 @@ def gather(lamps, asked, paths, hits, light):
             hits.distance[i] = math.inf
             if bright > 0.0:
                 chance = asked * lamps.table[lamp, CHANCE] * density(lamps.table, lamp, start, nearest, bright)
-                light[paths.ray[i]] += paths.power[i] * lamps.table[lamp, OF_LAMP] * _share(paths.density[i], chance)
+                sent = radiance_of(lamps, lamp, start, way, nearest)
+                light[paths.ray[i]] += paths.power[i] * sent * _share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
                 chance = asked * glow_density(lamps.glow, hits.triangle[i], way, nearest)
@@ -171,7 +175,8 @@ def _from_far(lamps, asked, paths, i, way):
 
 @inline
 def _paint(hits, i):
-    return Paint(hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2])
+    paint = hits.paint[i]
+    return Paint(paint[0], paint[1], paint[2], paint[3], paint[4])
 
 
 @inline

@@ -1,12 +1,34 @@
 """Records of what lights a scene and what reflects there, as parameters of tasks."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 Rgb = tuple[float, float, float]
 """Linear components of sRGB's primaries."""
 Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """Light of a luminaire by polar angles from the -z axis of its lamp, and by angles about that, from +x to +y."""
+
+    # ascending; [rad]
+    polar: Numbers
+    around: Numbers  # from 0 to 2 pi
+    factors: tuple[Numbers, ...]  # of the radiance, for each angle around and each polar one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shaping:
+    """How the radiance of a lamp depends on the direction, as the ShapingAPI of UsdLux says."""
+
+    focus: float = 0.0  # power of the cosine from the axis
+    focus_tint: Rgb = (0.0, 0.0, 0.0)
+    cone: float = math.pi / 2  # largest angle from the axis [rad]
+    softness: float = 0.0  # part of the cone in which light fades out
+    profile: Profile | None = None
+    angle_scale: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,7 +40,8 @@ class Lamp:
     # rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant: half
     # its angle [rad], 0
     size: tuple[float, float] = (0.0, 0.0)
-    texture: str = ""  # name of the task's input that holds the picture of a dome; empty: there is none
+    texture: str = ""  # name of the task's input that holds the picture of a dome or a rect; empty: there is none
+    shaping: Shaping | None = None  # None: the same in all directions
 
     @property
     def area(self) -> float:
@@ -46,19 +69,24 @@ class Texture:
     bias: Numbers = (0.0, 0.0, 0.0, 0.0)
     wrap: tuple[str, str] = ("repeat", "repeat")  # `repeat`, `mirror`, `clamp` or `black`, along s and t
     st_from_primvar: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # rows of the affine map from the primvar to s and t
+    primvar: str = "st"  # name of the texture coordinates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input:
-    """An input of a material: a value of one or three numbers, or a texture."""
+    """An input of a material: a value of one or three numbers, a texture, or a primvar, whose name is not empty."""
 
     value: Numbers
     texture: Texture | None = None
+    primvar: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """A UsdPreviewSurface. `specular_color` replaces `metallic` and `ior` where it is there."""
+    """A UsdPreviewSurface. `specular_color` replaces `metallic` and `ior` where it is there.
+
+    Without a threshold the opacity is that of all of the surface with `is_presence`, otherwise that of its paint.
+    """
 
     diffuse_color: Input = Input(value=(0.18, 0.18, 0.18))
     metallic: Input = Input(value=(0.0,))
@@ -69,16 +97,19 @@ class Material:
     specular_color: Input | None = None
     ior: float = 1.5
     opacity_threshold: float = 0.0
+    clearcoat: Input = Input(value=(0.0,))
+    clearcoat_roughness: Input = Input(value=(0.01,))
+    is_presence: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finish:
-    """Materials of the triangles of a mesh, with normals in its frame and texture coordinates at their corners."""
+    """Materials of the triangles of a mesh, with normals in its frame and primvars at their corners, by name."""
 
     materials: tuple[Material, ...]
     material_of: tuple[int, ...] = ()  # index of the material of each triangle; empty: all have the first
     normals: tuple[Numbers, ...] = ()
-    st: tuple[Numbers, ...] = ()
+    primvars: dict[str, tuple[Numbers, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

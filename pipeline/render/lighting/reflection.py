@@ -7,6 +7,10 @@ what the layer does not return goes to the paint below it (Kelemen and Szirmay-K
 nothing reflects everything, in each direction, and all terms are reciprocal. What the layer returns is tabled, by
 integration over its visible facets.
 
+A clear coat is a layer of facets more, above all others. It weakens light that goes through it towards the paint, or to
+many facets below, on its way in and out, so that nothing is lost; of light that a single facet below reflects it leaves
+what it lets through in that of both directions in which that is less. Means of both layers together are tabled.
+
 Frame of a surface: z along its shading normal. Both directions point away from it.
 """
 
@@ -21,6 +25,10 @@ from pipeline.targets.vectors import dot, unit
 
 NODES = 64
 """Nodes of the tables along each axis [1]: with them a white furnace is white to 0.0003."""
+COARSE = 22
+"""Nodes of the table of two layers along each axis [1], of which every third node of the others is one."""
+_COAT = 0.04
+"""Reflectance of a clear coat face on [1]: that of the index 1.5."""
 LEAST_ALPHA = 1e-3
 """Least width of facets [1]: a roughness of 0.03. A mirror would be a case of its own, and looks the same."""
 _STAYING = 0.77
@@ -44,6 +52,9 @@ class Layers(NamedTuple):
     # (NODES, NODES, 2), means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of alpha and
     # by `Paint.facing`
     means: np.ndarray
+    # (COARSE, COARSE, COARSE, 2), means of the light that a coat returns times both parts of `Layer`, by the roots of
+    # the coat's alpha and of alpha, and by `Paint.facing`
+    coated: np.ndarray
 
 
 class Paint(NamedTuple):
@@ -52,6 +63,8 @@ class Paint(NamedTuple):
     diffuse: float  # reflectance of the paint; 0 below a metal
     facing: float  # reflectance of a facet seen face on
     alpha: float  # width of the distribution of facets; 0: there is no specular layer
+    coat: float = 0.0  # share of the surface that has a clear coat, of the index 1.5
+    coat_alpha: float = LEAST_ALPHA
 
 
 class Layer(NamedTuple):
@@ -70,6 +83,9 @@ class SeenSurface(NamedTuple):
     many: float
     kept: float
     chance: float  # probability with which `scattered` follows the layer
+    coat: Layer  # what a clear coat returns, its share counted
+    coat_many: float  # mean over a hemisphere of `Layer.many` of the coat, its share counted
+    coat_chance: float  # probability with which `scattered` follows the coat
 
 
 @inline
@@ -137,36 +153,99 @@ def reflected(layers, paint, seen, lit):
 @inline
 def seen_along(layers, paint, seen):
     """The surface as it is seen along a direction."""
-    if paint.alpha == 0.0:
-        return SeenSurface(seen, Layer(0.0, 0.0), 1.0, 1.0, 0.0)
-    layer = _layer(layers, paint, seen[2])
+    layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(paint.facing)
-    many = max(_between(layers.means, i, a, j, b, 0), 1e-12)
-    kept = max(1.0 - _between(layers.means, i, a, j, b, 1), 1e-9)
-    return SeenSurface(seen, layer, many, kept, specular_chance(paint, layer))
+    if paint.alpha > 0.0:
+        layer = _layer(layers, paint, seen[2])
+        many = _between(layers.means, i, a, j, b, 0)
+        kept = 1.0 - _between(layers.means, i, a, j, b, 1)
+        chance = specular_chance(paint, layer)
+    if paint.coat == 0.0:
+        return SeenSurface(seen, layer, max(many, 1e-12), max(kept, 1e-9), chance, Layer(0.0, 0.0), 1.0, 0.0)
+    k, c = _at(math.sqrt(paint.coat_alpha))
+    j, b = _at(_COAT)
+    coat, coat_mean = _coat(layers, paint, seen[2]), paint.coat * _between(layers.means, k, c, j, b, 1)
+    coat_many = max(paint.coat * _between(layers.means, k, c, j, b, 0), 1e-12)
+    if paint.alpha > 0.0:
+        many -= paint.coat * _both_means(layers, paint, 0)
+        kept += paint.coat * _both_means(layers, paint, 1)
+    many, kept = max(many, 1e-12), max(kept - coat_mean, 1e-9)
+    under = (1.0 - coat.returned) * (layer.returned + paint.diffuse * (1.0 - layer.returned))
+    follow = min(0.95, max(0.05, coat.returned / (coat.returned + under + 1e-12)))
+    return SeenSurface(seen, layer, many, kept, chance, coat, coat_many, follow)
+
+
+@inline
+def _coat(layers, paint, cosine):
+    """The clear coat in a direction."""
+    whole = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA), cosine)
+    return Layer(paint.coat * whole.many, paint.coat * whole.returned)
+
+
+@inline
+def _both_means(layers, paint, part):
+    """Entry of `Layers.coated` between eight nodes."""
+    last, total = COARSE - 1, 0.0
+    x, y, z = math.sqrt(paint.coat_alpha) * last, math.sqrt(paint.alpha) * last, paint.facing * last
+    i, j, k = min(int(x), last - 1), min(int(y), last - 1), min(int(z), last - 1)
+    for corner in range(8):
+        p, q, r = corner & 1, corner >> 1 & 1, corner >> 2
+        weight = (1.0 - abs(x - i - p)) * (1.0 - abs(y - j - q)) * (1.0 - abs(z - k - r))
+        total += weight * layers.coated[i + p, j + q, k + r, part]
+    return total
+
+
+@inline
+def let_through(layers, paint, cosine):
+    """Share of light that no layer of a surface returns, in a direction."""
+    through = 1.0
+    if paint.alpha > 0.0:
+        through -= _layer(layers, paint, cosine).returned
+    return max(through * (1.0 - _coat(layers, paint, cosine).returned), 0.0) if paint.coat > 0.0 else max(through, 0.0)
 
 
 @inline
 def reflected_as(layers, paint, as_seen, lit):
     """Values of `reflected`, for many directions of light."""
-    seen, layer = as_seen.direction, as_seen.layer
+    seen = as_seen.direction
     if not (seen[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
+    if paint.coat == 0.0:
+        return _below(layers, paint, as_seen, lit, Layer(0.0, 0.0))
+    coat = _coat(layers, paint, lit[2])
+    value, density = _below(layers, paint, as_seen, lit, coat)
+    once, facets = _once(_COAT, paint.coat_alpha, seen, lit)
+    many = as_seen.coat.many * coat.many / as_seen.coat_many
+    value += paint.coat * once + many * lit[2] / math.pi
+    return value, as_seen.coat_chance * facets + (1.0 - as_seen.coat_chance) * density
+
+
+@inline
+def _below(layers, paint, as_seen, lit, coat):
+    """Values of `reflected` of all that is below a coat, which is given in the direction of the light."""
+    seen, layer = as_seen.direction, as_seen.layer
+    through = (1.0 - as_seen.coat.returned) * (1.0 - coat.returned)
     if paint.alpha == 0.0:
-        return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
+        return paint.diffuse * lit[2] / math.pi * (through / as_seen.kept), lit[2] / math.pi
     other = _layer(layers, paint, lit[2])
-    many = layer.many * other.many / as_seen.many
-    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept
+    many = layer.many * other.many / as_seen.many * through
+    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept * through
+    once, single = _once(paint.facing, paint.alpha, seen, lit)
+    density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
+    return once * (1.0 - max(as_seen.coat.returned, coat.returned)) + (many + below) * lit[2] / math.pi, density
+
+
+@inline
+def _once(facing, alpha, seen, lit):
+    """Light that single facets reflect times its cosine, and the density with which facets are chosen."""
     half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
     # Density of facets with this normal, times their visible part.
-    inner = half[2] * half[2] * (paint.alpha * paint.alpha - 1.0) + 1.0
-    facets, visible = paint.alpha * paint.alpha / (math.pi * inner * inner), _masking(paint.alpha, seen[2])
+    inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
+    facets, visible = alpha * alpha / (math.pi * inner * inner), _masking(alpha, seen[2])
     single = facets * visible / (4.0 * seen[2])
-    density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
-    once = fresnel(paint.facing, glance) * single * _both(visible, _masking(paint.alpha, lit[2]))
-    return once + (many + below) * lit[2] / math.pi, density
+    return fresnel(facing, glance) * single * _both(visible, _masking(alpha, lit[2])), single
 
 
 @inline
@@ -180,15 +259,26 @@ def specular_chance(paint, layer):
 def scattered(layers, paint, seen, pair):
     """A direction in which light may have come, for light that is seen along a direction."""
     u = pair[0]
+    if paint.coat > 0.0:
+        chance = seen_along(layers, paint, seen).coat_chance
+        if u < chance:
+            return _mirrored(paint.coat_alpha, seen, u / chance, pair[1])
+        u = (u - chance) / (1.0 - chance)
     if paint.alpha > 0.0:
         chance = specular_chance(paint, _layer(layers, paint, seen[2]))
         if u < chance:
-            half = _visible_facet(paint.alpha, seen, u / chance, pair[1])
-            twice = 2.0 * dot(seen, half)
-            return twice * half[0] - seen[0], twice * half[1] - seen[1], twice * half[2] - seen[2]
+            return _mirrored(paint.alpha, seen, u / chance, pair[1])
         u = (u - chance) / (1.0 - chance)
     radius, turn = math.sqrt(u), 2.0 * math.pi * pair[1]
     return radius * math.cos(turn), radius * math.sin(turn), math.sqrt(max(0.0, 1.0 - u))
+
+
+@inline
+def _mirrored(alpha, seen, u, v):
+    """A direction that a visible facet mirrors."""
+    half = _visible_facet(alpha, seen, u, v)
+    twice = 2.0 * dot(seen, half)
+    return twice * half[0] - seen[0], twice * half[1] - seen[1], twice * half[2] - seen[2]
 
 
 @inline
@@ -214,8 +304,11 @@ def tabled_layers() -> Layers:
     sums[:, :, 2] = np.tensordot(_ROOT, features, 1)
     many = _many.function(root[:, None, None], 1.0 - whole, sums[:, :, 2])  # by reflectance first
     returned = root[:, None, None] * (whole - grazing) + grazing + many
-    means = np.stack([many, returned], axis=-1).transpose(1, 0, 2, 3)
-    return Layers(sums, np.ascontiguousarray(np.einsum("aick,c->aik", means, _weights(root))))
+    both, weights = np.stack([many, returned], axis=-1).transpose(1, 0, 2, 3), _weights(root)
+    coat = _COAT * (whole - grazing) + grazing + _many.function(_COAT, 1.0 - whole, sums[:, :, 2])
+    step = (NODES - 1) // (COARSE - 1)
+    coated = np.einsum("ac,bfck,c->abfk", coat[::step], both[::step, ::step], weights)
+    return Layers(sums, *map(np.ascontiguousarray, (np.einsum("aick,c->aik", both, weights), coated)))
 
 
 def _weights(root: np.ndarray) -> np.ndarray:

@@ -11,7 +11,8 @@ from pipeline.frames import apply
 from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting import materials as column
-from pipeline.render.lighting.materials import Materials, input_at, is_hole
+from pipeline.render.lighting.draws import draw
+from pipeline.render.lighting.materials import Materials, Spot, input_at, passing, presence_at
 from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares
@@ -25,7 +26,7 @@ class Shapes(NamedTuple):
     # (t, 3, 3), corners and normals of each, anticlockwise as seen from the front
     corners: np.ndarray
     normals: np.ndarray
-    st: np.ndarray  # (t, 3, 2), texture coordinates at the corners
+    primvars: np.ndarray  # (t, 3, n), texture coordinates, colours and other numbers at the corners
     material: np.ndarray
 
 
@@ -67,7 +68,8 @@ def sample_glow(glow, origin, pair):
     off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
     length = math.sqrt(dot(off, off))
     way = times(1.0 / length, off)
-    radiance = input_at(glow.materials, glow.shapes.material[t], column.EMISSION, st_at(glow.shapes, t, w))
+    m, spot = glow.shapes.material[t], Spot(glow.shapes.primvars, t, w)
+    radiance = input_at(glow.materials, m, column.EMISSION, spot) * presence_at(glow.materials, m, spot)
     return way, length, radiance, glow_density(glow, t, way, length)
 
 
@@ -89,16 +91,6 @@ def weights(corners, normal, point):
 
 
 @inline
-def st_at(shapes, t, w):
-    """Texture coordinates where the corners have some weights."""
-    st = shapes.st
-    return (
-        w[0] * st[t, 0, 0] + w[1] * st[t, 1, 0] + w[2] * st[t, 2, 0],
-        w[0] * st[t, 0, 1] + w[1] * st[t, 1, 1] + w[2] * st[t, 2, 1],
-    )
-
-
-@inline
 def shading_normal(shapes, materials, t, w, flat):
     """Unit normal for shading: that of the corners, turned by the material's normal map."""
     normals = shapes.normals
@@ -111,48 +103,93 @@ def shading_normal(shapes, materials, t, w, flat):
     m = shapes.material[t]
     if materials.flags[m, column.BUMPY] == 0.0:
         return smooth
-    s_axis, t_axis = _axes_of_st(shapes, t)
+    s_axis, t_axis = _axes_of_st(shapes, t, materials.inputs[m, column.NORMAL_X])
     s_axis = along(s_axis, -dot(s_axis, smooth), smooth)
     if not dot(s_axis, s_axis) > 1e-24:
         return smooth
     s_axis = unit(s_axis)
     across = cross(smooth, s_axis)
     side = math.copysign(1.0, dot(across, t_axis))
-    st = st_at(shapes, t, w)
-    x, y = input_at(materials, m, column.NORMAL_X, st), input_at(materials, m, column.NORMAL_Y, st)
+    spot = Spot(shapes.primvars, t, w)
+    x, y = input_at(materials, m, column.NORMAL_X, spot), input_at(materials, m, column.NORMAL_Y, spot)
     bent = along(times(x, s_axis), side * y, across)
-    bent = along(bent, input_at(materials, m, column.NORMAL_Z, st), smooth)
+    bent = along(bent, input_at(materials, m, column.NORMAL_Z, spot), smooth)
     return unit(bent) if dot(bent, flat) > 1e-6 else smooth
 
 
 @inline
-def _axes_of_st(shapes, t):
-    """Directions in which s and t grow on a triangle, times a number common to both."""
-    corners, st = shapes.corners[t], shapes.st[t]
+def _axes_of_st(shapes, t, texture):
+    """Directions in which s and t of a texture grow on a triangle, times a number common to both."""
+    corners, first = shapes.corners[t], int(texture[column.FIRST])
     e1, e2 = minus(row(corners, 1), row(corners, 0)), minus(row(corners, 2), row(corners, 0))
-    s1, t1, s2, t2 = st[1, 0] - st[0, 0], st[1, 1] - st[0, 1], st[2, 0] - st[0, 0], st[2, 1] - st[0, 1]
+    s1, t1 = _step_of_st(shapes, t, texture, first, 1)
+    s2, t2 = _step_of_st(shapes, t, texture, first, 2)
     sign = math.copysign(1.0, s1 * t2 - s2 * t1)
     return along(times(sign * t2, e1), -sign * t1, e2), along(times(-sign * s2, e1), sign * s1, e2)
 
 
+@inline
+def _step_of_st(shapes, t, texture, first, corner):
+    """Difference of a texture's s and t at a corner from those at the first."""
+    there, here, m = shapes.primvars[t, corner], shapes.primvars[t, 0], texture[column.MAP : column.MAP + 6]
+    a, b = there[first] - here[first], there[first + 1] - here[first + 1]
+    return m[0] * a + m[1] * b, m[3] * a + m[4] * b
+
+
+@inline
+def _met(surfaces, t, start, way):
+    """Path to a triangle, and the share of light that passes it there."""
+    shapes, materials, layers = surfaces
+    path, normal = path_to(shapes.corners[t], start, way)
+    w, m = weights(shapes.corners[t], normal, along(start, path, way)), shapes.material[t]
+    cosine = dot(unit(normal), way)
+    return path, passing(layers, materials, m, Spot(shapes.primvars, t, w), cosine)
+
+
 @kernel
-def find_holes(shapes, materials, triangle, origin, direction, past):
-    """Path of each ray to its triangle where that is a hole, (n,), written; NaN where it is none."""
+def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
+    """Path of each ray to its triangle if it passes it, (n,), written; NaN if it does not.
+
+    `surfaces`: shapes, materials and tables of layers. `dice`: points of random numbers, keys, places and the stage.
+    """
+    points, key, place, stage = dice
     for i in range(triangle.size):
-        past[i], t = math.nan, triangle[i]
-        if t < 0:
+        past[i] = math.nan
+        if triangle[i] < 0:
             continue
-        start, way = row(origin, i), row(direction, i)
-        path, normal = path_to(shapes.corners[t], start, way)
-        w = weights(shapes.corners[t], normal, along(start, path, way))
-        if is_hole(materials, shapes.material[t], st_at(shapes, t, w)):
+        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i))
+        if share >= 1.0 or (share > 0.0 and draw(points, key[i], place[i], stage)[0] < share):
+            past[i] = path
+
+
+@kernel
+def dim(surfaces, triangle, origin, direction, left, light, past):
+    """Path of each ray to its triangle if light passes it, (n,), written; NaN if it does not, or needs not.
+
+    `left`, (n,): path that the light has before it; `light`, (n,): what there is of it, multiplied by what passes.
+    """
+    for i in range(triangle.size):
+        past[i] = math.nan
+        if triangle[i] < 0:
+            continue
+        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i))
+        if share > 0.0 and path < left[i]:
+            light[i] *= share
             past[i] = path
 
 
 def joined(pieces: list[Shapes]) -> Shapes:
     """All pieces, one after the other."""
-    nothing = Shapes(np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.int64))
-    return Shapes(*(np.concatenate(arrays) for arrays in zip(nothing, *pieces, strict=True)))
+    width = max([2, *(piece.primvars.shape[2] for piece in pieces)])
+    nothing = Shapes(np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, width)), np.zeros(0, np.int64))
+    wide = [_widened(piece, width) for piece in pieces]
+    return Shapes(*(np.concatenate(arrays) for arrays in zip(nothing, *wide, strict=True)))
+
+
+def _widened(piece: Shapes, width: int) -> Shapes:
+    """A piece with so many numbers of primvars."""
+    more = width - piece.primvars.shape[2]
+    return piece._replace(primvars=np.pad(piece.primvars, ((0, 0), (0, 0), (0, more))))
 
 
 def of_patch(patch: Patch, pose: Float64[np.ndarray, "4 4"], material: int) -> Shapes:
@@ -167,10 +204,10 @@ def of_patch(patch: Patch, pose: Float64[np.ndarray, "4 4"], material: int) -> S
     elif patch.kind == HEIGHTS:
         chart = mesh[..., :2]
     else:
-        return Shapes(corners, normals, np.zeros((len(mesh), 3, 2)), np.full(len(mesh), material))
+        return Shapes(corners, normals, np.zeros((len(mesh), 3, 0)), np.full(len(mesh), material))
     _, axes, _ = patch.place(np.ascontiguousarray(chart.reshape(-1, 2)))
     normals = (axes[:, :, 2] @ pose[:3, :3].T).reshape(-1, 3, 3)
-    return Shapes(corners, normals, np.zeros((len(mesh), 3, 2)), np.full(len(mesh), material))
+    return Shapes(corners, normals, np.zeros((len(mesh), 3, 0)), np.full(len(mesh), material))
 
 
 def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish, rows: list[int]) -> Shapes:
@@ -181,9 +218,16 @@ def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish
     if finish.normals:
         turned = np.array(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
         normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
-    st = np.array(finish.st, float).reshape(-1, 3, 2) if finish.st else np.zeros((count, 3, 2))
+    tables = [np.array(values, float).reshape(count, 3, -1) for values in finish.primvars.values()]
+    primvars = np.concatenate([np.zeros((count, 3, 0)), *tables], axis=2)
     chosen = np.array(rows)[np.array(finish.material_of, int)] if finish.material_of else np.full(count, rows[0])
-    return Shapes(corners, normals, st, chosen)
+    return Shapes(corners, normals, primvars, chosen)
+
+
+def columns_of(finish: Finish) -> dict[str, int]:
+    """First column of each primvar of a mesh."""
+    sizes = [len(values[0]) // 3 if values else 0 for values in finish.primvars.values()]
+    return dict(zip(finish.primvars, np.cumsum([0, *sizes]).tolist(), strict=False))
 
 
 def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
@@ -205,11 +249,13 @@ def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
 
 
 def _emission(materials: Materials) -> np.ndarray:
-    """Radiance of each material, (m,), the mean of its picture if it has one."""
+    """Radiance of each material, (m,), the mean of its picture if it has one; of a primvar as if it were 1."""
     inputs = materials.inputs[:, column.EMISSION]
     result = inputs[:, column.CONSTANT].copy()
     for m in np.flatnonzero(inputs[:, column.TEXTURE] >= 0):
         first, width, height = materials.pictures[int(inputs[m, column.TEXTURE])]
         texels = materials.texels[first : first + width * height]
         result[m] += texels.mean(axis=0, dtype=float) @ inputs[m, column.COEFFICIENTS : column.MAP]
+    painted = inputs[:, column.TEXTURE] == column.PRIMVAR
+    result[painted] += inputs[painted, column.COEFFICIENTS : column.MAP].sum(axis=1)
     return np.maximum(result, 0.0)

@@ -1,0 +1,108 @@
+"""Pictures of the sky: radiance in a direction, and directions drawn by it, both in the frame of the dome.
+
+A picture is in latitude and longitude as UsdLux has it: the first row is at +y, the columns run from longitude +pi to
+-pi, longitude 0 is +z and pi/2 is +x. Directions are drawn from a table of its bins.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit.decorators import inline
+from pipeline.records.shapes import Float64, Num
+from pipeline.render.lighting.records import PlacedLamp
+from pipeline.render.lighting.shapes import first_above
+
+_FLOOR = 0.05
+"""Part of the directions towards a sky that does not ask how bright it is there [1]."""
+
+
+class Dome(NamedTuple):
+    """A picture of the sky in one light."""
+
+    texels: np.ndarray  # (h, w, 4) float32, red, green and blue as factors of the lamp's radiance; (0, 0, 4): none
+    raised: np.ndarray  # (3,), weights of red, green and blue in the light
+    # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+@inline
+def _position(dome, direction):
+    """Row and column of a direction, as fractions of the picture."""
+    height, width, _ = dome.texels.shape
+    latitude = math.asin(min(1.0, max(-1.0, direction[1])))
+    longitude = math.atan2(direction[0], direction[2])
+    return (0.5 - latitude / math.pi) * height, (0.5 - longitude / (2.0 * math.pi)) * width
+
+
+@inline
+def _bright(dome, i, j):
+    """A texel in the light of the dome."""
+    red, green, blue = dome.raised
+    return red * dome.texels[i, j, 0] + green * dome.texels[i, j, 1] + blue * dome.texels[i, j, 2]
+
+
+@inline
+def dome_texel(dome, direction):
+    """Linear interpolation between the centres of four texels."""
+    height, width, _ = dome.texels.shape
+    y, x = _position(dome, direction)
+    y, x = y - 0.5, x - 0.5
+    i, j = math.floor(y), math.floor(x)
+    a, b = y - i, x - j
+    up, down = min(max(i, 0), height - 1), min(max(i + 1, 0), height - 1)
+    left, right = j % width, (j + 1) % width
+    upper = (1.0 - b) * _bright(dome, up, left) + b * _bright(dome, up, right)
+    lower = (1.0 - b) * _bright(dome, down, left) + b * _bright(dome, down, right)
+    return (1.0 - a) * upper + a * lower
+
+
+@inline
+def dome_density(dome, direction):
+    """Density of `dome_sample` [1/sr]."""
+    height, width, _ = dome.texels.shape
+    y, x = _position(dome, direction)
+    i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
+    sine = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
+    chance = (dome.rows[i + 1] - dome.rows[i]) * (dome.columns[i, j + 1] - dome.columns[i, j])
+    return chance * height * width / (2.0 * math.pi * math.pi * sine)
+
+
+@inline
+def dome_sample(dome, pair):
+    """A direction and its density [1/sr]."""
+    height, width, _ = dome.texels.shape
+    i = first_above(dome.rows, pair[0]) - 1
+    part = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
+    j = first_above(dome.columns[i], pair[1]) - 1
+    other = (pair[1] - dome.columns[i, j]) / (dome.columns[i, j + 1] - dome.columns[i, j])
+    latitude, longitude = (0.5 - (i + part) / height) * math.pi, (0.5 - (j + other) / width) * 2.0 * math.pi
+    across = math.cos(latitude)
+    direction = across * math.sin(longitude), math.sin(latitude), across * math.cos(longitude)
+    return direction, dome_density(dome, direction)
+
+
+def sky_of(
+    placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]
+) -> Dome:
+    """The picture of the textured dome with the tables from which directions are drawn, by how bright it is in a light;
+    linear interpolation spreads a texel over its neighbours, so the tables know the brightest of them.
+    """
+    domes = [entry.lamp for entry in placed if entry.lamp["kind"] == "dome"]
+    name = next((lamp["texture"] for lamp in domes if lamp["texture"]), None)
+    if name is None:
+        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)))
+    picture = np.array(pictures[name], np.float32)
+    texels, height = picture[..., :3].astype(float) @ raised, len(picture)
+    rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
+    taller = np.max([rows[:-2], rows[1:-1], rows[2:]], axis=0)
+    most = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
+    sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
+    share = (most + _FLOOR * most.mean() + 1e-12) * sine
+    columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
+    whole = columns[:, -1:]
+    rows = np.concatenate([[0.0], np.cumsum(whole[:, 0])])
+    return Dome(picture, raised, rows / rows[-1], columns / whole)

@@ -1,0 +1,343 @@
+"""Materials of USD as records: UsdPreviewSurface with its textures and primvars, and display colours.
+
+What a material of others asks for and is not drawn is a warning that says what is drawn in its place; a value that no
+renderer could use is an error.
+"""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+from pxr import Sdr, Usd, UsdGeom, UsdShade
+
+from pipeline.render.lighting.records import Input, Material, Numbers, Texture
+from pipeline.scene.pictures import picture_name
+from pipeline.scene.usd.problems import Problem, problem, shortened
+from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
+
+NOT_DRAWN = "not-drawn"
+"""Code of warnings about what is drawn otherwise."""
+_COLOUR = 3
+"""Components of colours [1]."""
+_FALLBACKS: dict[str, tuple[str, Numbers]] = {
+    "diffuseColor": ("diffuse_color", (0.18, 0.18, 0.18)),
+    "emissiveColor": ("emissive_color", (0.0, 0.0, 0.0)),
+    "metallic": ("metallic", (0.0,)),
+    "roughness": ("roughness", (0.5,)),
+    "opacity": ("opacity", (1.0,)),
+    "normal": ("normal", (0.0, 0.0, 1.0)),
+    "clearcoat": ("clearcoat", (0.0,)),
+    "clearcoatRoughness": ("clearcoat_roughness", (0.01,)),
+}
+"""Field of the record, and fallback of UsdPreviewSurface, for each input that may have a texture."""
+_RANGES = {"ior": Range(low=0.0, high=1e3), "emissiveColor": Range(low=0.0, high=1e30)}
+"""Ranges of inputs [1]: with other indices a surface reflects more than there is; of light, as of lamps."""
+_ANY = Range(low=-1e9, high=1e9)
+"""Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
+_READERS = {
+    "UsdPrimvarReader_float": 1,
+    "UsdPrimvarReader_float2": 2,
+    **dict.fromkeys((f"UsdPrimvarReader_{name}" for name in ("float3", "normal", "point", "vector")), _COLOUR),
+}
+"""Numbers that readers of primvars give."""
+_UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+"""Rows of the affine map that changes nothing."""
+_MOST_TRANSFORMS = 16
+"""Most maps of texture coordinates, one behind the other [1]: more are a circle."""
+_GREY = (0.18, 0.18, 0.18)
+"""Colour of what has none [1]: UsdPreviewSurface's."""
+_SURFACES = ("", "glslfx")
+"""Render contexts whose surface may be a UsdPreviewSurface: that of all renderers first."""
+
+
+class Wanted(NamedTuple):
+    """A primvar that a material reads: with as many numbers as its fallback."""
+
+    name: str
+    fallback: Numbers
+
+
+class Shaded(NamedTuple):
+    """A material, the primvars that it reads, and warnings about what of it is drawn otherwise."""
+
+    material: Material
+    primvars: tuple[Wanted, ...] = ()
+    flaws: tuple[Problem, ...] = ()
+
+
+@read_once
+def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
+    """Materials of a shape, the first that of all its faces, and which one the faces of its subsets have."""
+    shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
+    for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
+        take(subset.GetPath())
+        of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded))
+        shaded.append(_shade(subset.GetPrim(), mesh))
+    return shaded, of_face
+
+
+def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
+    """Warnings about what is not drawn of the materials of a shape as they ask for it."""
+    shaded, _ = shades(mesh)
+    for each in shaded:
+        yield from each.flaws
+    for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
+        if primvar_of(mesh, wanted) is None:
+            what = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
+            hint = f"write primvars:{wanted.name} with an interpolation"
+            yield _drawn(mesh, f"{what}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
+
+
+def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
+    """The primvar of a shape that a material reads; None if it has none."""
+    primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name)
+    return primvar if primvar and primvar.HasValue() and len(primvar.Get(Usd.TimeCode.EarliestTime()) or ()) else None
+
+
+def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
+    """The material that is bound to a mesh or a subset, else the display colour of the mesh."""
+    api, reason = UsdShade.MaterialBindingAPI(prim), None
+    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
+        material, _ = api.ComputeBoundMaterial(purpose)
+        if not material:
+            continue
+        try:
+            return read_material(material)
+        except NotSupported as error:
+            reason = reason or (material, error)
+    colours = _display_colours(mesh)
+    if reason is None:
+        return colours
+    material, why = reason
+    what = f"{why.what}: what it is bound to is drawn in its display colour, grey of 18 % without"
+    return colours._replace(flaws=(*colours.flaws, _drawn(material.GetPrim(), what, why.hint)))
+
+
+def _display_colours(mesh: Usd.Prim) -> Shaded:
+    """The display colour and opacity of a mesh, or of its parts, as a matt material."""
+    inputs, primvars = list[Input](), list[Wanted]()
+    for wanted in (Wanted("displayColor", _GREY), Wanted("displayOpacity", (1.0,))):
+        primvar = primvar_of(mesh, wanted)
+        values = plain(primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())) if primvar else ()
+        if not primvar or len(set(values)) < 2 or primvar.GetInterpolation() == UsdGeom.Tokens.constant:
+            value = values[0] if values else wanted.fallback
+            inputs.append(Input(value=value if isinstance(value, tuple) else (value,)))
+        else:
+            inputs.append(Input(value=wanted.fallback, primvar=wanted.name))
+            primvars.append(wanted)
+    colour, opacity = inputs
+    flaws = [_seen_through(mesh)] if opacity.primvar or min(opacity.value) < 1 else []
+    return Shaded(Material(diffuse_color=colour, opacity=opacity, ior=1.0), tuple(primvars), tuple(flaws))
+
+
+def read_material(material: UsdShade.Material) -> Shaded:
+    """The record of a Material; NotSupported without a UsdPreviewSurface, UnreadableValue for values of no use."""
+    surface = _surface(material)
+    network = _Network(surface)
+    fields = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
+    if network.value(surface, "useSpecularWorkflow", 0):
+        fields["specular_color"] = network.read("specularColor", (0.0, 0.0, 0.0))
+    numbers = {
+        name: float(network.value(surface, name, idle)) for name, idle in (("opacityThreshold", 0.0), ("ior", 1.5))
+    }
+    is_presence = network.value(surface, "opacityMode", "transparent") == "presence"
+    record = Material(
+        **fields, ior=numbers["ior"], opacity_threshold=numbers["opacityThreshold"], is_presence=is_presence
+    )
+    displacement = network.source(surface, "displacement")
+    if isinstance(displacement, _Connected) or displacement:
+        network.flaws.append(
+            _drawn(surface.GetInput("displacement").GetAttr(), "surfaces are drawn without displacement")
+        )
+    if record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1:
+        network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
+    return Shaded(record, tuple(network.primvars.values()), tuple(network.flaws))
+
+
+def _surface(material: UsdShade.Material) -> UsdShade.Shader:
+    """The UsdPreviewSurface of a material."""
+    place = material.GetPrim()
+    shaders = [material.ComputeSurfaceSource(context)[0] for context in _SURFACES]
+    shader = next((shader for shader in shaders if shader and shader.GetShaderId() == "UsdPreviewSurface"), shaders[0])
+    if not shader:
+        contexts = sorted({output.GetBaseName() and output.GetFullName() for output in material.GetSurfaceOutputs()})
+        others = f", only {', '.join(contexts)}" if contexts else ""
+        what = f"<{place.GetPath()}> has no surface for all renderers{others}"
+        raise NotSupported(what, place, hint="connect its outputs:surface to a UsdPreviewSurface")
+    return _known(shader, place, "UsdPreviewSurface")
+
+
+class _Connected(NamedTuple):
+    """The output that an input is connected to."""
+
+    shader: UsdShade.Shader
+    output: str
+
+
+class _Network:
+    """Reader of the shaders behind one surface; collects primvars by name, and warnings."""
+
+    def __init__(self, surface: UsdShade.Shader) -> None:
+        self._surface = surface
+        self.primvars = dict[str, Wanted]()
+        self.flaws = list[Problem]()
+
+    def read(self, name: str, fallback: Numbers) -> Input:
+        """A value, a texture or a primvar, with as many components as the fallback, which is drawn for others."""
+        source = self.source(self._surface, name)
+        if source is None:
+            return Input(value=fallback)
+        if not isinstance(source, _Connected):
+            return Input(value=tuple((numbers(source) + 0.0).tolist()))
+        try:
+            if _READERS.get(source.shader.GetShaderId()) == len(fallback):
+                return Input(value=fallback, primvar=self._primvar(source.shader, fallback))
+            return Input(value=fallback, texture=self._texture(source, len(fallback)))
+        except NotSupported as error:
+            what = f'{error.what}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
+            self.flaws.append(_drawn(error.thing, what, error.hint))
+            return Input(value=fallback)
+
+    def source(self, shader: UsdShade.Shader, name: str) -> Any:
+        """Origin of an input: a value, a connection to a shader, or None for its fallback."""
+        given = shader.GetInput(name)
+        attributes = given.GetValueProducingAttributes() if given else []
+        if not attributes:
+            if given and (lost := given.GetAttr().GetConnections()):
+                what = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
+                self.flaws.append(_drawn(given.GetAttr(), what, "write that output, or a value"))
+            return None
+        attribute = attributes[0]
+        if UsdShade.Output.IsOutput(attribute):
+            return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
+        value = self._first(attribute)
+        if value is not None and (wanted := _wanted(shader.GetShaderId(), name, value)):
+            raise UnreadableValue(f'"inputs:{name}" is {shortened(str(value))}, not {wanted}', attribute)
+        return value
+
+    def value(self, shader: UsdShade.Shader, name: str, fallback: Any) -> Any:
+        """A value that cannot have a texture."""
+        source = self.source(shader, name)
+        if isinstance(source, _Connected):
+            what = f'"inputs:{name}" cannot have a texture: it is drawn as {fallback}'
+            self.flaws.append(_drawn(shader.GetInput(name).GetAttr(), what, "write a value"))
+            return fallback
+        return fallback if source is None else plain(source)
+
+    def _first(self, attribute: Usd.Attribute) -> Any:
+        """The value of an attribute in the first frame."""
+        if not attribute.ValueMightBeTimeVarying():
+            return attribute.Get(Usd.TimeCode.EarliestTime())
+        stage = attribute.GetPrim().GetStage()
+        first = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.EarliestTime()
+        what = f'"{attribute.GetName()}" is animated, and materials are not: its value at time code {first:g} is drawn'
+        self.flaws.append(_drawn(attribute, what))
+        return attribute.Get(first)
+
+    def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
+        """Name of the primvar of a reader."""
+        name = str(self.value(_known(reader, reader.GetPrim(), reader.GetShaderId()), "varname", "st"))
+        given = self.value(reader, "fallback", fallback)
+        fallback = tuple(float(number) for number in (given if isinstance(given, tuple) else (given,)))
+        if len(self.primvars.setdefault(name, Wanted(name, fallback)).fallback) != len(fallback):
+            what = f'"primvars:{name}" is read as {len(fallback)} numbers and as another count of them'
+            raise NotSupported(what, reader.GetPrim(), hint="read it in one way")
+        return name
+
+    def _texture(self, source: _Connected, components: int) -> Texture:
+        shader = _known(source.shader, source.shader.GetPrim(), "UsdUVTexture")
+        if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
+            what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
+            hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
+            raise NotSupported(what, shader.GetPrim(), hint=hint)
+        transform, primvar = self._coordinates(shader)
+        wraps = tuple(self.value(shader, name, "useMetadata") for name in ("wrapS", "wrapT"))
+        return Texture(
+            name=picture_name(shader, self.value(shader, "sourceColorSpace", "auto")),
+            channel=source.output,
+            scale=self.value(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
+            bias=self.value(shader, "bias", (0.0, 0.0, 0.0, 0.0)),
+            # Files that say nothing repeat, as in viewers.
+            wrap=tuple("repeat" if wrap == "useMetadata" else str(wrap) for wrap in wraps),  # type: ignore[arg-type]
+            st_from_primvar=transform,
+            primvar=primvar,
+        )
+
+    def _coordinates(self, texture: UsdShade.Shader) -> tuple[Numbers, str]:
+        """The map of a texture's coordinates from a primvar, and its name; without any from "st", with a warning."""
+        whole, shader, name = _UNTRANSFORMED, texture, "st"
+        for _ in range(_MOST_TRANSFORMS):
+            source = self.source(shader, name)
+            if not isinstance(source, _Connected):
+                what = f'"inputs:{name}" is not connected: the texture is drawn with primvars:st'
+                self.flaws.append(_drawn(shader.GetPrim(), what, "connect it to a UsdPrimvarReader_float2"))
+                self.primvars.setdefault("st", Wanted("st", (0.0, 0.0)))
+                return whole, "st"
+            shader, name = source.shader, "in"
+            if shader.GetShaderId() != "UsdTransform2d":
+                break
+            whole = _chained(whole, self._transform(shader))
+        reader = _known(shader, shader.GetPrim(), "UsdPrimvarReader_float2")
+        return whole, self._primvar(reader, (0.0, 0.0))
+
+    def _transform(self, shader: UsdShade.Shader) -> Numbers:
+        """The affine map of a UsdTransform2d: scale, then rotation, then translation."""
+        turn = math.radians(float(self.value(shader, "rotation", 0.0)))
+        (sx, sy), (tx, ty) = self.value(shader, "scale", (1.0, 1.0)), self.value(shader, "translation", (0.0, 0.0))
+        c, s = math.cos(turn), math.sin(turn)
+        return c * sx, -s * sy, tx, s * sx, c * sy, ty
+
+
+def _chained(outer: Numbers, inner: Numbers) -> Numbers:
+    """The affine map that does the inner one first."""
+    if outer == _UNTRANSFORMED:
+        return inner
+    a, b, c, d, e, f = outer
+    g, h, i, j, k, m = inner
+    return a * g + b * j, a * h + b * k, a * i + b * m + c, d * g + e * j, d * h + e * k, d * i + e * m + f
+
+
+def _wanted(shader_id: str, name: str, value: Any) -> str | None:
+    """Content of an input by the definition of its shader, if a value of USD is not that; else None."""
+    count, tokens = _declared(shader_id).get(name, (0, ()))
+    if tokens:
+        return None if value in tokens else f"one of {', '.join(tokens)}"
+    if not count:
+        return None if isinstance(value, str) else "a text"
+    values, span = numbers(value), _RANGES.get(name, _ANY)
+    return None if len(values) == count and span.holds(values).all() else f"{count} in {span}"
+
+
+@cache
+def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
+    """Inputs of a shader: how many numbers each holds, 0 for texts, and the tokens that it may be."""
+    shader = Sdr.Registry().GetShaderNodeByIdentifier(shader_id)
+    inputs = {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()}
+    return {
+        name: (len(numbers(declared.GetDefaultValueAsSdfType())), tuple(token for token, _ in declared.GetOptions()))
+        for name, declared in inputs.items()
+    }
+
+
+def _known(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.Shader:
+    """The shader, if it is the wanted one."""
+    if shader.GetShaderId() != wanted:
+        what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
+        known = "UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader"
+        raise NotSupported(what, shader.GetPrim(), hint=f"connect a {wanted}; known are {known}")
+    take(place.GetPath(), shader.GetPath())
+    return shader
+
+
+def _seen_through(thing: Usd.Prim | Usd.Property) -> Problem:
+    what = "light passes this surface, and the ground truth does not: it hides points as if it were opaque"
+    return _drawn(thing, what, "visibility in tables of points counts whole shapes")
+
+
+def _drawn(thing: Usd.Prim | Usd.Property, what: str, hint: str | None = None) -> Problem:
+    return problem(thing, NOT_DRAWN, what, hint=hint, severity="warning")
+
+
+def _words(values: Numbers) -> str:
+    return ", ".join(f"{value:g}" for value in values)
