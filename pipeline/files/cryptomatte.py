@@ -8,28 +8,21 @@ import json
 
 import numpy as np
 
-_MASK = 0xFFFFFFFF
+_BITS = 0xFFFFFFFF
 """Bits of a number that count: it has 32."""
-_FIRST, _SECOND = 0xCC9E2D51, 0x1B873593
-"""Factors of the hash for each block."""
 
 
-def _turned(value: int, bits: int) -> int:
-    """A number of 32 bits turned to the left."""
-    return (value << bits | value >> 32 - bits) & _MASK
-
-
-def murmur3(data: bytes, seed: int = 0) -> int:
-    """MurmurHash3_x86_32."""
-    result, end = seed, len(data) // 4 * 4
+def murmur3(data: bytes) -> int:
+    """MurmurHash3_x86_32 with the seed 0."""
+    result, end = 0, len(data) // 4 * 4
     for start in range(0, len(data), 4):
-        block = int.from_bytes(data[start : start + 4], "little")
-        result ^= _turned(block * _FIRST & _MASK, 15) * _SECOND & _MASK
+        block = int.from_bytes(data[start : start + 4], "little") * 0xCC9E2D51 & _BITS
+        result ^= (block << 15 | block >> 17) * 0x1B873593 & _BITS
         if start < end:
-            result = (_turned(result, 13) * 5 + 0xE6546B64) & _MASK
+            result = ((result << 13 | result >> 19) * 5 + 0xE6546B64) & _BITS
     result ^= len(data)
-    result = (result ^ result >> 16) * 0x85EBCA6B & _MASK
-    result = (result ^ result >> 13) * 0xC2B2AE35 & _MASK
+    result = (result ^ result >> 16) * 0x85EBCA6B & _BITS
+    result = (result ^ result >> 13) * 0xC2B2AE35 & _BITS
     return result ^ result >> 16
 
 
@@ -43,7 +36,7 @@ def id_of(name: str) -> np.float32:
 
 def attributes_of(matte: str, names: list[str]) -> dict[str, str]:
     """Attributes of a part with the channels of a matte: its name, rules of conversion, and all names with ids."""
-    key = f"cryptomatte/{murmur3(matte.encode()):08x}"[: len("cryptomatte/") + 7]
+    key = f"cryptomatte/{murmur3(matte.encode()) >> 4:07x}"
     manifest = {name: f"{int(id_of(name).view(np.uint32)):08x}" for name in sorted(set(names))}
     return {
         f"{key}/name": matte,

@@ -136,15 +136,12 @@ class TargetEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OccluderEntry:
-    """An occluder of the dataset; with lamps, any mesh, with what it is made of.
-
-    `instance`: path of the outermost instance to which it belongs; empty: it belongs to none.
-    """
+    """An occluder of the dataset; with lamps, any mesh, with what it is made of."""
 
     prim_path: str
     occluder: Occluder
     finish: Finish | None = None
-    instance: str = ""
+    instance: str = ""  #: path of the outermost instance to which it belongs, if it does
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
 from pipeline.scene.usd.meshes import SHAPE, check_skin, fans
+from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.poses import (
     camera_from_world,
     camera_name,
@@ -28,7 +29,8 @@ from pipeline.targets.patterns.pattern import TargetError
 def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
     """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
     finish = read_finish(prim) if lit else None
-    return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
+    path, instance = str(prim.GetPath()), instance_of(prim)
+    return OccluderEntry(prim_path=path, occluder=read_occluder(prim), finish=finish, instance=instance)
 
 
 @read_once

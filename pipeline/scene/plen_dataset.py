@@ -17,7 +17,6 @@ from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entry
 from pipeline.scene.pictures import read_pictures
 from pipeline.scene.targets import is_preview, read_target_entry
-from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.poses import (
     LAST_FRAME,
     camera_from_world,
@@ -76,10 +75,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         ),
         targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
         frames=_read_frames(root, cameras, boards, sources),
-        occluders=tuple(
-            replace(read("occluders", read_occluder_entry, prim, bool(lamps)), instance=instance_of(prim))
-            for prim in occluders
-        ),
+        occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
         lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
         pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
         exports=read("exports", _read_exports, root),

@@ -1,99 +1,82 @@
-"""Tasks `labels` and `labels_tile`: what each pixel of a camera sees in a frame."""
+"""Tasks `labels_tile` and `labels`: what each pixel of a camera sees in a frame."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.files.cryptomatte import attributes_of, id_of
 from pipeline.files.exr_bands import BandedPart, write_bands
-from pipeline.files.jsonfile import write_json
+from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
-from pipeline.render.labels.pixels import Asked
-from pipeline.render.labels.pixels import labels as labelled
-from pipeline.render.labels.preview import preview
+from pipeline.render.labels.pixels import Asked, labels_of
+from pipeline.render.labels.preview import SHOWN, preview
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.pixel_rays import Band
+from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
-from pipeline.tasks.images import labels_of
-from pipeline.tasks.params.labels import BOXES, LABELS, PREVIEW, Labels
+from pipeline.tasks.params.labels import BOXES, LABELS, PREVIEW, Labels, LabelsTile
 
 _ROWS = "rows.npy"
+_AT_ONCE = 512
+"""Rows of which all channels are in memory."""
 _HALF = 0.5
 """Least share of a target in the light of a pixel of its box [1]."""
 
 
-def labels_tile(params: Labels, inputs: Inputs, out: Path) -> None:
+def labels_tile(params: LabelsTile, inputs: Inputs, out: Path) -> None:
     """Some rows of the labels, for the task `labels`."""
     labels_tile_together([params], inputs, [out])
 
 
-def labels_tile_together(params: Sequence[Labels], inputs: Inputs, outs: Sequence[Path]) -> None:
+def labels_tile_together(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share their rays."""
     band = Band.of(imaged_rig(inputs, params[0].exposure), params[0].rows)
-    scenes = [(_things_of(each), _asked_of(each)) for each in params]
-    for rows, out in zip(labelled(band, params[0].exposure.samples, scenes), outs, strict=True):
+    for rows, out in zip(labels_of(band, params[0].exposure.samples, list(map(_scene, params))), outs, strict=True):
         write_npy(out / _ROWS, rows)
+
+
+def _scene(params: LabelsTile) -> tuple[Things, Asked]:
+    asked, poses = params.channels, params.next_targets
+    occluders = [None if then is None else placed_occluder(then) for then in params.next_occluders]
+    later = None if poses is None else Later(list(map(np.array, poses)), occluders)
+    things = Things(
+        list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders)), later
+    )
+    world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
+    ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
+    return things, Asked(asked.tokens, asked.targets, ids, world_from_vision)
 
 
 def labels(params: Labels, inputs: Inputs, out: Path) -> None:
     """The labels of a frame: labels.exr, labels.png and, with shares of targets, boxes.json."""
-    labels_together([params], inputs, [out])
-
-
-def labels_together(params: Sequence[Labels], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """Labels of several frames, which share their rays if they are not joined from tiles."""
-    if not params[0].tiles:
-        labels_tile_together(params, inputs, outs)
-    for each, out in zip(params, outs, strict=True):
-        paths = [inputs[f"tile{number}"][_ROWS] for number in range(each.tiles)] or [out / _ROWS]
-        _write(each, StackedRows(paths), out)
-        if not each.tiles:
-            paths[0].unlink()
-
-
-def _things_of(params: Labels) -> Things:
-    assert params.view is not None  # tiles, and labels without them, have one
-    later = None
-    if params.later is not None:
-        occluders = [None if then is None else placed_occluder(then) for then in params.later.occluders]
-        later = Later([np.array(pose) for pose in params.later.targets], occluders)
-    targets, others = map(placed_target, params.view.targets), map(placed_occluder, params.view.occluders)
-    return Things(list(targets), list(others), later)
-
-
-def _asked_of(params: Labels) -> Asked:
-    ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in params.names.mattes.items()}
-    world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
-    return Asked(params.tokens, world_from_vision, params.names.targets, ids)
-
-
-def _write(params: Labels, stacked: StackedRows, out: Path) -> None:
-    channels = _asked_of(params).channels
+    asked = params.channels
+    stacked = StackedRows([inputs[f"tile{number}"][_ROWS] for number in range(params.tiles)])
+    names = Asked(asked.tokens, asked.targets, dict.fromkeys(asked.mattes, np.zeros(0))).channels
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        return dict(zip(channels, np.moveaxis(stacked.rows(first, end), 2, 0), strict=True))
+        return dict(zip(names, np.moveaxis(stacked.rows(first, end), 2, 0), strict=True))
 
-    attributes: dict[str, str | float | int] = {
-        "content": "labels of pixels by the light that they receive; mm, frame of the world, px",
-        **labels_of(params.exposure),
-    }
-    for matte, names in params.names.mattes.items():
-        attributes |= attributes_of(matte, list(names))
+    def whole(channels: Sequence[str]) -> dict[str, np.ndarray]:
+        bands = [rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
+        return {name: np.concatenate([band[name] for band in bands]) for name in channels if name in names}
+
+    attributes = {"content": "what pixels see, by their light: docs/labels.md", **images.labels_of(params.exposure)}
+    for matte, of_things in asked.mattes.items():
+        attributes |= attributes_of(matte, list(of_things))
     height, width, _ = stacked.shape
-    part = BandedPart(name="labels", shape=(height, width), channels=tuple(channels), rows=rows, attributes=attributes)
+    part = BandedPart(name="labels", shape=(height, width), channels=tuple(names), rows=rows, attributes=attributes)
     write_bands(out / LABELS, [part])
-    write_png(out / PREVIEW, preview(rows(0, height)))
-    if "targets" in params.tokens:
-        boxes = {name: _box(rows, f"targets.{name}", height) for name in params.names.targets}
+    write_png(out / PREVIEW, preview(whole(SHOWN)))
+    if asked.targets:
+        boxes = {name: _box(whole([f"targets.{name}"])[f"targets.{name}"]) for name in asked.targets}
         write_json(out / BOXES, {"box_px": "left, top, right, bottom", "targets": boxes})
 
 
-def _box(rows: Callable[[int, int], dict[str, np.ndarray]], channel: str, height: int) -> dict[str, object]:
+def _box(share: np.ndarray) -> Json:
     """The box of a target, image positions of its edges, and its area, the sum of its shares."""
-    share = rows(0, height)[channel]
     y, x = np.nonzero(share >= _HALF)
-    box = [float(x.min()) - 0.5, float(y.min()) - 0.5, x.max() + 0.5, y.max() + 0.5] if len(x) else None
+    box = [x.min() - 0.5, y.min() - 0.5, x.max() + 0.5, y.max() + 0.5] if len(x) else None
     return {"box_px": box, "area_px2": float(np.nansum(share, dtype=float))}

@@ -16,7 +16,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
-from pipeline.render.labels.pixels import RANKS, Asked, labels
+from pipeline.render.labels.pixels import RANKS, Asked, labels_of
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.pixel_rays import Band
 from pipeline.targets.mesh import Occluder
@@ -61,8 +61,8 @@ def labelled(
     rig = rig_of(camera)
     names = [f"t{k}" for k in range(len(targets))] + [f"o{k}" for k in range(len(occluders))]
     ids = np.array([id_of(name) for name in names], np.float32)
-    asked = Asked(TOKENS, np.eye(4) if pose is None else pose, tuple(names[: len(targets)]), {"Crypto": ids})
-    (values,) = labels(Band.of(rig), samples, [(Things(targets, occluders, later), asked)])
+    asked = Asked(TOKENS, tuple(names[: len(targets)]), {"Crypto": ids}, np.eye(4) if pose is None else pose)
+    (values,) = labels_of(Band.of(rig), samples, [(Things(targets, occluders, later), asked)])
     return Labelled(rig, dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True)))
 
 
@@ -259,7 +259,7 @@ def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
 def test_bands_of_rows_are_rows_of_the_whole():
     camera, pose = rigs.plenoptic(extent_mm=3.0), rigs.facing(434.4)
     rig = rig_of(camera)
-    asked = Asked(TOKENS, np.eye(4), ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
+    asked = Asked(TOKENS, ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
     scene = [(Things([(Target(BOARD, Flat()), pose)], [], Later([pose], [])), asked)]
-    (whole,), (some,) = labels(Band.of(rig), 16, scene), labels(Band.of(rig, (20, 50)), 16, scene)
+    (whole,), (some,) = labels_of(Band.of(rig), 16, scene), labels_of(Band.of(rig, (20, 50)), 16, scene)
     np.testing.assert_array_equal(whole[20:50], some)

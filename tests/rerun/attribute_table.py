@@ -7,6 +7,7 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
+LABELS = {"labels", "labels_tile"}
 IN_PASSES = {"image_pass", "white_pass", "noise_level", "noise_check"} | IMAGES
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
@@ -437,9 +438,9 @@ CAMERAS = {
     ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
     "plen:image:labels": [
-        Case(A, ["depth", "flow"], {"labels"}),
-        Case(A, ["depth", "targets"], {"labels"}, given={(A, "plen:image:labels"): ["depth"]}),
-        Case(B, ["prim"], {"labels"}),
+        Case(A, ["depth", "flow"], LABELS),
+        Case(A, ["depth", "targets"], LABELS, given={(A, "plen:image:labels"): ["depth"]}),
+        Case(B, ["prim"], LABELS),
     ],
     "plen:image:noise": [
         Case(A, 0.1, IN_PASSES),

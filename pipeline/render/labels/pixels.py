@@ -4,21 +4,19 @@ CONVENTIONS.md, "Labels", defines each number.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.frames import apply
-from pipeline.records.shapes import Float32, Float64, Int64
+from pipeline.records.shapes import Bool, Float32, Float64
 from pipeline.render.labels.sight_lines import SightLines
 from pipeline.render.labels.things import Things
 from pipeline.render.pixel_rays import Band, Batch, PixelRays, rays_of
 
 RANKS = 6
 """Things of a pixel whose ids are kept, those with most light: three layers of Cryptomatte, as most programs write."""
-_NO_ID = np.float32(0.0)
-"""The id of a rank that nothing has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +24,9 @@ class Asked:
     """Labels that are asked for in a frame."""
 
     tokens: tuple[str, ...]
-    world_from_vision: Float64[np.ndarray, "4 4"]
-    targets: tuple[str, ...]  # names of the targets, which are the first things
+    targets: tuple[str, ...]  # names of the targets, which are the first things, if their shares are
     mattes: dict[str, np.ndarray]  # ids of all things, (things,) float32, by the name of the matte
+    world_from_vision: Float64[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
 
     @property
     def channels(self) -> list[str]:
@@ -36,7 +34,7 @@ class Asked:
         names = ["A"]
         for token, of_token in _CHANNELS.items():
             names += of_token if token in self.tokens else []
-        names += [f"targets.{name}" for name in self.targets] if "targets" in self.tokens else []
+        names += [f"targets.{name}" for name in self.targets]
         for matte in self.mattes:
             names += [f"{matte}{rank // 2:02d}.{part}" for rank in range(RANKS) for part in ("RG", "BA")[rank % 2]]
         return names
@@ -46,92 +44,83 @@ class _Seen:
     """What some pixels see along their rays."""
 
     def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: SightLines | None) -> None:
-        self.rays, self.asked, self.band, self.lines, self.faces = rays, asked, band, lines, things.faces
-        self.met = things.met(rays.leaving.origin, rays.leaving.direction)
-        self.pixels, self.hit = len(rays.pixels), np.flatnonzero(self.met.thing >= 0)
-        self.all_light = self._light(slice(None))
-
-    def _light(self, some: np.ndarray | slice) -> np.ndarray:
-        """Light of some rays in each pixel."""
-        return np.bincount(self.rays.row[some], self.rays.leaving.share[some], minlength=self.pixels)
-
-    def share(self, some: np.ndarray) -> np.ndarray:
-        """Share of some rays in the light of each pixel, (pixels, 1)."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (self._light(some) / self.all_light)[:, None]  # type: ignore[no-any-return]
-
-    def mean(self, values: Float64[np.ndarray, "n k"], some: Int64[np.ndarray, "n"]) -> np.ndarray:
-        """Mean of values of some rays in each pixel, and behind it their spread, (pixels, k + 1)."""
-        return _mean(values, self.rays.leaving.share[some], self.rays.row[some], self.pixels)
+        self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces
+        self._met = things.met(rays.leaving.origin, rays.leaving.direction)
+        self._row, self._weight = rays.row[self._met.ray], rays.leaving.share[self._met.ray]
+        self._pixels = len(rays.pixels)
+        self._all = np.bincount(rays.row, rays.leaving.share, minlength=self._pixels)
 
     def columns(self) -> np.ndarray:
         """All channels, (pixels, channels) float32."""
-        parts = [self.share(self.hit), *(getattr(self, token)() for token in _CHANNELS if token in self.asked.tokens)]
-        if "targets" in self.asked.tokens:
-            parts += [self.share(np.flatnonzero(self.met.thing == k)) for k in range(len(self.asked.targets))]
+        parts = [self._share(self._met.thing >= 0)]
+        parts += [getattr(self, token)() for token in _CHANNELS if token in self._asked.tokens]
+        parts += [self._share(self._met.thing == number) for number in range(len(self._asked.targets))]
         # Ids are bits of single precision: no arithmetic may touch them.
-        mattes = [self.matte(ids) for ids in self.asked.mattes.values()]
+        mattes = [self._matte(ids) for ids in self._asked.mattes.values()]
         return np.column_stack([*(part.astype(np.float32) for part in parts), *mattes])
 
     def depth(self) -> np.ndarray:
-        return self.mean(self.met.point_mm[self.hit, 2:], self.hit)
+        return self._mean(self._met.point_mm[:, 2:])
 
     def range(self) -> np.ndarray:
-        return self.mean(np.linalg.norm(self.met.point_mm[self.hit], axis=1)[:, None], self.hit)
+        return self._mean(np.linalg.norm(self._met.point_mm, axis=1, keepdims=True))
 
     def position(self) -> np.ndarray:
-        return self.mean(apply(self.asked.world_from_vision, self.met.point_mm[self.hit]), self.hit)
+        return self._mean(apply(self._asked.world_from_vision, self._met.point_mm))
 
     def normal(self) -> np.ndarray:
-        return self.mean(self.met.normal[self.hit] @ self.asked.world_from_vision[:3, :3].T, self.hit)
+        return self._mean(self._met.normal @ self._asked.world_from_vision[:3, :3].T)
 
     def board(self) -> np.ndarray:
         """Place on the face with most light, its share, and the numbers of target and face."""
-        on_sheet = np.flatnonzero(self.met.face >= 0)
-        row, face, light, _ = self._grouped(self.met.face, on_sheet)
+        row, face, light, _ = self._grouped(self._met.face, self._met.face >= 0)
         # The last of several that a pixel is given stays: that with most light, of equals the first face.
-        order, chosen = np.lexsort((-face, light)), np.full(self.pixels, -1)
+        order, chosen = np.lexsort((-face, light)), np.full(self._pixels, -1)
         chosen[row[order]] = face[order]
-        some = on_sheet[self.met.face[on_sheet] == chosen[self.rays.row[on_sheet]]]
-        place = self.mean(self.met.sheet_mm[some], some)
-        faces = np.array([*self.faces, (np.nan, np.nan)])
-        return np.column_stack([place[:, :2], self.share(some), faces[chosen], place[:, 2]])
+        some = (self._met.face >= 0) & (self._met.face == chosen[self._row])
+        place, faces = self._mean(self._met.sheet_mm, some), np.array([*self._faces, (np.nan, np.nan)])
+        return np.column_stack([place[:, :2], self._share(some), faces[chosen], place[:, 2]])
 
     def flow(self) -> np.ndarray:
         """Way of the mean point of each thing, in the mean of all of them."""
-        assert self.lines is not None
-        moving = self.hit[(self.rays.way[self.hit] == 0) & np.isfinite(self.met.later_mm[self.hit, 0])]
-        row, _, light, group = self._grouped(self.met.thing, moving)
-        weight = self.rays.leaving.share[moving]
-        now, later = (
-            _mean(points[moving], weight, group, len(row))[:, :3] for points in (self.met.point_mm, self.met.later_mm)
-        )
-        pixel = self.rays.squares.pixels[row].astype(float)
-        cell = self.band.strata[self.rays.pixels[row], 0]
-        start = self.lines.positions(now, cell, pixel)
-        way = self.lines.positions(later, cell, start) - start
+        assert self._lines is not None
+        moving = (self._rays.way[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
+        row, _, light, group = self._grouped(self._met.thing, moving)
+        points = np.concatenate([self._met.point_mm, self._met.later_mm], axis=1)[moving]
+        means, cell = _mean(points, self._weight[moving], group, len(row)), self._band.strata[self._rays.pixels[row], 0]
+        start = self._lines.positions(means[:, :3], cell, self._rays.squares.pixels[row].astype(float))
+        way = self._lines.positions(means[:, 3:6], cell, start) - start
         known = np.isfinite(way).all(axis=1)
-        return _mean(way[known], light[known], row[known], self.pixels)
+        return _mean(way[known], light[known], row[known], self._pixels)
 
-    def matte(self, ids: Float32[np.ndarray, "things"]) -> np.ndarray:
+    def _matte(self, ids: Float32[np.ndarray, "things"]) -> np.ndarray:
         """Ids and shares of the things with most light, alternating, (pixels, 2 RANKS)."""
         names, number = np.unique(ids, return_inverse=True)
-        row, name, light, _ = self._grouped(np.where(self.met.thing >= 0, number[self.met.thing], -1), self.hit)
+        row, name, light, _ = self._grouped(number[self._met.thing], self._met.thing >= 0)
         order = np.lexsort((name, -light, row))
         row, name, light = row[order], name[order], light[order]
         rank = np.arange(len(row)) - np.searchsorted(row, row)
-        kept = rank < RANKS
-        result = np.zeros((self.pixels, RANKS, 2), np.float32)
+        kept, result = rank < RANKS, np.zeros((self._pixels, RANKS, 2), np.float32)
         result[row[kept], rank[kept], 0] = names[name[kept]]
-        result[row[kept], rank[kept], 1] = (light / self.all_light[row])[kept]
-        return result.reshape(self.pixels, -1)
+        result[row[kept], rank[kept], 1] = (light / self._all[row])[kept]
+        return result.reshape(self._pixels, -1)
 
-    def _grouped(self, number: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _share(self, some: Bool[np.ndarray, "n"]) -> np.ndarray:
+        """Share of some rays in the light of each pixel, (pixels,)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.bincount(self._row[some], self._weight[some], minlength=self._pixels) / self._all)
+
+    def _mean(
+        self, values: Float64[np.ndarray, "n k"], some: Bool[np.ndarray, "n"] | slice = slice(None)
+    ) -> np.ndarray:
+        """Mean of values of some rays in each pixel, and behind it their spread, (pixels, k + 1)."""
+        return _mean(values[some], self._weight[some], self._row[some], self._pixels)
+
+    def _grouped(self, number: np.ndarray, some: Bool[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         """Rays of one pixel with one number: pixel, number and light of each group, and the group of each ray."""
         most = int(number.max(initial=0)) + 1
-        keys, group = np.unique(self.rays.row[some] * most + number[some], return_inverse=True)
-        light = np.bincount(group, self.rays.leaving.share[some], minlength=len(keys))
-        return keys // most, keys % most, light, group
+        keys, group = np.unique(self._row[some] * most + number[some], return_inverse=True)
+        return keys // most, keys % most, np.bincount(group, self._weight[some], minlength=len(keys)), group
 
 
 def _mean(values: np.ndarray, weight: np.ndarray, row: np.ndarray, rows: int) -> np.ndarray:
@@ -154,7 +143,7 @@ _CHANNELS = {
 """Channels of a token, in the order in which the function of its name returns them."""
 
 
-def labels(band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]]) -> list[np.ndarray]:
+def labels_of(band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]]) -> list[np.ndarray]:
     """Labels of the pixels of a band in several scenes, which share their rays: (h, w, channels) float32 each."""
     has_flow = any("flow" in asked.tokens for _, asked in scenes)
     home = band.strata[:, 0]
@@ -162,7 +151,7 @@ def labels(band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]]) -> 
     results = []
     for _, asked in scenes:
         result = np.full((len(home), len(asked.channels)), np.nan, np.float32)
-        result[:, result.shape[1] - 2 * RANKS * len(asked.mattes) :] = _NO_ID
+        result[:, result.shape[1] - 2 * RANKS * len(asked.mattes) :] = 0.0
         results.append(result)
     for rays in rays_of(band, Batch(samples), np.where(band.strata == SKIP, 0, samples)):
         for result, (things, asked) in zip(results, scenes, strict=True):

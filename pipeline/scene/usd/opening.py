@@ -172,10 +172,8 @@ def write_out_instances(stage: Usd.Stage) -> None:
 
 
 def instance_of(prim: Usd.Prim) -> str:
-    """Path of the outermost instance to which a prim belongs, or belonged until it was written out; empty: none.
-
-    The session layer, or a copy of the composed stage, still says of it whether it is instanceable.
-    """
+    """Path of the outermost instance to which a prim belongs, or belonged until it was written out; empty: none."""
+    # Of what was written out layers still say whether it is instanceable, and so do copies of the composed stage.
     prims = map(prim.GetStage().GetPrimAtPath, prim.GetPath().GetPrefixes())
     above = [each.GetPath() for each in prims if each.HasAuthoredInstanceable()]
     return str(above[0]) if above else ""

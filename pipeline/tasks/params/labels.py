@@ -9,33 +9,34 @@ LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Named:
-    """Names of all things: those of mattes by matte, and those of the targets, which are the first things."""
+class Channels:
+    """What is asked for; names of targets with shares, and of all things by matte, targets first."""
 
-    targets: tuple[str, ...] = ()
+    tokens: tuple[str, ...]
+    targets: tuple[str, ...]
     mattes: dict[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NextFrame:
-    """The next frame, in its vision frame: vision_from_target, and all occluders; None: it is not there."""
+class LabelsTile:
+    """Some rows of labels; the world, and what is where in the next frame, only if a label asks for them.
 
-    targets: tuple[Matrix, ...]
-    occluders: tuple[PlacedOccluder | None, ...]
+    Of that frame vision_from_target of all targets, and all occluders; None: it is not there.
+    """
+
+    exposure: Exposure
+    channels: Channels
+    view: PlacedView
+    world_from_vision: Matrix | None
+    next_targets: tuple[Matrix, ...] | None = None
+    next_occluders: tuple[PlacedOccluder | None, ...] = ()
+    rows: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Labels:
-    """Labels of a frame: whole, from a number of tiles, or the first to an end row.
-
-    `world_from_vision`: None if no label is in the frame of the world.
-    """
+    """Labels of a frame from a number of tiles."""
 
     exposure: Exposure
-    tokens: tuple[str, ...]
-    names: Named
-    view: PlacedView | None
-    world_from_vision: Matrix | None
-    later: NextFrame | None = None
-    rows: tuple[int, int] | None = None
-    tiles: int = 0
+    channels: Channels
+    tiles: int
