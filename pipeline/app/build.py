@@ -152,9 +152,13 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
     def prepare() -> None:
         compile_once(warn, dataset.graph, options.workers)
-        for problem in load(path, options.allow_roots, look=True).problems:
+        problems = load(path, options.allow_roots, look=True).problems
+        for problem in problems:
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")
+        if more := [problem for problem in problems if problem.code not in NOT_SEEN]:
+            many = f" (and {len(more) - 1} more)" if len(more) > 1 else ""
+            warn(f"{more[0].message}{many}\n    hint: `pipeline check {path}` has file, line and prim")
 
     engine = None
     if options.engine:  # tasks run on a cluster, and not in workers of this machine

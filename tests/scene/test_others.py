@@ -155,6 +155,7 @@ def test_who_does_not_convert_is_told_the_size_and_the_hint_converts(tmp_path, o
         (CONVERTED, []),
         (CONVERTED.replace("1000", "100"), []),  # a thing that is fitted in
         (CONVERTED.replace("1000", "2"), ["metersPerUnit"]),
+        (CONVERTED.replace("= [", '= ["xformOp:scale", ') + "\ndouble3 xformOp:scale = (0.001, 0.001, 0.001)", []),
         (CONVERTED.replace("-90", "5"), ["Z is up"]),
         (CONVERTED.replace("-90", "30").replace("1000", "1"), ["metersPerUnit", "Z is up"]),
     ],
@@ -346,6 +347,19 @@ def test_clips_move_a_thing_as_USD_says(tmp_path):
     loaded = load(path)
     assert told(loaded) == []
     assert [frame.world_from_occluder["/Scene/Man/Body"][0][3] for frame in loaded.dataset.frames] == [1, 3, 5]
+
+
+def test_splines_move_a_thing_as_USD_says(tmp_path):
+    """A line from 0 to 90 degrees, with a value in every frame."""
+    spline = "double xformOp:rotateY.spline = {\n1: 0; post linear,\n3: 90,\n}"
+    path = written(
+        tmp_path, asset(head("Man"), own=f'{spline}\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'), ""
+    )
+    path.write_text(path.read_text().replace("endTimeCode = 1", "endTimeCode = 3"))
+    loaded = load(path)
+    assert told(loaded) == []
+    turned = [frame.world_from_occluder["/Scene/Man/Body"][0][:3:2] for frame in loaded.dataset.frames]
+    assert np.allclose(turned, [(1, 0), (0.5**0.5, 0.5**0.5), (0, 1)], rtol=0, atol=SINGLE)
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,6 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
     for op in xform_ops(prim):
         attribute = op.GetAttr()
-        if attribute.HasSpline():
-            yield problem(attribute, "not-yet-supported", "poses as splines are not supported yet")
-            continue
         times = set(attribute.GetTimeSamples())
         present = [number for number in frames if not times or number in times]
         if missing := sorted(set(frames).difference(present)):

@@ -16,6 +16,8 @@ _CONVERTING = 1 / 3
 """Least share of a ratio of units, in powers of ten, that a scale must have to be meant as a conversion [1]: a thing
 that is fitted into a scene has another scale than the ratio, and one that is merely stretched hardly any.
 """
+_RESOLVING = ":unitsResolve"
+"""End of the names of operations that convert, as programs write them that convert by themselves."""
 _UPRIGHT = 0.7
 """Cosine of an angle to the axis that a transform leaves where it is [1]: 45 degrees."""
 
@@ -37,19 +39,21 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     (unit, up), (its_unit, its_up) = _units(mine), _units(file)
     if min(unit, its_unit) <= 0:
         return None
-    ratio, matrix = its_unit / unit, _matrix(prim, set(here.layers), set(there.layers))
-    scale = float(abs(np.linalg.det(matrix)) ** (1 / 3))
-    is_sized = abs(ratio - 1) <= _SAME or (scale > 0 and math.log(scale) / math.log(ratio) > _CONVERTING)
+    layers = set(here.layers), set(there.layers)
+    ratio, matrix = its_unit / unit, _matrix(prim, *layers)
+    scale, resolved = (float(abs(np.linalg.det(m)) ** (1 / 3)) for m in (matrix, _matrix(prim, *layers, _RESOLVING)))
+    is_sized = min(abs(ratio - 1), abs(resolved / ratio - 1)) <= _SAME
+    is_sized = is_sized or (scale > 0 and math.log(scale) / math.log(ratio) > _CONVERTING)
     axis = np.eye(3)["XYZ".index(its_up)]
     is_turned = up == its_up or axis @ matrix @ axis < _UPRIGHT * np.linalg.norm(matrix @ axis)
     if is_sized and is_turned:
         return None
     what, ops = [], []
     if not is_turned:
-        ops += [("double xformOp:rotateX:unitsResolve", "-90" if its_up == "Z" else "90")]
+        ops += [(f"double xformOp:rotateX{_RESOLVING}", "-90" if its_up == "Z" else "90")]
         what += [f"{its_up} is up in {shown_path(file.realPath)}, {up} here, and nobody turns it"]
     if not is_sized:
-        ops += [("double3 xformOp:scale:unitsResolve", f"({ratio:.10g}, {ratio:.10g}, {ratio:.10g})")]
+        ops += [(f"double3 xformOp:scale{_RESOLVING}", f"({ratio:.10g}, {ratio:.10g}, {ratio:.10g})")]
         cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         metres = max(box.GetSize()) * UsdGeom.GetStageMetersPerUnit(prim.GetStage()) if not box.IsEmpty() else 0.0
@@ -70,14 +74,17 @@ def _units(layer: Sdf.Layer) -> tuple[float, str]:
     return float(unit), up if up in ("Y", "Z") else "Y"
 
 
-def _matrix(prim: Usd.Prim, here: set[Sdf.Layer], there: set[Sdf.Layer]) -> np.ndarray:
-    """Linear part of the transforms above what is brought in, on column vectors (3, 3): those of its own are not."""
+def _matrix(prim: Usd.Prim, here: set[Sdf.Layer], there: set[Sdf.Layer], kind: str = "") -> np.ndarray:
+    """Linear part of the transforms above what is brought in, on column vectors (3, 3), of all ops or those of a kind.
+
+    What the brought in file itself moves is no part of it.
+    """
     matrix = np.eye(3)
     for link in ancestry(prim):
         is_inside = any(spec.layer in here for spec in specs(link.GetParent()))  # of what the layer stack brought in
         for op in reversed(xform_ops(link)):
             layer = next((spec.layer for spec in specs(op.GetAttr())), None)
-            if layer in here or (is_inside and layer not in there):
+            if op.GetName().endswith(kind) and (layer in here or (is_inside and layer not in there)):
                 matrix = np.array(op.GetOpTransform(Usd.TimeCode.EarliestTime()))[:3, :3].T @ matrix
     return matrix
 
