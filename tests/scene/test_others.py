@@ -126,10 +126,12 @@ def told(loaded: Loaded) -> list[tuple[str, str]]:
     return [(problem.code, (problem.at or "").rpartition("/")[2]) for problem in loaded.problems]
 
 
-def size_mm(path: Path) -> list[float]:
+def box_mm(path: Path) -> tuple[list[float], list[float]]:
+    """Least coordinates and size of the man."""
     stage = Usd.Stage.Open(str(path))
     man, cache = stage.GetPrimAtPath("/Scene/Man"), UsdGeom.BBoxCache(Usd.TimeCode(1), [UsdGeom.Tokens.default_])
-    return [float(x) for x in cache.ComputeWorldBound(man).ComputeAlignedRange().GetSize()]
+    box = cache.ComputeWorldBound(man).ComputeAlignedRange()
+    return list(box.GetMin()), list(box.GetSize())
 
 
 @pytest.mark.parametrize(
@@ -146,7 +148,9 @@ def test_who_does_not_convert_is_told_the_size_and_the_hint_converts(tmp_path, o
     hint = "\n".join([op.rstrip(",") for op in ops] + [order[0]])
     path = written(tmp_path, asset(own=own), hint)
     assert told(load(path)) == []
-    assert size_mm(path) == pytest.approx([400, 1800, 0], abs=1e-3)
+    start, size = box_mm(path)
+    assert size == pytest.approx([400, 1800, 0], abs=1e-3)
+    assert start == pytest.approx([1000 if own else 0, 0, 0], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -254,8 +258,12 @@ MOVED = """double xformOp:rotateY = 30
 uniform token[] xformOpOrder = ["xformOp:rotateY"]"""
 
 
-def test_an_order_of_the_stage_leaves_out_what_the_asset_moves(tmp_path):
-    assert told(load(written(tmp_path, asset(own=MOVED)))) == []
+@pytest.mark.parametrize("beside", ["", 'def PlenChannel "Ours"\n{\n}'])
+def test_an_order_of_the_stage_leaves_out_what_a_weaker_file_moves(tmp_path, beside):
+    """Whether that is of others, or has a part of ours."""
+    over = 'double3 xformOp:scale = (1, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    errors = load(written(tmp_path, asset(head("Man"), own=MOVED, beside=beside), over)).errors
+    assert "unused-xform-op" not in [error.code for error in errors]
 
 
 @pytest.mark.parametrize("own", ["", MOVED])
