@@ -80,7 +80,7 @@ def row_of(name: str, file: Path, folder: Path, out: Path) -> tuple[str, Image.I
         if not loaded.errors:
             done = pipeline.build(stage, out / "builds" / name, allow_roots=(folder,), jobs=1)
             verdict = "failed" if done.failed else "built"
-            [picture] = (out / "builds" / name / "frames").rglob("image.png")
+            [picture] = (out / "builds" / name / "frames").glob("*/*/image.png")
             with Image.open(picture) as image:
                 tile = image.convert("RGB").resize(_TILE)
     except (Tf.ErrorException, Exception) as error:  # an asset that ends the program is what this is about
