@@ -3,7 +3,7 @@
     python benchmarks/assets.py FOLDER [--out build/assets] [--only WORD]
 
 Every .usd, .usda, .usdc and .usdz file below FOLDER that no other file there uses is referenced beside a ChArUco board,
-below a sky and a round lamp (`assets.usda`), converted into millimetres, and scaled to a width of 36 mm; a lens camera
+below a sky and a round lamp (`assets.usda`), converted into millimetres, and scaled to a width of 30 mm; a lens camera
 looks at both. Prints a table and the warnings, and writes stages, builds, `table.md` and `sheet.jpg` into the output
 folder.
 """
@@ -21,7 +21,7 @@ from pipeline.scene.load import load
 
 _SCENE = Path(__file__).with_suffix(".usda")
 _ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
-_SIZE_MM, _PLACE_MM = 36.0, (21.0, 0.0, -440.0)
+_SIZE_MM, _PLACE_MM = 30.0, (20.0, 0.0, -440.0)
 """Largest extent of an asset, and its place: the camera sees 90 x 56 mm there."""
 _TILE, _TEXT, _COLUMNS = (240, 150), 14, 6
 """Size of a picture of the sheet and height of the line below it [px], and pictures in a row."""
