@@ -56,8 +56,8 @@ class Things:
         )
 
     def lighting(self, frame: Frame, camera: str, bounces: int) -> Lighting | None:
-        """The lamps that shine in a frame, and what everything is made of; None if the dataset has no lamps."""
-        if not self._lamps:
+        """The lamps that shine in a frame, and what everything is made of; None if nothing lights the dataset."""
+        if not self._lamps and not self._finishes:
             return None
         vision = np.array(frame.camera_from_world[camera])
         lamps = [

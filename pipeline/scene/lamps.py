@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from pipeline.files.ies import SUFFIX as PROFILE
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
-from pipeline.render.lighting.records import Lamp, Rgb
+from pipeline.render.lighting.records import Lamp, Rgb, Shaping
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
-from pipeline.scene.usd.problems import Problem, problem
-from pipeline.scene.usd.values import UnreadableValue, need, take, target_paths
+from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem
+from pipeline.scene.usd.values import UnreadableValue, need, plain, take, target_paths
 from pipeline.spelling import frames_in_words
 
 KINDS = {
@@ -34,31 +35,29 @@ _BRIGHTEST = 1e30
 _SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 """Purposes of what is in images."""
 
-_IDLE: dict[str, tuple[Any, ...]] = {
-    "inputs:diffuse": (1.0,),
-    "inputs:specular": (1.0,),
-    "inputs:texture:format": ("automatic", "latlong"),
-    "collection:lightLink:includeRoot": (True,),
-    "collection:shadowLink:includeRoot": (True,),
-    "poleAxis": ("scene", "Y"),
-    "treatAsLine": (False,),
-    "treatAsPoint": (False,),
+_UNHEARD: dict[str, tuple[Any, str]] = {
+    "inputs:diffuse": (1.0, "lamps light all materials alike"),
+    "inputs:specular": (1.0, "lamps light all materials alike"),
+    "collection:lightLink:includeRoot": (True, "a lamp lights everything"),
+    "collection:shadowLink:includeRoot": (True, "everything throws shadows"),
+    "light:filters": (None, "the lamp shines without filters"),
+    "portals": (None, "the sky shines everywhere"),
+    "collection:lightLink:includes": (None, "a lamp lights everything"),
+    "collection:lightLink:excludes": (None, "a lamp lights everything"),
+    "collection:shadowLink:includes": (None, "everything throws shadows"),
+    "collection:shadowLink:excludes": (None, "everything throws shadows"),
+    "inputs:shadow:enable": (True, "everything throws shadows"),
+    "inputs:shadow:color": ((0.0, 0.0, 0.0), "shadows are without light"),
+    "inputs:shadow:distance": (-1.0, "shadows reach to infinity"),
 }
-"""Attributes that only some values of are supported."""
-_LINKS = (
-    "light:filters",
-    "portals",
-    "collection:lightLink:includes",
-    "collection:lightLink:excludes",
-    "collection:shadowLink:includes",
-    "collection:shadowLink:excludes",
-)
-"""Relationships that are not supported."""
-_APIS = ("ShapingAPI", "ShadowAPI")
-"""Schemas whose attributes are not supported."""
+"""Attributes and relationships without effect, the values with which that is right, and what is drawn instead."""
+_FORMATS = ("automatic", "latlong")
+"""Formats of pictures of the sky that are drawn."""
+_FAR = ("distant", "dome")
+"""Kinds of lamps that have no place, and no shape."""
 _OFF = 'take it out, or keep it from images with uniform token purpose = "guide"'
 _EVEN = 1e-6
-"""Deviation of a scale from the same in all directions that is accepted [1]: that of single precision."""
+"""Deviation of scales from each other, and of axes from a right angle, that is accepted [1]: of single precision."""
 _POINTS_ASKED = 64
 """Most points of a target that are asked."""
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
@@ -69,9 +68,29 @@ def is_in_images(prim: Usd.Prim) -> bool:
     return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
-def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Lights that count, of any kind, in stage order: neither for viewers alone, nor invisible for ever."""
+def lights(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Lights of any kind in stage order that are neither for viewers alone, nor invisible for ever."""
     return [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI) and is_in_images(prim)]
+
+
+def lamp_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Lights that are lamps."""
+    return [prim for prim in lights(stage) if prim.GetTypeName() in KINDS]
+
+
+def is_lit(stage: Usd.Stage) -> bool:
+    """Whether any lamp, or a mesh that is a light, lights a stage."""
+    return any(prim.GetTypeName() in KINDS or is_mesh_light(prim) for prim in lights(stage))
+
+
+def is_mesh_light(prim: Usd.Prim) -> bool:
+    """Whether a shape is a light."""
+    return bool(prim.HasAPI(UsdLux.MeshLightAPI) and prim.IsA(UsdGeom.Gprim))
+
+
+def mesh_light(prim: Usd.Prim) -> Rgb:
+    """Radiance of a shape that is a light."""
+    return _radiance(prim, 1.0)
 
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
@@ -80,30 +99,67 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     kind, names, factors = KINDS[str(prim.GetTypeName())]
     unit_mm = stage_mm_per_unit(prim)
     numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
-    if kind == "distant":
-        size = (math.radians(min(numbers[0], 180.0)), 0.0)
-    else:
-        scale = _scale_of(world_from(prim, times[:1], 1.0)[0])
-        numbers = [number * unit_mm * scale for number in numbers] + [0.0, 0.0]
-        size = numbers[0], numbers[1]
+    sx, sy, sz = (1.0, 1.0, 1.0) if kind in _FAR else frame_of(world_from(prim, times[:1], 1.0)[0])[1]
+    whole = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
+    scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy), 0.0), "cylinder": (sx, math.sqrt(sy * sz))}
+    numbers = [number * unit_mm * scale for number, scale in zip(numbers, scales.get(kind, (whole,)), strict=False)]
+    size = (
+        (math.radians(min(need(prim, "inputs:angle"), 360.0)) / 2, 0.0)
+        if kind == "distant"
+        else (*numbers, 0.0, 0.0)[:2]
+    )
     picture = prim.GetAttribute("inputs:texture:file")
-    texture = name_of(picture) if kind == "dome" and is_picture(picture) else ""
+    texture = name_of(picture) if _shows_picture(prim) else ""
     area = Lamp(kind=kind, radiance=(0.0, 0.0, 0.0), size=size).area
-    lamp = Lamp(kind=kind, radiance=_radiance(prim, kind, area, unit_mm), size=size, texture=texture)
+    radiance = _radiance(prim, _size_factor(prim, kind, area, unit_mm))
+    shaping = None if kind in _FAR or not prim.HasAPI(UsdLux.ShapingAPI) else _shaping(prim, kind)
+    lamp = Lamp(kind=kind, radiance=radiance, size=size, texture=texture, shaping=shaping)
     if texture:
         least, most = picture_of(picture).least, max(lamp.radiance) * picture_of(picture).most
         if not (least >= 0 and most <= _BRIGHTEST):
-            what = f"the sky shines with {least * max(lamp.radiance):g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
+            what = f"the picture shines with {least * max(lamp.radiance):g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
             raise UnreadableValue(what, picture, hint="clip the picture, or lower inputs:intensity")
     return LampEntry(prim_path=str(prim.GetPath()), lamp=lamp)
 
 
-def _radiance(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> Rgb:
-    """Radiance of a lamp in linear sRGB, as UsdLux defines it."""
+def _shows_picture(prim: Usd.Prim) -> bool:
+    """Whether a light has a picture that is drawn."""
+    kind, given = KINDS[str(prim.GetTypeName())][0], prim.GetAttribute("inputs:texture:format")
+    return (
+        kind in ("rect", "dome")
+        and is_picture(prim.GetAttribute("inputs:texture:file"))
+        and not (given and given.HasAuthoredValue() and given.Get() not in _FORMATS)
+    )
+
+
+def _shaping(prim: Usd.Prim, kind: str) -> Shaping | None:
+    """The shape of the light of a lamp; None if it shines alike in all directions of its bright side."""
+    file = prim.GetAttribute("inputs:shaping:ies:file")
+    if is_picture(file) and picture_of(file).suffix != PROFILE:
+        raise UnreadableValue(f"@{file.Get().path}@ is no profile of a luminaire", file, hint=f"name a file *{PROFILE}")
+    focus, tint = need(prim, "inputs:shaping:focus"), need(prim, "inputs:shaping:focusTint")
+    cone = math.radians(min(max(need(prim, "inputs:shaping:cone:angle"), 0.0), 180.0))
+    softness = min(max(need(prim, "inputs:shaping:cone:softness"), 0.0), 1.0)
+    full = math.pi / 2 if kind in ("rect", "disk") else math.pi
+    if focus <= 0 and cone >= full and not softness and not is_picture(file):
+        return None
+    return Shaping(
+        focus=max(focus, 0.0),
+        focus_tint=tint,
+        cone=cone,
+        softness=softness,
+        profile=name_of(file) if is_picture(file) else "",
+        angle_scale=need(prim, "inputs:shaping:ies:angleScale"),
+        is_normalized=need(prim, "inputs:shaping:ies:normalize"),
+    )
+
+
+def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
+    """Radiance of a light in linear sRGB, as UsdLux defines it; a normalised one is divided by a factor of its size."""
     with np.errstate(over="ignore"):  # what is infinite is refused below
         scalar = need(prim, "inputs:intensity") * float(np.exp2(need(prim, "inputs:exposure")))
     if need(prim, "inputs:normalize"):
-        scalar /= _size_factor(prim, kind, area, unit_mm)
+        scalar /= size_factor
     colour = np.array(need(prim, "inputs:color")) * scalar
     if need(prim, "inputs:enableColorTemperature"):
         colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(need(prim, "inputs:colorTemperature")))
@@ -129,90 +185,115 @@ def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> floa
     return math.pi * (squared if half <= math.pi / 2 else 2.0 - squared) if half > 0 else 1.0
 
 
-def _scale_of(world_from_prim: np.ndarray) -> float:
-    """Factor of lengths of a transform that is a rotation times a number."""
-    return float(abs(np.linalg.det(world_from_prim[:3, :3])) ** (1 / 3))
+def frame_of(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float, float]]:
+    """Unit axes of a transform, (3, 3), at right angles, the last one as it is, and its scales along them."""
+    axes = matrix[:3, :3]
+    x, y, z = (float(np.linalg.norm(axes[:, k])) for k in range(3))
+    whole = float(abs(np.linalg.det(axes)) ** (1 / 3))
+    if not min(x, y, z) > 0 or np.abs(axes.T @ axes / whole**2 - np.eye(3)).max() <= _EVEN:
+        return axes / (whole or 1.0), (whole, whole, whole)
+    forward = axes[:, 2] / z
+    right = axes[:, 0] - forward * (forward @ axes[:, 0])
+    right = right / np.linalg.norm(right)
+    up = np.cross(forward, right) * math.copysign(1.0, float(np.linalg.det(axes)))
+    return np.stack([right, up, forward], axis=1), (x, y, z)
 
 
 def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:
     """Poses of a lamp at some times, without the scale, (n, 4, 4) [mm]."""
     stack = np.array(world_from(prim, times, unit_mm))
-    stack[:, :3, :3] /= np.array([_scale_of(matrix) for matrix in stack])[:, None, None]
-    return stack
+    stack[:, :3, :3] = [frame_of(matrix)[0] for matrix in stack]
+    return stack @ _POLE_Z if _has_pole_z(prim) else stack
+
+
+_POLE_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""Turn of a dome whose +Y is to be its +Z."""
+
+
+def _has_pole_z(prim: Usd.Prim) -> bool:
+    """Whether the pole of the picture of a dome is its Z axis."""
+    pole = prim.GetAttribute("poleAxis").Get() if prim.GetTypeName() == "DomeLight_1" else "Y"
+    up = UsdGeom.GetStageUpAxis(prim.GetStage())
+    return bool(pole == "Z" or (pole == "scene" and up == UsdGeom.Tokens.z))
 
 
 def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the lamps of a dataset; `wrong` holds the prims with wrong values."""
-    lamps, skies = lamp_prims(root.GetStage()), []
-    frames = frame_numbers(root)
-    for prim in lamps:
-        problems = [*_check_features(prim), *_check_inputs(prim)]
-        yield from problems
-        if problems or prim.GetPath() in wrong or not len(frames):
+    stage, skies, frames = root.GetStage(), list[Usd.Prim](), tuple(frame_numbers(root))
+    for prim in lights(stage):
+        yield from _unheard(prim)
+        kind = str(prim.GetTypeName())
+        if prim.GetPath() in wrong or not frames or (kind not in KINDS and not is_mesh_light(prim)):
             continue
-        stack = world_from(prim, tuple(frames), 1.0)
-        scale = _scale_of(stack[0])
-        gram = (stack[:, :3, :3, None] * stack[:, :3, None, :3]).sum(axis=1)
-        if not scale > 0 or np.abs(gram / scale**2 - np.eye(3)).max() > _EVEN:
-            message = "the transform of a light scales unevenly, shears, or changes its scale with time"
-            hint = "write its size instead: inputs:width, inputs:height, inputs:radius, inputs:length"
-            yield problem(prim, "non-rigid", message, hint=hint)
         try:
-            entry = read_lamp_entry(prim, frames)
+            entry = read_lamp_entry(prim, frames) if kind in KINDS else mesh_light(prim)
         except UnreadableValue as error:
             yield problem(error.thing, error.code, error.what, hint=error.hint)
             continue
-        if entry.lamp.texture:
-            skies.append(prim)
-        if entry.lamp.kind in ("rect", "disk", "sphere", "cylinder") and not entry.lamp.area > 0:
-            yield problem(prim, "lamp-size", "a lamp without area shines nothing", hint="give it a size above 0")
-    if len([prim for prim in lamps if prim.GetTypeName() in ("DomeLight", "DomeLight_1")]) > 1 and skies:
-        message = "one sky with a picture at most, and no other dome beside it"
-        yield problem(skies[-1], "not-yet-supported", message, hint="keep one DomeLight")
+        if isinstance(entry, LampEntry):
+            yield from _check_scale(prim, entry.lamp, frames)
+            skies += [prim] if entry.lamp.texture and entry.lamp.kind == "dome" else []
+            if entry.lamp.kind not in _FAR and not entry.lamp.area > 0:
+                yield problem(prim, "lamp-size", "a lamp without area shines nothing", hint="give it a size above 0")
+    if len(skies) > 1:
+        message = f"one sky with a picture at most: <{skies[0].GetPath()}> has one, too"
+        yield problem(skies[-1], "not-yet-supported", message, hint=f"keep one: {_OFF}")
 
 
-def _check_features(prim: Usd.Prim) -> Iterator[Problem]:
-    kind = prim.GetTypeName()
-    if kind not in KINDS:
-        hint = f"known are {', '.join(KINDS)}; {_OFF}"
-        yield problem(prim, "not-yet-supported", f"lights of type {kind} are not supported", hint=hint)
-    for name, idle in _IDLE.items():
-        attribute = prim.GetAttribute(name)
-        if attribute and attribute.HasAuthoredValue() and attribute.Get() not in idle:
-            message = f'"{name}" = {attribute.Get()} of a light is not supported'
-            yield problem(attribute, "not-yet-supported", message, hint=f"write {idle[0]}, or leave it out")
-    for name in _LINKS:
-        relationship = prim.GetRelationship(name)
-        if relationship and target_paths(relationship):
-            message = f'"{name}" of a light is not supported: a lamp lights everything'
-            yield problem(relationship, "not-yet-supported", message, hint="leave it out")
-    for api in _APIS:
-        names = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(api).GetPropertyNames()
-        for name in names if api in prim.GetAppliedSchemas() else ():
-            prop = prim.GetProperty(name)
-            if prop and prop.IsAuthored():
-                message = f'"{name}" of a light is not supported'
-                yield problem(prop, "not-yet-supported", message, hint=f"leave out {api} and its attributes")
+def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterator[Problem]:
+    """A warning if the transform of a lamp makes of its shape what is not drawn."""
+    if lamp.kind in _FAR:
+        return
+    stack = world_from(prim, frames, 1.0)
+    _, (x, y, z) = frame_of(stack[0])
+    alike = {"rect": 0.0, "disk": x - y, "cylinder": y - z}.get(lamp.kind, max(x, y, z) - min(x, y, z))
+    axes = stack[0][:3, :3] / np.maximum(np.linalg.norm(stack[0][:3, :3], axis=0), 1e-300)
+    moves = any(not np.allclose(frame_of(matrix)[1], (x, y, z), rtol=_EVEN) for matrix in stack[1:])
+    bent = np.abs(axes.T @ axes - np.eye(3)).max()
+    if abs(alike) > _EVEN * x or bent > _EVEN or moves:
+        message = "the transform of a light scales unevenly, shears, or changes its scale with time"
+        a, b = lamp.size
+        drawn = f"it is drawn as a {lamp.kind} of {a:.4g} mm" + (f" by {b:.4g} mm" if b else "")
+        hint = "write its size instead: inputs:width, inputs:height, inputs:radius, inputs:length"
+        yield problem(
+            prim, NOT_DRAWN, f"{message}: {drawn} (half its width, or its radius)", hint=hint, severity="warning"
+        )
+
+
+def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
+    """Warnings of what has no effect on a light, and what is drawn instead."""
+
+    def warned(thing: Usd.Prim | Usd.Property, what: str, hint: str | None = None) -> Problem:
+        return problem(thing, NOT_DRAWN, what, hint=hint, severity="warning")
+
+    kind = str(prim.GetTypeName())
+    if kind not in KINDS and not is_mesh_light(prim):
+        yield warned(prim, f"lights of type {kind} shine nothing here", f"known are {', '.join(KINDS)}; {_OFF}")
+        return
+    for name, (idle, instead) in _UNHEARD.items():
+        if relationship := prim.GetRelationship(name):
+            if target_paths(relationship):
+                yield warned(relationship, f'"{name}" of a light has no effect: {instead}')
+        elif (given := prim.GetAttribute(name)) and given.HasAuthoredValue() and plain(given.Get()) != idle:
+            yield warned(given, f'"{name}" = {given.Get()} of a light has no effect: {instead}')
+    shapeless = kind not in KINDS or KINDS[kind][0] in _FAR
+    for given in prim.GetAuthoredAttributes():
+        name = given.GetName()
+        if shapeless and name.startswith("inputs:shaping:"):
+            yield warned(given, f'"{name}" has no effect on a light without an axis: it shines evenly')
+        elif name.startswith("inputs:") and given.ValueMightBeTimeVarying():
+            what = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
+            yield warned(given, what, "animate its xformOps, or use one lamp per value and hide it in other frames")
+        elif name.startswith("inputs:") and given.HasAuthoredConnections():
+            yield warned(given, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn')
     picture = prim.GetAttribute("inputs:texture:file")
-    if prim.IsA(UsdLux.RectLight) and picture and picture.HasAuthoredValue():
-        yield problem(picture, "not-yet-supported", "pictures on a RectLight are not supported", hint="leave it out")
-    up = UsdGeom.GetStageUpAxis(prim.GetStage())
-    if kind == "DomeLight_1" and up != UsdGeom.Tokens.y and prim.GetAttribute("poleAxis").Get() == "scene":
-        hint = 'write uniform token poleAxis = "Y" and turn the dome'
-        yield problem(prim, "not-yet-supported", f"a DomeLight_1 whose pole is {up} is not supported", hint=hint)
-
-
-def _check_inputs(prim: Usd.Prim) -> Iterator[Problem]:
-    for attribute in prim.GetAuthoredAttributes():
-        if not attribute.GetName().startswith("inputs:"):
-            continue
-        if attribute.ValueMightBeTimeVarying():
-            message = f'"{attribute.GetName()}" of a light is animated, and lamps shine evenly'
-            hint = "animate its xformOps, or use one lamp per value and make it invisible in other frames"
-            yield problem(attribute, "not-yet-supported", message, hint=hint)
-        elif attribute.HasAuthoredConnections():
-            message = f'"{attribute.GetName()}" of a light is connected, and lamps have values only'
-            yield problem(attribute, "not-yet-supported", message, hint="write a value")
+    if kind in KINDS and picture and is_picture(picture) and not _shows_picture(prim):
+        form = prim.GetAttribute("inputs:texture:format").Get()
+        yield warned(
+            picture, f'pictures of the sky of the format "{form}" are not drawn: it shines without', "use latlong"
+        )
+    if is_mesh_light(prim) and need(prim, "inputs:normalize"):
+        yield warned(prim.GetAttribute("inputs:normalize"), "the light of a mesh is not divided by its area", "write 0")
 
 
 def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:

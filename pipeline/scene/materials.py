@@ -6,7 +6,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.render.lighting.records import Finish, Numbers
-from pipeline.scene.lamps import is_in_images, lamp_prims
+from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Fans, fans
@@ -18,7 +18,7 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     """Meshes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
     named = targets(root, "plen:occluders", "Mesh")
     stage = root.GetStage()
-    if not lamp_prims(stage):
+    if not is_lit(stage):
         return named
     taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
     others = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and prim not in named and prim not in taken]
@@ -78,20 +78,20 @@ def _at_corners(
 
 def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of meshes and targets that depend on whether lamps light them; `wrong` holds prims with wrong values."""
-    is_lit = bool(lamp_prims(root.GetStage()))
+    has_light = is_lit(root.GetStage())
     for prim in targets(root, "plen:targets", "PlenTarget"):
         coat = prim.GetAttribute("plen:coat:roughness")
-        if not is_lit and coat and coat.HasAuthoredValue():
+        if not has_light and coat and coat.HasAuthoredValue():
             message = "the coat of a target is not seen, because the dataset has no lamp"
             hint = "add a light of UsdLux, such as a RectLight"
             yield problem(coat, "unused-value", message, hint=hint, severity="warning")
-        for name in ("plen:white", "plen:black") if is_lit else ():
+        for name in ("plen:white", "plen:black") if has_light else ():
             if (read(prim, name) or 0.0) > 1:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
                 hint = "make the lamps brighter instead"
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
     remarks = dict[Problem, None]()  # meshes share materials
-    for prim in seen_meshes(root) if is_lit else ():
+    for prim in seen_meshes(root) if has_light else ():
         scheme = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr()
         if prim.GetPath() in wrong:
             continue

@@ -1,4 +1,4 @@
-"""Pictures that textures and domes name: files, by content, each opened and decoded once."""
+"""Pictures that textures and lights name: files, by content, each opened and decoded once."""
 
 import base64
 import hashlib
@@ -20,8 +20,8 @@ from pipeline.scene.usd.values import NotSupported, UnreadableValue, having, rea
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
-NAME = "inputs:texture:file"
-"""Attribute of a light that names a picture."""
+OF_LIGHTS = ("inputs:texture:file", "inputs:shaping:ies:file")
+"""Attributes of a light that name a picture, and a profile."""
 _ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
 
 
@@ -76,8 +76,8 @@ def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
         producers = given.GetValueProducingAttributes() if given else []
         names_file = producers and is_picture(producers[0])
         return [(producers[0], str(space.Get() or "auto") if space else "auto")] if names_file else []
-    is_lamp = prim.HasAPI(UsdLux.LightAPI) and is_picture(prim.GetAttribute(NAME))
-    return [(prim.GetAttribute(NAME), "auto")] if is_lamp else []
+    named = map(prim.GetAttribute, OF_LIGHTS if prim.HasAPI(UsdLux.LightAPI) else ())
+    return [(attribute, "auto") for attribute in named if is_picture(attribute)]
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:

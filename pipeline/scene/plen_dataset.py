@@ -12,7 +12,7 @@ from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loa
 from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix
-from pipeline.scene.lamps import check_lamps, lamp_prims, read_lamp_entry, world_from_lamp
+from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entry
 from pipeline.scene.pictures import read_pictures
@@ -64,7 +64,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    seed, numbers = need(root, "plen:seed"), frame_numbers(root)
+    seed, numbers, has_light = need(root, "plen:seed"), frame_numbers(root), is_lit(root.GetStage())
     read = sources.reading
     return Dataset(
         stage_name=root.GetName(),
@@ -75,7 +75,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         ),
         targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
         frames=_read_frames(root, cameras, boards, sources),
-        occluders=tuple(read("occluders", read_occluder_entry, prim, bool(lamps)) for prim in occluders),
+        occluders=tuple(read("occluders", read_occluder_entry, prim, has_light) for prim in occluders),
         lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
         pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
         exports=read("exports", _read_exports, root),

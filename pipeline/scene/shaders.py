@@ -6,18 +6,18 @@ renderer could use is an error.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
 from pxr import Sdr, Usd, UsdGeom, UsdShade
 
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
+from pipeline.scene.lamps import is_mesh_light, mesh_light
 from pipeline.scene.pictures import picture_name
-from pipeline.scene.usd.problems import Problem, problem, shortened
+from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
 
-NOT_DRAWN = "not-drawn"
-"""Code of warnings about what is drawn otherwise."""
 _COLOUR = 3
 """Components of colours [1]."""
 _FALLBACKS: dict[str, tuple[str, Numbers]] = {
@@ -74,7 +74,28 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
         take(subset.GetPath())
         of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded))
         shaded.append(_shade(subset.GetPrim(), mesh))
+    if is_mesh_light(mesh):
+        shaded = [_as_light(each, mesh) for each in shaded]
     return shaded, of_face
+
+
+def _as_light(shaded: Shaded, mesh: Usd.Prim) -> Shaded:
+    """A material of a mesh that is a light: what shines of it tints the light if UsdLux says so, or does not count."""
+    colour, mode = mesh_light(mesh), mesh.GetAttribute("light:materialSyncMode").Get()
+    material, glow = shaded.material, shaded.material.emissive_color
+    light = Input(value=colour)
+    if mode == "materialGlowTintsLight" and (glow.texture or any(glow.value)) and not glow.primvar:
+        light = Input(value=_times(glow.value, colour), texture=glow.texture)
+        if glow.texture:
+            scale, bias = (_times(row, (*colour, 1.0)) for row in (glow.texture.scale, glow.texture.bias))
+            light = replace(light, texture=replace(glow.texture, scale=scale, bias=bias))
+    if mode == "noMaterialResponse":
+        material = Material(diffuse_color=Input(value=(0.0, 0.0, 0.0)), ior=1.0)
+    return shaded._replace(material=replace(material, emissive_color=light))
+
+
+def _times(some: Numbers, others: Numbers) -> Numbers:
+    return tuple(one * other for one, other in zip(some, others, strict=True))
 
 
 def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:

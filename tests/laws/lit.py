@@ -9,7 +9,7 @@ from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene, LitView
-from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp
+from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -33,8 +33,9 @@ def lamp(
     pose: np.ndarray | None = None,
     radiance: tuple[float, float, float] = (1.0, 1.0, 1.0),
     texture: str = "",
+    shaping: Shaping | None = None,
 ) -> PlacedLamp:
-    plain = to_plain(Lamp(kind=kind, radiance=radiance, size=size, texture=texture))
+    plain = to_plain(Lamp(kind=kind, radiance=radiance, size=size, texture=texture, shaping=shaping))
     return PlacedLamp(lamp=plain, vision_from_lamp=(np.eye(4) if pose is None else pose).tolist())
 
 

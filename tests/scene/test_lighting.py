@@ -417,6 +417,101 @@ def test_two_textures_of_a_material_have_each_their_coordinates(tmp_path):
         assert drawn_with(tmp_path, content, at=(x, y, 500.0))[0] == pytest.approx(expected, abs=1e-6)
 
 
+LAMP = """
+    def %s "Lamp" (
+        prepend apiSchemas = ["ShapingAPI"]
+    )
+    {
+        %s
+        double3 xformOp:translate = (0, 0, 500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+"""
+"""A lamp a metre before the wall, which shines onto it."""
+NADIR = b"IESNA:LM-63-1995\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 40\n0 90\n0\n8 0\n"
+"""Light of a luminaire that falls from 8 straight down to 0 at the horizon, evenly by angle."""
+
+
+def test_a_lamp_is_shaped_as_its_stage_says_and_its_profile_is_delivered(tmp_path):
+    (tmp_path / "down.ies").write_bytes(NADIR)
+    plain = "float inputs:radius = 5"
+    cone = plain + "\nfloat inputs:shaping:cone:angle = 30\nfloat inputs:shaping:focus = 2"
+    profile = plain + "\nfloat inputs:shaping:cone:angle = 180\nasset inputs:shaping:ies:file = @down.ies@"
+    lights = {
+        at: [wall_light(tmp_path, LAMP % ("SphereLight", lines) + WALL % "", at) for lines in (plain, cone, profile)]
+        for at in ((30.0, 0.0, 500.0), (-45.0, 45.0, 500.0))
+    }
+    for (x, y, _), (even, focused, profiled) in lights.items():
+        angle = math.atan(math.hypot(x, y) / 1000.0)
+        assert focused == pytest.approx(even * math.cos(angle) ** 2, rel=2e-4)
+        assert profiled == pytest.approx(even * 8 * (1 - angle / (math.pi / 2)), rel=2e-4)
+    away = LAMP.replace("(0, 0, 500)", "(0, 0, -400)") % ("SphereLight", cone) + WALL % ""
+    assert wall_light(tmp_path, away, (-45.0, 45.0, 500.0)) == 0.0
+    found = loaded(tmp_path, LAMP % ("SphereLight", profile))
+    assert [one.file for one in found.dataset.pictures] == [f"pictures/{hashlib.sha256(NADIR).hexdigest()[:16]}.ies"]
+    assert found.dataset.pictures[0].file in found.flattened
+    errors = loaded(tmp_path, LAMP % ("SphereLight", profile.replace("down.ies", "scene.usda"))).errors
+    assert errors and "ies:file" in errors[0].at
+
+
+@pytest.mark.parametrize(
+    ("kind", "lines", "words"),
+    [
+        ("SphereLight", "rel light:filters = </Scene/Rig>", "without filters"),
+        ("SphereLight", "rel collection:lightLink:includes = </Scene/Rig>", "lights everything"),
+        ("SphereLight", "float inputs:specular = 0.5", "all materials alike"),
+        ("SphereLight", "float inputs:intensity.timeSamples = {0: 1, 9: 5}", "time code 0"),
+        ("DistantLight", "float inputs:shaping:cone:angle = 20", "it shines evenly"),
+        ("PortalLight", "", "shine nothing here"),
+    ],
+)
+def test_what_a_light_of_others_asks_for_and_is_not_drawn_is_one_warning(tmp_path, kind, lines, words):
+    found = loaded(tmp_path, SUN + LAMP % (kind, lines))
+    warnings = [one for one in found.problems if one.code == "not-drawn"]
+    assert found.errors == []
+    assert len(warnings) == 1 and words in warnings[0].message and warnings[0].at.startswith("/Scene/Lamp")
+
+
+def test_a_rect_that_is_scaled_unevenly_has_the_size_that_results_and_a_ball_is_drawn_as_one(tmp_path):
+    stretched = LAMP.replace("double3", "double3 xformOp:scale = (3, 2, 7)\ndouble3").replace(
+        'late"', 'late", "xformOp:scale"'
+    )
+    found = loaded(tmp_path, stretched % ("RectLight", "float inputs:width = 4\nfloat inputs:height = 5"))
+    assert found.dataset.lamps[0].lamp.size == pytest.approx((6.0, 5.0), rel=1e-12)
+    assert [one.code for one in found.problems] == []
+    found = loaded(tmp_path, stretched % ("SphereLight", "float inputs:radius = 5"))
+    assert found.dataset.lamps[0].lamp.size[0] == pytest.approx(5 * 42 ** (1 / 3))
+    assert [one.code for one in found.problems] == ["not-drawn"]
+
+
+def test_the_pole_of_a_dome_is_the_axis_that_it_names(tmp_path):
+    """The first row of the picture is at the pole: straight up, or towards the viewer."""
+    pixels = np.zeros((4, 4, 3), np.uint8)
+    pixels[0] = 255
+    Image.fromarray(pixels).save(tmp_path / "picture.png")
+    dome = """
+    def DomeLight_1 "Sky"
+    {
+        asset inputs:texture:file = @picture.png@
+        uniform token poleAxis = "%s"
+    }
+"""
+    for pole, (up, back) in {"Y": (1.0, 0.0), "scene": (1.0, 0.0), "Z": (0.0, 1.0)}.items():
+        sky = lit(tmp_path, dome % pole)
+        assert looked(sky, (0.0, -500.0, 0.0), rays=2)[0] == pytest.approx(up, abs=1e-6)
+        assert looked(sky, (0.0, 0.0, -500.0), rays=2)[0] == pytest.approx(back, abs=1e-6)
+
+
+@pytest.mark.parametrize(("mode", "seen"), [("materialGlowTintsLight", 3.0), ("noMaterialResponse", 3.0)])
+def test_a_mesh_that_is_a_light_shines_and_lights_a_dataset_without_lamps(tmp_path, mode, seen):
+    light = f'float inputs:intensity = 1.5\nfloat inputs:exposure = 1\nuniform token light:materialSyncMode = "{mode}"'
+    shining = (WALL % light).replace('["MaterialBindingAPI"]', '["MaterialBindingAPI", "MeshLightAPI"]')
+    assert wall_light(tmp_path, shining) == pytest.approx(seen, rel=1e-6)
+    floor = (WALL % "").replace('"Wall"', '"Floor"').replace("-500)", "-900)").replace("50,", "400,")
+    assert wall_light(tmp_path, shining + floor, (150.0, 0.0, 900.0)) > 0.001  # from its back as well
+    assert loaded(tmp_path, shining).dataset.lamps == ()
+
+
 BOARD = Target(Checkerboard(columns=4, rows=3, square_mm=10.0, white=1.0, black=1.0))
 SPOT = (5.0, 5.0, 500.0)
 SIZES = {

@@ -144,15 +144,15 @@ def rows_of(placed: Sequence[PlacedLamp]) -> list[tuple[int, int]]:
 def emitting_of(placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> Emitting:
     """Profiles and pictures of all lamps but the sky, in their order."""
     lamps = [from_plain(Lamp, entry.lamp) for entry in placed]
-    profiles = [lamp.shaping.profile for lamp in lamps if lamp.shaping and lamp.shaping.profile]
-    wide = max([2, *(len(profile.polar) for profile in profiles)])
-    tall = max([2, *(len(profile.around) for profile in profiles)])
-    polar, around = np.zeros((len(profiles), wide)), np.zeros((len(profiles), tall))
-    factors = np.zeros((len(profiles), tall, wide))
-    for p, profile in enumerate(profiles):
-        for row, angles in ((polar[p], profile.polar), (around[p], profile.around)):
-            row[: len(angles)], row[len(angles) :] = angles, angles[-1]
-        factors[p, : len(profile.around), : len(profile.polar)] = profile.factors
+    shapes = [lamp.shaping for lamp in lamps if lamp.shaping and lamp.shaping.profile]
+    tables = [np.asarray(pictures[shape.profile], float) for shape in shapes]
+    count, tall, wide = (len(tables), *(max([2, *(table.shape[k] for table in tables)]) for k in (0, 1)))
+    polar, around, factors = np.zeros((count, wide)), np.zeros((count, tall)), np.zeros((count, tall, wide))
+    for p, (table, shape) in enumerate(zip(tables, shapes, strict=True)):
+        edge = (0, tall - len(table)), (0, wide - len(table[0]))
+        scale = table[0, 0, 3] if shape.is_normalized and table[0, 0, 3] > 0 else 1.0
+        factors[p] = np.pad(table[..., 0], edge) / scale
+        polar[p], around[p] = np.pad(table[0, :, 1], edge[1], mode="edge"), np.pad(table[:, 0, 2], edge[0], mode="edge")
     shown = [np.asarray(pictures[lamp.texture], np.float32) for lamp in lamps if lamp.texture and lamp.kind == "rect"]
     first = np.cumsum([0, *(picture.shape[0] * picture.shape[1] for picture in shown)])
     places = [(start, picture.shape[1], picture.shape[0]) for start, picture in zip(first, shown, strict=False)]

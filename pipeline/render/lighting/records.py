@@ -10,16 +10,6 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
-    """Light of a luminaire by polar angles from the -z axis of its lamp, and by angles about that, from +x to +y."""
-
-    # ascending; [rad]
-    polar: Numbers
-    around: Numbers  # from 0 to 2 pi
-    factors: tuple[Numbers, ...]  # of the radiance, for each angle around and each polar one
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Shaping:
     """How the radiance of a lamp depends on the direction, as the ShapingAPI of UsdLux says."""
 
@@ -27,8 +17,10 @@ class Shaping:
     focus_tint: Rgb = (0.0, 0.0, 0.0)
     cone: float = math.pi / 2  # largest angle from the axis [rad]
     softness: float = 0.0  # part of the cone in which light fades out
-    profile: Profile | None = None
-    angle_scale: float = 0.0
+    # name of the task's input that holds the profile of a luminaire, as `files.ies` has it; empty: there is none
+    profile: str = ""
+    angle_scale: float = 0.0  # of the profile, as UsdLux has it
+    is_normalized: bool = False  # whether the mean of the profile counts as 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,6 +15,8 @@ from pipeline.spelling import did_you_mean, printable
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
+NOT_DRAWN = "not-drawn"
+"""Code of warnings about what is drawn otherwise than its stage asks."""
 IMPOSSIBLE = "impossible"
 """Code of parts that do not make up what their prim stands for. Where there is another error it follows from that."""
 _LONGEST_LINE = 1000
