@@ -157,8 +157,8 @@ def test_the_name_of_a_stage_reaches_no_terminal_as_it_is(tmp_path, monkeypatch,
         assert "\x1b" not in "".join(capfd.readouterr())
 
 
-def test_a_lamp_that_leaves_out_what_its_collections_say_is_refused(tmp_path):
+def test_a_lamp_that_leaves_out_what_its_collections_say_is_told_to_light_everything(tmp_path):
     for link in ("light", "shadow"):
         name = f"collection:{link}Link:includeRoot"
-        path = write(Attempt("lit", "Lamp", name, "bool", False), tmp_path)
-        assert the_error(tmp_path, path).at == f"/Scene/Lamp.{name}"
+        loaded = load(write(Attempt("lit", "Lamp", name, "bool", False), tmp_path))
+        assert [(one.code, one.at) for one in loaded.problems] == [("not-drawn", f"/Scene/Lamp.{name}")]
