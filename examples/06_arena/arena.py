@@ -1,9 +1,14 @@
-"""Run the arena: detectors and calibrations of other programs, judged against the exact truth of one camera.
+"""Run the arena: detectors and calibrations of other programs, judged against the exact truth of simulated cameras.
 
-    python examples/06_arena/arena.py [--out build/arena] [--small] [--only NAME ...]
+    python examples/06_arena/arena.py [conventional] [plenoptic] [--out build/arena] [--small] [--only NAME ...]
+        [--snapshots FOLDER] [--rigs NAME ...] [--flaws NAME ...] [--quick]
 
-It builds the stages of all conditions, makes an environment for every contestant, lets them work, and writes
-results.json, tables.txt, two pictures and page.html. Whoever cannot be installed is named as missing.
+It builds the stages, makes an environment for every contestant, lets them work, and writes results.json and tables.txt
+of each half, two pictures and page.html. Whoever cannot be installed or built is named as missing, with the reason.
+What was built or answered before is not done again, and results of contestants who are not asked are kept.
+
+Plenoptic programs are on no package index, but one: FOLDER has their sources, as git repositories OWNER+NAME/repo.
+`--small` shows in minutes whether all of it runs: two conditions and two repeats; one rig with a quarter of its sensor.
 """
 
 import argparse
@@ -16,17 +21,19 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE / "plenoptic")]
 
 import pipeline  # noqa: E402, F401, I001  # before NumPy: then one worker is this process, and no build starts another
 import calibrating  # noqa: E402  # these stand beside this file
+import compete  # noqa: E402
 import detecting  # noqa: E402
+import tables  # noqa: E402
+from cameras import FLAWS, RIGS, small, with_flaw  # noqa: E402
 from conditions import CONDITIONS  # noqa: E402
-from drawn import draw  # noqa: E402
-from environments import Contestant, Missing, contestants, interpreter  # noqa: E402
+from environments import CONTESTANTS, Contestant, Failed, called, contestants, interpreter  # noqa: E402
 from page import write_page  # noqa: E402
-from tables import tables  # noqa: E402
 
+Results = dict[str, Any]
 REPEATS, NOISY = 3, 6
 """Images of every view, each with noise of its own; repeats of the calibration with noise."""
 SMALL = ("sharp", "noise")
@@ -34,93 +41,128 @@ SMALL = ("sharp", "noise")
 
 def arguments() -> argparse.Namespace:
     """What the command line asks for."""
+    halves = ["conventional", "plenoptic"]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("halves", nargs="*", choices=halves, default=halves, help="which cameras")
     parser.add_argument("--out", type=Path, default=Path("build/arena"), help="folder that keeps everything")
-    parser.add_argument("--small", action="store_true", help="two conditions, two repeats: whether all of it runs")
+    parser.add_argument("--small", action="store_true", help="whether all of it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="contestants whose names contain one of these words")
+    parser.add_argument("--snapshots", type=Path, help="folder of sources")
+    parser.add_argument("--rigs", nargs="+", choices=[rig.name for rig in RIGS], help="some plenoptic cameras")
+    parser.add_argument("--flaws", nargs="+", choices=FLAWS, help="some of their flaws")
+    parser.add_argument("--quick", action="store_true", help="libpleno calibrates from exact rows alone")
     return parser.parse_args()
 
 
 def main() -> None:
     """Run the command."""
-    asked, began = arguments(), time.time()
-    asked.out.mkdir(parents=True, exist_ok=True)
+    asked = arguments()
     out = asked.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
     everybody = contestants()
-    rows = [one for one in everybody if not asked.only or any(word.lower() in one.name.lower() for word in asked.only)]
-    if not rows:
-        raise SystemExit(f"no such contestant; there are {', '.join(one.name for one in everybody)}")
+    names = chosen(asked, [one.name for one in everybody if one.kind != "painter"] + [*compete.CONTESTANTS])
+    if "conventional" in asked.halves:
+        conventional(asked, everybody, [one for one in everybody if one.name in names], out)
+    if "plenoptic" in asked.halves:
+        plenoptic(asked, [name for name in names if name in compete.CONTESTANTS], out)
+
+
+def chosen(asked: argparse.Namespace, names: list[str]) -> list[str]:
+    """Contestants that the command line asks for."""
+    some = [name for name in names if not asked.only or any(word.lower() in name.lower() for word in asked.only)]
+    if not some and asked.only != ["baseline"]:  # who is always there
+        raise SystemExit(f"no such contestant; there are {', '.join(names)}")
+    return some
+
+
+def conventional(asked: argparse.Namespace, everybody: list[Contestant], rows: list[Contestant], out: Path) -> None:
+    """The half of conventional cameras."""
+    began = time.time()
     conditions = tuple(one for one in CONDITIONS if not asked.small or one.name in SMALL)
     repeats, noisy = (2, 2) if asked.small else (REPEATS, NOISY)
     detectors, calibrators = ([one for one in rows if one.kind == kind] for kind in ("detector", "calibrator"))
-    print("detectors", flush=True)
-    of_detectors, missing = detecting.compete(detectors, conditions, out, repeats) if detectors else ({}, [])
-    print("calibrators", flush=True)
-    of_calibrators, gone, fields = (
-        calibrating.compete(calibrators, out, noisy, finder(everybody, out)) if calibrators else ({}, [], {})
+    results: Results = {"about": about(began), "conditions": {one.name: one.what for one in conditions}}
+    results["about"] |= {"repeats": repeats, "noisy": noisy}
+    results |= {"detectors": {}, "calibrators": {}, "missing": {}}
+    fields: Results = {}
+    if detectors:
+        results["detectors"], results["missing"] = detecting.compete(detectors, conditions, out, repeats)
+    if calibrators:
+        (sb,) = (one for one in everybody if one.name == "OpenCV SB")  # finds the corners of the case `detected`
+        judged, gone, fields = calibrating.compete(calibrators, out, noisy, (sb, interpreter(sb, out / "environments")))
+        results |= {"calibrators": judged, "missing": results["missing"] | gone}
+    results["about"] |= about(began)
+    earlier = _read(out / "results.json")
+    is_same = earlier.get("conditions") == results["conditions"] and all(
+        earlier["about"][key] == results["about"][key] for key in ("repeats", "noisy")
     )
-    results = {
-        "about": about(began, repeats, noisy),
-        "conditions": {one.name: one.what for one in conditions},
-        "detectors": of_detectors,
-        "calibrators": of_calibrators,
-        "missing": {one.name: one.reason for one in [*missing, *gone]},
-    }
-    deliver(*with_earlier(results, fields, out), out)
+    if is_same:
+        results, fields = merged(earlier, results, 2), _read(out / "fields.json") | fields
+    (out / "fields.json").write_text(json.dumps(fields) + "\n", encoding="utf-8")
+    deliver(results, tables.conventional(results), out)
+    try:
+        (painter,) = (one for one in everybody if one.kind == "painter")
+        called([interpreter(painter, out / "environments"), CONTESTANTS / painter.script, out])
+    except Failed as error:
+        print(f"no pictures: {error}")
+    print(write_page(out))
 
 
-def with_earlier(results: dict[str, Any], fields: dict[str, Any], out: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Results, and those of contestants whom an earlier run under the same conditions asked and this one did not."""
-    place = out / "results.json"
-    if not place.exists():
-        return results, fields
-    earlier = json.loads(place.read_text(encoding="utf-8"))
-    if any(earlier["about"][key] != results["about"][key] for key in ("repeats", "noisy")):
-        return results, fields
-    if earlier["conditions"] != results["conditions"]:
-        return results, fields
-    asked = asked_for(results)
-    for kind in ("detectors", "calibrators", "missing"):
-        results[kind] = {name: one for name, one in earlier[kind].items() if name not in asked} | results[kind]
-    return results, json.loads((out / "fields.json").read_text(encoding="utf-8")) | fields
+def plenoptic(asked: argparse.Namespace, names: list[str], out: Path) -> None:
+    """The half of plenoptic cameras; what is known is delivered after each, as all of them take hours."""
+    began, place = time.time(), out / "plenoptic"
+    place.mkdir(exist_ok=True)
+    rigs = [
+        rig for rig in RIGS if rig.name in (asked.rigs or (["paper"] if asked.small else [one.name for one in RIGS]))
+    ]
+    flaws = asked.flaws or (["designed"] if asked.small else [*FLAWS])
+    snapshots = asked.snapshots and asked.snapshots.resolve()
+    ready, missing = compete.prepared(names, snapshots, place / "programs")
+    earlier = _read(place / "results.json")
+    for flaw in flaws:
+        for rig in rigs:
+            name = f"{rig.name} {flaw}"
+            print(name, flush=True)
+            camera, is_first = with_flaw(small(rig) if asked.small else rig, flaw), flaw == "designed"
+            folder = place / name.replace(" ", "_")
+            case = compete.case(camera, folder, ready, has_noise=is_first, has_images=is_first and not asked.quick)
+            results = {"about": about(began), "rigs": {rig.name: rig.what}, "flaws": {flaw: FLAWS[flaw]}}
+            earlier = merged(earlier, results | {"cases": {name: case}, "missing": missing}, 4)
+            earlier["missing"] = {who: why for who, why in earlier["missing"].items() if who not in ready}
+            deliver(earlier, tables.plenoptic(earlier), place)
+            print(write_page(out))
 
 
-def asked_for(results: dict[str, Any]) -> set[str]:
-    """Names of all contestants of a run."""
-    return {name for kind in ("detectors", "calibrators", "missing") for name in results[kind]}
+def merged(earlier: Results, later: Results, depth: int) -> Results:
+    """Both, the later one first; dictionaries of so many levels are merged themselves."""
+    if depth == 0:
+        return later
+    both = earlier.keys() & later.keys()
+    parts = {key: merged(earlier[key], later[key], depth - 1) for key in both if isinstance(later[key], dict)}
+    return earlier | later | parts
 
 
-def finder(everybody: list[Contestant], out: Path) -> tuple[Contestant, Path] | None:
-    """Who finds the corners of the case `detected`: SB of OpenCV, if it is there."""
-    (who,) = (one for one in everybody if one.name == "OpenCV SB")
-    python = interpreter(who, out / "environments")
-    return None if isinstance(python, Missing) else (who, python)
+def _read(path: Path) -> Results:
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def about(began: float, repeats: int, noisy: int) -> dict[str, Any]:
-    """Date, machine, and what the run took."""
+def about(began: float) -> Results:
+    """Date, machine, and what the run took, as far as it has come."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return {
         "date": time.strftime("%d %B %Y", time.gmtime()),
         "python": platform.python_version(),
         "wall_s": round(time.time() - began),
         "cpu_s": round(sum(one.ru_utime + one.ru_stime for one in used)),
-        "repeats": repeats,
-        "noisy": noisy,
     }
 
 
-def deliver(results: dict[str, Any], fields: dict[str, Any], out: Path) -> None:
-    """Write everything, and print the tables."""
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    (out / "fields.json").write_text(json.dumps(fields) + "\n", encoding="utf-8")
-    text = tables(results)
-    (out / "tables.txt").write_text(text, encoding="utf-8")
+def deliver(results: Results, made: list[tables.Table], place: Path) -> None:
+    """Write results and tables, and print the tables."""
+    (place / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    text = tables.text(made)
+    (place / "tables.txt").write_text(text, encoding="utf-8")
     print(text)
-    drawing = draw(out)
-    if isinstance(drawing, Missing):
-        print(f"no pictures: {drawing.reason}")
-    print(write_page(out))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,19 @@
 """Calibrators of the arena: the same boards for all, and each model against the true rays of the camera."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conditions import CONDITIONS, VIEWS, calibration_text
+from conditions import CONDITIONS
 from contestants.exchange import write_pgm
-from environments import Contestant, Missing, place_of, run, run_all
+from environments import Contestant, place_of, run, run_all
 from judge import coverage, covered, error_field, inside_ellipse, matched, pupil_errors
-from scenes import BOARD_COLUMNS, BOARD_ROWS, Boards, Rows, boards, built, exposed, view_of
+from rows import Rows, joined
+from scenes import BOARD, BOARD_COLUMNS, BOARD_ROWS, Boards, boards, built, exposed, view_of
+
+from stages import HERE
 
 Results = dict[str, Any]
 FITTED_MM = (400.0, 700.0, 1200.0)
@@ -20,7 +24,6 @@ NOISE_PX = 0.1
 """Noise of each axis in the cases with noise [px]: of an ordinary detector in an ordinary image."""
 FEW = 5
 """Boards of the case with few."""
-POINTS = BOARD_COLUMNS * BOARD_ROWS
 STATED_AT = 1
 """Of DISTANCES_MM that for which uncertainties are stated: the distance in focus."""
 
@@ -28,7 +31,7 @@ STATED_AT = 1
 def whole_views(rows: Rows, among: np.ndarray | None = None) -> np.ndarray:
     """Views that show all points of the board: those that detectors of whole boards would deliver."""
     views, counts = np.unique(rows.view, return_counts=True)
-    whole = views[counts == POINTS]
+    whole = views[counts == len(BOARD)]
     return whole if among is None else np.intersect1d(whole, among)
 
 
@@ -38,7 +41,8 @@ def write_cases(folder: Path, noisy: int, detector: tuple[Contestant, Path] | No
     cases.mkdir(parents=True, exist_ok=True)
     for old in cases.glob("*.npz"):
         old.unlink()
-    seen = {name: boards(name, folder / "stages", FITTED_MM, DISTANCES_MM) for name in ("f8", "f2.8", "tilted")}
+    stages = {"f8": "calibration", "f2.8": "calibration_open", "tilted": "calibration_tilted"}
+    seen = {name: boards(HERE / f"{stage}.usda", FITTED_MM, DISTANCES_MM) for name, stage in stages.items()}
 
     def write(name: str, camera: str, first: Rows, second: Rows) -> None:
         views = whole_views(first)
@@ -67,43 +71,41 @@ def detected(exact: Boards, folder: Path, detector: Contestant, python: Path) ->
     images.mkdir(parents=True, exist_ok=True)
     about = {"kind": "checkerboard", "columns": BOARD_COLUMNS, "rows": BOARD_ROWS, "square_mm": 1.0}
     (images / "board.json").write_text(json.dumps(about), encoding="utf-8")
-    output = built(folder / "stages/calibration_f8.usda", calibration_text("f8"))
+    output = built(HERE / "calibration.usda", folder / "stages")
     for number, view in enumerate(output.camera.views):
         image = view_of(view, False).image
         write_pgm(images / f"{number:02d}.pgm", exposed(image, CONDITIONS[0].electrons, "calibration", number))
     run(detector, python, images, answers)
     parts = []
-    for number in range(VIEWS):
+    for number in range(len(exact.poses)):
         path = answers / f"{number:02d}.npz"
         found = np.load(path)["xy"].reshape(-1, 2) if path.exists() else np.empty((0, 2))
         rows = exact.first.only(exact.first.view == number)
         row = matched(rows.image_px, found)
         if (row >= 0).all():
-            parts.append(Rows(rows.view, rows.point, found[row]))
-    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("view", "point", "image_px")))
+            parts.append(replace(rows, image_px=found[row]))
+    return joined(parts)
 
 
 def compete(
     rows: list[Contestant], folder: Path, noisy: int, detector: tuple[Contestant, Path] | None
-) -> tuple[Results, list[Missing], dict[str, Any]]:
+) -> tuple[Results, dict[str, str], dict[str, Any]]:
     """Let all calibrators solve all cases; results by calibrator, who is missing, and error fields for pictures."""
     cameras = write_cases(folder, noisy, detector)
     given = {row.name: folder / "cases" for row in rows}
-    ended = run_all(rows, folder / "environments", given, folder / "answers")
+    ended, missing = run_all(rows, folder / "environments", given, folder / "answers")
     results: Results = {}
     fields: dict[str, Any] = {}
-    for row in rows:
-        took, answers = ended[row.name], folder / "answers" / place_of(row)
-        if isinstance(took, Missing):
-            continue
+    for row in (row for row in rows if row.name in ended):
+        answers = folder / "answers" / place_of(row)
         judged = {name: judge(boards_, folder / "cases" / name, answers / name) for name, boards_ in cameras.items()}
-        fields[row.name] = judged["exact"].pop("field_px", None)
+        fields[row.name] = judged["exact"].get("field_px")
         for case in judged.values():
             case.pop("field_px", None)
         noise = [judged.pop(f"noise_{number:02d}") for number in range(noisy)]
-        results[row.name] = {"cpu_s": took, "cases": judged | {"noise": _mean(noise)}}
+        results[row.name] = {"cpu_s": ended[row.name], "cases": judged | {"noise": _mean(noise)}}
         results[row.name]["honesty"] = honesty(answers, cameras["exact"], folder / "cases/exact", noisy)
-    return results, [gone for gone in ended.values() if isinstance(gone, Missing)], fields
+    return results, missing, fields
 
 
 def judge(truth: Boards, case: Path, answer: Path) -> Results:

@@ -5,11 +5,8 @@ import html
 import json
 import re
 from pathlib import Path
-from typing import Any
 
-from drawn import PICTURES
-from plenoptic.report import all_tables
-from tables import DETECTORS, by_condition, calibrations
+import tables
 
 _HEAD = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Arena</title>
@@ -27,11 +24,18 @@ dt { font-weight: 600 } dd { margin: 0 0 .3rem 1rem }
 </style></head>
 <body>
 <h1>The arena</h1>"""
-_INTRODUCTION = """Every image and every number below comes from one simulated camera whose ground truth is computed to
+_CONVENTIONAL = """Every image and every number below comes from one simulated camera whose ground truth is computed to
 0.001 px: a retrofocus lens of 28 mm, traced surface by surface. Detectors see rendered images with the noise of a
 sensor. Calibrators see the same boards; they are judged over the whole image at four distances, not by the
 residuals on their own points. Green marks the smallest number of a column."""
-
+_CASES = {
+    "exact": "exact positions J at f/8: what is left is the model's",
+    "noise": "Gaussian noise of 0.1 px; root mean square over the repeats",
+    "few": "the same noise, five boards",
+    "detected": "positions that OpenCV SB finds in rendered images",
+    "open": "exact positions at f/2.8: coma and vignetting",
+    "tilted": "exact positions, the lens tilted by 3 and -2 degrees against the sensor",
+}
 _PLENOPTIC = """Calibrations see twelve boards at three distances. Field and depth: largest of the three; beyond: half a
 step before or behind them; outside: where no board was; chief and marginal: near the middle and the edge of
 micro-images. Turn and place are those of the boards. Baselines are fitted from the first-order truth on: what is left
@@ -40,68 +44,35 @@ is the model's."""
 
 def write_page(out: Path) -> Path:
     """Write page.html about what a folder has: results.json with its pictures, and plenoptic/results.json."""
-    body = []
+    body = [_HEAD]
     if (first := out / "results.json").exists():
         results = json.loads(first.read_text(encoding="utf-8"))
-        body.append(conventional(results, [out / name for name in PICTURES]))
+        made, pictures = tables.conventional(results), [out / "detectors.png", out / "fields.png"]
+        body.append(half("Conventional cameras", _CONVENTIONAL, results, _CASES, made, pictures))
     if (second := out / "plenoptic/results.json").exists():
-        body.append(plenoptic(json.loads(second.read_text(encoding="utf-8"))))
+        results = json.loads(second.read_text(encoding="utf-8"))
+        meanings = results["rigs"] | results["flaws"]
+        body.append(half("Plenoptic cameras", _PLENOPTIC, results, meanings, tables.plenoptic(results), []))
     place = out / "page.html"
-    place.write_text("\n".join([_HEAD, *body, "</body></html>\n"]), encoding="utf-8")
+    place.write_text("\n".join([*body, "</body></html>\n"]), encoding="utf-8")
     return place
 
 
-def conventional(results: dict[str, Any], pictures: list[Path]) -> str:
-    """The half of conventional cameras."""
-    about = results["about"]
-    shown = {path.stem: _picture(path) for path in pictures if path.exists()}
-    parts = [
-        f"<p>{_INTRODUCTION}</p><p>{about['date']}, {about['cpu_s']} s of processor time; {about['repeats']} images of "
-        f"each view, {about['noisy']} calibrations with noise.</p>",
-        _missing(results["missing"]),
-    ]
-    if results["detectors"]:
-        parts += ["<h2>Detectors</h2>", shown.get("detectors", ""), _definitions(results["conditions"])]
-        parts += [table(title, *by_condition(results, cell)) for title, cell in DETECTORS.items()]
-    if results["calibrators"]:
-        parts += ["<h2>Calibrators</h2>", _CASES, shown.get("fields", "")]
-        parts += [
-            table(title, head, rows, marks_best="Honesty" not in title)
-            for title, head, rows in calibrations(results)
-            if rows
-        ]
-    return "\n".join(parts)
-
-
-def plenoptic(results: dict[str, Any]) -> str:
-    """The half of plenoptic cameras."""
-    about = results["about"]
-    shown = (table(title, head, rows, marks_best=False) for title, head, rows in all_tables(results) if rows)
-    return "\n".join(
-        [
-            f"<h2>Plenoptic cameras</h2><p>{about['date']}, {about['wall_s']} s.</p>",
-            f"<p>{_PLENOPTIC}</p>",
-            _definitions(results["rigs"] | results["flaws"]),
-            *shown,
-        ]
-    )
-
-
-_CASES = """<dl><dt>exact</dt><dd>exact positions J at f/8: what is left is the model's</dd>
-<dt>noise</dt><dd>Gaussian noise of 0.1 px; root mean square over the repeats</dd>
-<dt>few</dt><dd>the same noise, five boards</dd>
-<dt>detected</dt><dd>positions that OpenCV SB finds in rendered images</dd>
-<dt>open</dt><dd>exact positions at f/2.8: coma and vignetting</dd>
-<dt>tilted</dt><dd>exact positions, the lens tilted by 3 and -2 degrees against the sensor</dd></dl>"""
-
-
-def _definitions(meanings: dict[str, str]) -> str:
-    rows = "".join(f"<dt>{html.escape(name)}</dt><dd>{html.escape(what)}</dd>" for name, what in meanings.items())
-    return f"<dl>{rows}</dl>"
-
-
-def _missing(reasons: dict[str, str]) -> str:
-    return "\n".join(f"<p><b>Missing: {html.escape(name)}</b>: {html.escape(why)}</p>" for name, why in reasons.items())
+def half(
+    title: str,
+    introduction: str,
+    results: tables.Results,
+    meanings: dict[str, str],
+    made: list[tables.Table],
+    pictures: list[Path],
+) -> str:
+    """One half of the page."""
+    about = ", ".join(f"{key}: {value}" for key, value in results["about"].items())
+    terms = "".join(f"<dt>{html.escape(name)}</dt><dd>{html.escape(what)}</dd>" for name, what in meanings.items())
+    shown = [_picture(path) for path in pictures if path.exists()]
+    marks_best = title.startswith("Conventional")
+    parts = [f"<h2>{title}</h2><p>{introduction}</p><p>{html.escape(about)}</p><dl>{terms}</dl>", *shown]
+    return "\n".join([*parts, *(table(*one, marks_best=marks_best) for one in made if one[2])])
 
 
 def _picture(path: Path) -> str:
@@ -110,8 +81,9 @@ def _picture(path: Path) -> str:
 
 
 def table(title: str, head: list[str], rows: list[list[str]], *, marks_best: bool = True) -> str:
-    """A table as HTML, with the smallest number of each column marked."""
-    best = [_best([row[i] for row in rows]) if marks_best else None for i in range(len(head))]
+    """A table as HTML, with the smallest number of each column marked, unless it tells of honesty."""
+    is_marked = marks_best and not title.startswith("Honesty")
+    best = [_best([row[i] for row in rows]) if is_marked else None for i in range(len(head))]
     lines = [f"<tr>{''.join(f'<th>{html.escape(cell)}</th>' for cell in head)}</tr>"]
     for row in rows:
         kinds = ["none" if cell == "-" else "best" if cell == best[i] else "" for i, cell in enumerate(row)]

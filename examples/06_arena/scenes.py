@@ -1,22 +1,21 @@
 """What contestants get: builds of the conditions, images with the noise of a sensor, and correspondences with noise."""
 
-import hashlib
 import json
-import pickle
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from conditions import ACROSS, CALIBRATION_CAMERAS, HERE, Condition, calibration_text, stage_text
+from conditions import ACROSS, Condition, write_stage
 from contestants.exchange import write_pgm
 from judge import ExactRays
+from rows import Rows, board_from_opencv, joined, opencv_points, seen
 
 import pipeline
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.files.exr import read_exr
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
+from stages import HERE
 
 TRUTHS = {"J": "", "saddle": "saddle_", "chief": "chief_"}
 """Names of the truths, and the beginnings of their columns."""
@@ -32,10 +31,7 @@ BOARD_COLUMNS, BOARD_ROWS, SQUARE_MM = 9, 8, 16.0
 """Inner corners and squares of board.usda."""
 BASELINE_MM = 60.0
 """Distance of the second camera, for those who calibrate pairs only."""
-_X = np.array([1.0, 0.0, 0.0, 0.0])
-_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-_FROM_OPENCV[:2, 3] = -(BOARD_COLUMNS - 1) / 2 * SQUARE_MM, (BOARD_ROWS - 1) / 2 * SQUARE_MM
-"""Our target frame (middle of the board, x right, y up, z to the viewer) from OpenCV's."""
+BOARD = opencv_points(BOARD_COLUMNS, BOARD_ROWS, SQUARE_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +43,9 @@ class View:
     image: np.ndarray
 
 
-def built(stage: Path, text: str) -> "pipeline.results.output.Output":
-    """Write a stage, and build it."""
-    stage.parent.mkdir(parents=True, exist_ok=True)
-    stage.write_text(text, encoding="utf-8")
-    result = pipeline.build(stage, stage.parent / "out" / stage.stem, jobs=1, allow_roots=(HERE,))
+def built(stage: Path, folder: Path) -> "pipeline.results.output.Output":
+    """Build a stage into a folder."""
+    result = pipeline.build(stage, folder / "out" / stage.stem, jobs=1, allow_roots=(HERE,))
     if result.failed:
         raise SystemExit(f"{stage}: {result.failed} tasks failed")
     return pipeline.open_output(result.out)
@@ -59,9 +53,10 @@ def built(stage: Path, text: str) -> "pipeline.results.output.Output":
 
 def views(condition: Condition, board: str, folder: Path) -> list[View]:
     """Views of a board under a condition, in the order of its frames; points under the white card are left out."""
-    stage = folder / f"{(condition.like or condition.name).replace(' ', '_')}_{board}.usda"
-    output = built(stage, stage_text(condition, board))
-    return [view_of(view, board == "checkerboard") for view in output.camera.views]
+    stage = folder / f"{condition.like or condition.place}_{board}.usda"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_stage(condition, board, stage)
+    return [view_of(view, board == "checkerboard") for view in built(stage, folder).camera.views]
 
 
 def view_of(view: "pipeline.results.records.BuiltView", has_card: bool) -> View:
@@ -102,43 +97,26 @@ def write_images(seen: list[View], condition: Condition, board: str, folder: Pat
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
-    """Seen points: numbers of views and points (n,), positions (n, 2)."""
-
-    view: np.ndarray
-    point: np.ndarray
-    image_px: np.ndarray
-
-    def only(self, rows: np.ndarray) -> "Rows":
-        """Some of them."""
-        return Rows(self.view[rows], self.point[rows], self.image_px[rows])
-
-    def noisy(self, sigma_px: float, random: np.random.Generator) -> "Rows":
-        """With Gaussian noise on each axis."""
-        return Rows(self.view, self.point, self.image_px + random.normal(0, sigma_px, self.image_px.shape))
-
-
-@dataclass(frozen=True, slots=True)
 class Boards:
-    """Boards before a camera of the calibrations: exact positions of their points, poses, and the camera's true rays.
+    """Boards before a camera of the calibrations: exact positions of points, poses, and true rays of the camera.
 
-    `poses` (v, 4, 4) take the board as OpenCV has it (from its first point, x right, y down, z away from the viewer) to
-    the vision frame. `second` is the same boards as a camera of the same kind sees them, `BASELINE_MM` to the right.
+    `poses` (v, 4, 4) take the board as OpenCV has it to the vision frame. `second` is the same boards as a camera of
+    the same kind sees them, `BASELINE_MM` to the right.
     """
 
-    first: "Rows"
-    second: "Rows"
+    first: Rows
+    second: Rows
     poses: np.ndarray
     exact: ExactRays
     pupil_mm: np.ndarray
     focal_px: float
 
-    def case(self, first: "Rows", second: "Rows") -> dict[str, np.ndarray]:
+    def case(self, first: Rows, second: Rows) -> dict[str, np.ndarray]:
         """What a calibrator gets: rows of both cameras, which may be fewer or noisier than those here."""
         return {
             "view": first.view,
             "point": first.point,
-            "object_mm": object_mm()[first.point],
+            "object_mm": first.points_mm,
             "image_px": first.image_px,
             "second_view": second.view,
             "second_point": second.point,
@@ -153,52 +131,21 @@ class Boards:
         }
 
 
-def object_mm() -> np.ndarray:
-    """Points of the board as OpenCV has it, (72, 3)."""
-    rows, columns = np.divmod(np.arange(BOARD_ROWS * BOARD_COLUMNS), BOARD_COLUMNS)
-    return np.stack([columns, rows, np.zeros(len(rows))], axis=1) * SQUARE_MM
-
-
-def boards(camera: str, folder: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]) -> Boards:
-    """The boards of calibration.usda before one of the cameras, by the solver of the truth; nothing is rendered."""
-    stage = folder / f"calibration_{camera}.usda"
-    stage.parent.mkdir(parents=True, exist_ok=True)
-    stage.write_text(calibration_text(camera), encoding="utf-8")
-    read = [
-        calibration_text(camera),
-        *((HERE / name).read_text() for name in ("calibration.usda", "rig.usda", "board.usda")),
-    ]
-    digest = hashlib.sha256(repr((read, fitted_mm, distances_mm, _QUERY, _RAYS_PX)).encode()).hexdigest()[:16]
-    kept = folder / f"boards_{digest}.pickle"
-    if not kept.exists():
-        kept.write_bytes(pickle.dumps(_boards(stage, fitted_mm, distances_mm)))
-    return pickle.loads(kept.read_bytes())
-
-
-def _boards(stage: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]) -> Boards:
-    dataset = pipeline.open_dataset(stage, allow_roots=(HERE,))
-    ready = pipeline.ready(stage, allow_roots=(HERE,))
-    poses = np.array([frame.vision_from_target(ready.name, "Board") @ _FROM_OPENCV for frame in dataset.frames])
+def boards(stage: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]) -> Boards:
+    """The boards of a stage of calibrations, by the solver of the truth; nothing is rendered."""
+    dataset, ready = pipeline.open_dataset(stage), pipeline.ready(stage)
+    turn = board_from_opencv(BOARD_COLUMNS, BOARD_ROWS, SQUARE_MM)
+    poses = np.array([frame.vision_from_target(ready.name, "Board") @ turn for frame in dataset.frames])
+    aside = np.zeros((4, 4))
+    aside[0, 3] = BASELINE_MM
     stands_for = pinhole(ready.camera)
     assert stands_for is not None
-    return Boards(
-        _seen(ready, poses),
-        _seen(ready, poses - BASELINE_MM * np.outer(_X, [0, 0, 0, 1])),
-        poses,
-        exact_rays(ready, fitted_mm, distances_mm),
-        np.array(stands_for.centre_mm),
-        stands_for.distorted.principal_distance_px,
+    first, second = (
+        joined([seen(ready, BOARD, pose, view, normals=-pose[:3, 2]) for view, pose in enumerate(places)])
+        for places in (poses, poses - aside)
     )
-
-
-def _seen(ready: "pipeline.results.ready_camera.ReadyCamera", poses: np.ndarray) -> Rows:
-    parts = []
-    for number, pose in enumerate(poses):
-        found = ready.project(object_mm() @ pose[:3, :3].T + pose[:3, 3], normals=-pose[:3, 2])
-        order = np.argsort(found.point)
-        place = np.stack([found.x_px, found.y_px], axis=1)[order]
-        parts.append(Rows(np.full(len(order), number), found.point[order], place))
-    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("view", "point", "image_px")))
+    rays, focal_px = exact_rays(ready, fitted_mm, distances_mm), stands_for.distorted.principal_distance_px
+    return Boards(first, second, poses, rays, np.array(stands_for.centre_mm), focal_px)
 
 
 def exact_rays(
@@ -216,8 +163,3 @@ def exact_rays(
         fitted_mm=fitted_mm,
         distances_mm=distances_mm,
     )
-
-
-def cameras() -> Iterator[str]:
-    """Names of the cameras of the calibrations."""
-    yield from CALIBRATION_CAMERAS

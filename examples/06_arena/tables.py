@@ -1,11 +1,11 @@
-"""Print the tables of an arena from its results.json.
+"""The tables of the arena. Print them from the results that lie beside this file, or some by the beginnings of titles:
 
-python examples/06_arena/tables.py [--brief] [examples/06_arena/results.json]
+python examples/06_arena/tables.py [TITLE ...]
 """
 
-import argparse
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,100 +13,73 @@ import numpy as np
 
 Results = dict[str, Any]
 Cell = Callable[[Results], str]
+Table = tuple[str, list[str], list[list[str]]]
+"""Title, head and rows."""
 NOTHING = "-"
 
 
-def markdown(head: list[str], rows: list[list[str]]) -> list[str]:
-    """Lines of a table, columns padded."""
-    width = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+def number(value: float | None) -> str:
+    """Three digits behind the point, where a number is not large."""
+    return NOTHING if value is None or value != value else f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"
+
+
+def text(tables: list[Table]) -> str:
+    """Tables as Markdown, columns padded; empty ones are left out."""
+    return "\n\n".join(f"{title}\n\n{_markdown(head, rows)}" for title, head, rows in tables if rows) + "\n"
+
+
+def _markdown(head: list[str], rows: list[list[str]]) -> str:
+    width = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     lines = [f"| {' | '.join(cell.ljust(w) for cell, w in zip(row, width, strict=True))} |" for row in (head, *rows)]
-    return [lines[0], f"|{'|'.join('-' * (w + 2) for w in width)}|", *lines[1:]]
+    return "\n".join([lines[0], f"|{'|'.join('-' * (w + 2) for w in width)}|", *lines[1:]])
 
 
-def by_condition(results: Results, cell: Cell) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of a table of detectors by conditions."""
-    names = list(results["conditions"])
-    names = [name for name in names if any(name in one["conditions"] for one in results["detectors"].values())]
-    rows = [[who, *(cell(one["conditions"][name]) for name in names)] for who, one in results["detectors"].items()]
-    return ["detector", *names], rows
+def missing(results: Results) -> Table:
+    """Who cannot run, and why."""
+    return "Missing", ["contestant", "reason"], [[name, why] for name, why in results["missing"].items()]
 
 
-def against(truth: str, value: Callable[[Results], str]) -> Cell:
-    """What a cell says of one truth; nothing where too few points were found."""
-    return lambda judged: value(judged["against"][truth]) if truth in judged["against"] else NOTHING
-
-
-def lasting(judged: Results) -> str:
-    """Root mean square length of what averaging does not remove [px]."""
-    return f"{judged['lasting_px']:.3f}"
-
-
-def bias(judged: Results) -> str:
-    """Mean error along x and y [px]."""
-    return "{:+.3f} {:+.3f}".format(*judged["bias_px"])
-
-
-def spread(judged: Results) -> str:
-    """Standard deviations along x and y of a point's lasting error, and their correlation."""
-    return _ellipse(np.array(judged["spread_px2"]))
-
-
-def noise(judged: Results) -> str:
-    """Standard deviations along x and y over repeats, and their correlation."""
-    return _ellipse(np.array(judged["noise_px2"]))
-
-
-def _ellipse(covariance: np.ndarray) -> str:
+def spread(covariance_px2: list[list[float]]) -> str:
+    """Standard deviations along x and y, and their correlation."""
+    covariance = np.array(covariance_px2)
     x, y = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     # A spread is what is left after noise is taken away. Noise is known roughly, so what is left may be no ellipse.
     is_ellipse = x * y > 0 and abs(covariance[0, 1]) <= x * y
     return f"{x:.3f} {y:.3f} " + (f"{covariance[0, 1] / (x * y):+.1f}" if is_ellipse else NOTHING)
 
 
-def found(judged: Results) -> str:
-    """Share of the points found, and further corners per image that are none of the board's."""
+def _found(judged: Results) -> str:
     more = judged["false_per_image"]
     return f"{100 * judged['found']:.0f} %" + (f" +{more:.1f}" if more >= 0.05 else "")
 
 
-DETECTORS: dict[str, Cell] = {
-    "Points found, and false ones per image": found,
-    "Lasting error against J: rms length of bias and spread [px]": against("J", lasting),
-    "Lasting error against the saddle [px]": against("saddle", lasting),
-    "Lasting error against the chief ray [px]": against("chief", lasting),
-    "Bias against J: mean error along x and y [px]": against("J", bias),
-    "Spread over points against J: sigma x, sigma y [px], correlation": against("J", spread),
-    "Noise over repeats: sigma x, sigma y [px], correlation": against("J", noise),
+def _lasting(judged: Results) -> str:
+    return f"{judged['lasting_px']:.3f}"
+
+
+def _against(truth: str, cell: Cell) -> Cell:
+    """What a cell says of one truth; nothing where too few points were found."""
+    return lambda judged: cell(judged["against"][truth]) if truth in judged["against"] else NOTHING
+
+
+_DETECTORS: dict[str, Cell] = {
+    "Points found, and false ones per image": _found,
+    "Lasting error against J: rms length of bias and spread [px]": _against("J", _lasting),
+    "Lasting error against the saddle [px]": _against("saddle", _lasting),
+    "Lasting error against the chief ray [px]": _against("chief", _lasting),
+    "Bias against J: mean error along x and y [px]": _against("J", lambda j: "{:+.3f} {:+.3f}".format(*j["bias_px"])),
+    "Spread over points against J: sigma x, sigma y [px], correlation": _against(
+        "J", lambda j: spread(j["spread_px2"])
+    ),
+    "Noise over repeats: sigma x, sigma y [px], correlation": _against("J", lambda j: spread(j["noise_px2"])),
 }
 
 
-def calibrations(results: Results) -> list[tuple[str, list[str], list[list[str]]]]:
-    """Title, head and rows of the tables of calibrators."""
-    cases = ("exact", "noise", "few", "detected", "open", "tilted")
-    made = []
-    for title, cell in (
-        ("Projection error over the field at 300, 500, 1000 and 5000 mm, rms length [px]", _rms),
-        (
-            "Largest projection error at these distances, in parentheses outside of what the boards covered [px]",
-            _largest,
-        ),
-        ("Error of the entrance pupil: x, y, z [mm]", _pupil),
-    ):
-        rows = [
-            [who, *(cell(one["cases"][name]) if name in one["cases"] else NOTHING for name in cases)]
-            for who, one in results["calibrators"].items()
-        ]
-        made.append((title, ["calibrator", *cases], rows))
-    return [*made, _own(results), _honesty(results)]
-
-
 def _rms(case: Results) -> str:
-    return "failed" if "failed" in case else " ".join(f"{value:.3f}" for value in case["rms_px"])
+    return " ".join(f"{value:.3f}" for value in case["rms_px"])
 
 
 def _largest(case: Results) -> str:
-    if "failed" in case:
-        return "failed"
     outside = case.get("outside_px")
     return f"{case['largest_px']:.2f}" + (f" ({outside:.2f})" if outside is not None else "")
 
@@ -115,7 +88,37 @@ def _pupil(case: Results) -> str:
     return "{:+.2f} {:+.2f} {:+.2f}".format(*case["pupil_mm"]) if "pupil_mm" in case else NOTHING
 
 
-def _own(results: Results) -> tuple[str, list[str], list[list[str]]]:
+_CALIBRATORS: dict[str, Cell] = {
+    "Projection error over the field at 300, 500, 1000 and 5000 mm, rms length [px]": _rms,
+    "Largest projection error at these distances, in parentheses outside of what the boards covered [px]": _largest,
+    "Error of the entrance pupil: x, y, z [mm]": _pupil,
+}
+
+
+def conventional(results: Results) -> list[Table]:
+    """The tables of conventional cameras."""
+    made = [_conditions(results)]
+    for kind, cells, cases in (("detectors", _DETECTORS, "conditions"), ("calibrators", _CALIBRATORS, "cases")):
+        names = list(dict.fromkeys(name for one in results[kind].values() for name in one[cases]))
+        for title, cell in cells.items():
+            rows = [[who, *(_cell(cell, one[cases].get(name)) for name in names)] for who, one in results[kind].items()]
+            made.append((title, [kind[:-1], *names], rows))
+    return [*made, _own(results), _honesty(results), missing(results)]
+
+
+def _cell(cell: Cell, judged: Results | None) -> str:
+    return NOTHING if judged is None else "failed" if "failed" in judged else cell(judged)
+
+
+def _conditions(results: Results) -> Table:
+    rows = []
+    for name, what in results["conditions"].items():
+        seen = [one["conditions"][name] for one in results["detectors"].values() if name in one["conditions"]]
+        rows.append([name, what, f"{seen[0]['blur_px']:.2f}" if seen else NOTHING])
+    return "Conditions of the detectors", ["condition", "what", "blur px, rms"], rows
+
+
+def _own(results: Results) -> Table:
     rows = []
     for who, one in results["calibrators"].items():
         for name in ("exact", "detected"):
@@ -123,77 +126,168 @@ def _own(results: Results) -> tuple[str, list[str], list[list[str]]]:
             if "own_rms_px" in case:
                 real = float(np.sqrt(np.mean(np.square(case["rms_px"]))))
                 rows.append([who, name, f"{case['own_rms_px']:.4f}", f"{real:.4f}"])
-    return (
-        "The residual that a program prints, and its error over the field [px]",
-        ["calibrator", "case", "own rms", "over the field"],
-        rows,
-    )
+    title = "The residual that a program prints, and its error over the field [px]"
+    return title, ["calibrator", "case", "own rms", "over the field"], rows
 
 
-def _honesty(results: Results) -> tuple[str, list[str], list[list[str]]]:
-    rows = []
-    for who, one in results["calibrators"].items():
-        said = one.get("honesty")
-        if said:
-            truth = f"{100 * said['inside_of_truth']:.0f} %" if "inside_of_truth" in said else NOTHING
-            rows.append(
-                [who, said["of"], f"{said['stated_over_real']:.2f}", f"{100 * said['inside_of_noise']:.0f} %", truth]
-            )
+def _honesty(results: Results) -> Table:
+    """Stated uncertainties of calibrations and of corners: over real ones, and how often they hold."""
+    stated = [
+        (who, one["honesty"]["of"], one["honesty"]) for who, one in results["calibrators"].items() if one.get("honesty")
+    ]
     for who, one in results["detectors"].items():
         for name, judged in one["conditions"].items():
             if "stated" in judged and "J" in judged["against"]:
                 real = np.sqrt(np.trace(np.array(judged["against"]["J"]["noise_px2"])) / 2)
-                said = judged["stated"]
-                ratio = f"{said['sigma_px'] / real:.2f}" if real > 0 else NOTHING
-                inside = [f"{100 * said[key]:.0f} %" for key in ("inside_of_noise", "inside_of_truth")]
-                rows.append([who, f"corners, {name}", ratio, *inside])
+                ratio = judged["stated"]["sigma_px"] / real if real > 0 else float("nan")
+                stated.append((who, f"corners, {name}", judged["stated"] | {"stated_over_real": ratio}))
+    rows = []
+    for who, of, one in stated:
+        ratio = one["stated_over_real"]
+        shares = [
+            f"{100 * one[key]:.0f} %" if key in one else NOTHING for key in ("inside_of_noise", "inside_of_truth")
+        ]
+        rows.append([who, of, f"{ratio:.2f}" if ratio == ratio else NOTHING, *shares])
     head = ["who states it", "of what", "stated / real sigma", "noise within 1 sigma", "error within 1 sigma"]
     return "Honesty: 68 % is what one sigma promises", head, rows
 
 
-BRIEF = (
-    "Points found",
-    "Lasting error against J",
-    "Lasting error against the saddle",
-    "Projection error",
-    "The residual",
-)
-"""Beginnings of the titles of the tables that say most."""
-
-
-def tables(results: Results, brief: bool = False) -> str:
-    """All tables as text, or those that say most."""
-    wanted = BRIEF if brief else ("",)
-    about = results["about"]
-    lines = [
-        f"{about['date']}: {about['cpu_s']} s of processor time, {about['wall_s']} s by the clock; "
-        f"{about['repeats']} images of each view, "
-        f"{about['noisy']} calibrations with noise",
-        "",
+def plenoptic(results: Results) -> list[Table]:
+    """The tables of plenoptic cameras."""
+    answers = [
+        (camera, name, judged)
+        for camera, case in results["cases"].items()
+        for name, judged in case["contestants"].items()
     ]
-    for name, what in results["conditions"].items():
-        blur = [
-            one["conditions"][name]["blur_px"] for one in results["detectors"].values() if name in one["conditions"]
-        ]
-        lines.append(f"{name}: {what}" + (f"; blur {blur[0]:.2f} px rms" if blur else ""))
-    if results["detectors"]:
-        for title, cell in DETECTORS.items():
-            lines += ["", title, "", *markdown(*by_condition(results, cell))] if title.startswith(wanted) else []
-    if results["calibrators"]:
-        for title, head, rows in calibrations(results):
-            lines += ["", title, "", *markdown(head, rows)] if rows and title.startswith(wanted) else []
-    lines += ["", *(f"missing: {name}: {reason}" for name, reason in results["missing"].items())]
-    return "\n".join(lines).rstrip("\n") + "\n"
+    failed = [[camera, name, judged["failed"]] for camera, name, judged in answers if "failed" in judged]
+    return [
+        _calibrations(answers),
+        _parameters(answers),
+        _centres(answers),
+        _corners(answers),
+        _disparities(answers),
+        _views(answers),
+        *(table for camera, case in results["cases"].items() if "refocus" in case for table in _refocus(camera, case)),
+        missing(results),
+        ("Failed", ["camera", "contestant", "reason"], failed),
+    ]
+
+
+Answers = list[tuple[str, str, Results]]
+"""Camera, contestant, and what the judge found."""
+
+
+def _calibrations(answers: Answers) -> Table:
+    """The residual that each prints, and what is true of it."""
+    kinds = {"exact": "exact", "unmirrored": "exact, less mirrored", "noise": "noise", "own": "own corners"}
+    rows = []
+    for camera, who, judged in answers:
+        for kind, positions in kinds.items():
+            if kind in judged:
+                one = judged[kind]
+                field, depth = np.array(one["field_px"]), np.abs(one["depth_mm"])
+                cells = [one["own_rms_px"], *_largest_of(field), one["outside_px"], one["chief_px"], one["marginal_px"]]
+                rows.append([camera, who, positions, *map(number, [*cells, *_largest_of(depth), *one["pose"]])])
+    head = ["camera", "contestant", "positions", "prints px", "field px", "beyond px", "outside px"]
+    return "Calibrations", [*head, "chief px", "marginal px", "depth mm", "beyond mm", "turn deg", "place mm"], rows
+
+
+def _largest_of(values: np.ndarray) -> tuple[float, float]:
+    """Largest at the distances of the boards, and beyond; NaN, where nothing is known, does not count."""
+    inner, outer = values[1:-1], values[[0, -1]]
+    return np.fmax.reduce(inner), np.fmax.reduce(outer)
+
+
+def _parameters(answers: Answers) -> Table:
+    """Numbers that calibrations find beside those of first-order optics; with their spread where there is noise."""
+    rows = []
+    for camera, who, judged in answers:
+        for key, true in judged.get("true", {}).items():
+            spread_ = judged.get("spread", {}).get(key)
+            values = [f"{value:.6g}" for value in (true, judged["exact"]["parameters"][key])]
+            rows.append([camera, who, key, *values, NOTHING if spread_ is None else f"{spread_:.2g}"])
+    return (
+        "Parameters",
+        ["camera", "contestant", "parameter", "first order", "from exact rows", "spread by noise"],
+        rows,
+    )
+
+
+def _centres(answers: Answers) -> Table:
+    """Centres of micro-images against each kind of true centre."""
+    kinds, rows = ("centre", "centroid", "exit pupil"), []
+    for camera, who, judged in answers:
+        if "centres" in judged:
+            one = judged["centres"]
+            cells = [number(one[kind]["rms_px"]) for kind in kinds]
+            rows.append([camera, who, f"{one['centre']['found']:.3f}", *cells, _bias(one["centroid"])])
+    head = ["camera", "contestant", "found", *(f"rms px to {kind}" for kind in kinds), "bias px to centroid"]
+    return "Centres of micro-images", head, rows
+
+
+def _corners(answers: Answers) -> Table:
+    """Corners that contestants detect in micro-images, by frame."""
+    rows = []
+    for camera, who, judged in answers:
+        for frame, kinds in judged.get("corners", {}).items():
+            near, moved = kinds["corner"], kinds["with fraction"]
+            cells = [f"{near['found']:.3f}", _bias(near), number(near["rms_px"]), number(moved["rms_px"])]
+            rows.append([camera, who, frame, *cells])
+    head = ["camera", "contestant", "frame", "found", "bias px", "rms px", "rms px to J + fraction of the centre"]
+    return "Corners in micro-images", head, rows
+
+
+def _disparities(answers: Answers) -> Table:
+    """Disparities at the corners of a board in micro-images."""
+    rows = []
+    for camera, who, judged in answers:
+        if "disparity" in judged:
+            one = judged["disparity"]
+            cells = [f"{one['bias_px']:+.3f}", number(one["median_px"]), f"{100 * one['wrong']:.0f} %"]
+            rows.append([camera, who, str(one["corners"]), *cells])
+    head = ["camera", "contestant", "corners", "median error px", "median of lengths px", "off by more than 1 px"]
+    return "Disparities at corners", head, rows
+
+
+def _views(answers: Answers) -> Table:
+    """What cut views are made of, and where they look from."""
+    rows = []
+    for camera, who, judged in answers:
+        for one in judged.get("views", []):
+            pairs = [f"{x:+.3f} {y:+.3f}" for x, y in (one["takes_px"], one["spread_px"], one["off_mm"][:2])]
+            rows.append([camera, who, f"{one['view_px']} 0", *pairs])
+    return "Views", ["camera", "contestant", "view px", "takes px", "spread px", "viewpoint off mm"], rows
+
+
+def _bias(judged: Results) -> str:
+    return f"{judged['bias_x_px']:+.3f} {judged['bias_y_px']:+.3f}"
+
+
+def _refocus(camera: str, case: Results) -> Iterator[Table]:
+    """Distances of refocusing and viewpoints of an unfocused camera; those of plenoptisign beside them."""
+    one, theirs = case["refocus"], case["contestants"].get("plenoptisign", {})
+    rows = []
+    for number_, row in enumerate(one["rows"]):
+        cells = [f"{row['view_px']:g}", f"{row['z_mm']:g}", f"{row['shift']:+.4f}"]
+        distances = [row["pupil_mm"], row["thin_mm"], *theirs.get("distances_mm", [])[number_ : number_ + 1]]
+        rows.append([*cells, *(f"{value:.2f}" for value in distances), *[NOTHING] * (3 - len(distances))])
+    head = ["view px", "true distance mm", "shift", "with the exit pupil mm", "without mm", "plenoptisign mm"]
+    yield f"Refocusing, {camera}", head, rows
+    rows = []
+    for number_, row in enumerate(one["viewpoints"]):
+        place = theirs["views_mm"][number_] if "views_mm" in theirs else [None, None]
+        cells = [f"{row['view_px']:g}", *(f"{value:.3f}" for value in row["place_mm"]), f"{row['rms_mm']:.4f}"]
+        rows.append([*cells, *map(number, place)])
+    head = ["view px", "x mm", "y mm", "z mm", "rays off mm", "plenoptisign: x mm", "z mm"]
+    yield f"Viewpoints, {camera}; entrance pupil at {one['entrance_pupil_z_mm']:.3f} mm", head, rows
 
 
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    kept = Path(__file__).resolve().parent / "results.json"
-    parser.add_argument("results", nargs="?", type=Path, default=kept, help="what arena.py wrote")
-    parser.add_argument("--brief", action="store_true", help="only the tables that say most")
-    asked = parser.parse_args()
-    print(tables(json.loads(asked.results.read_text(encoding="utf-8")), asked.brief), end="")
+    here = Path(__file__).resolve().parent
+    halves = ((conventional, "results.json"), (plenoptic, "plenoptic/results.json"))
+    made = [table for half, name in halves for table in half(json.loads((here / name).read_text(encoding="utf-8")))]
+    print(text([table for table in made if table[0].startswith(tuple(sys.argv[1:]) or "")]), end="")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The arena of example 06: laws of its judge, its exchange of files, contestants that are missing, its tables."""
 
-import copy
 import itertools
 import json
 import subprocess
@@ -16,7 +15,7 @@ from tolerances import SIGMAS
 from pipeline.scene.load import load
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
-sys.path.insert(0, str(EXAMPLE))  # its modules lie beside the script that imports them
+sys.path[:0] = [str(EXAMPLE), str(EXAMPLE / "plenoptic")]  # its modules lie beside the script that imports them
 
 import arena  # noqa: E402
 import conditions  # noqa: E402
@@ -170,12 +169,11 @@ def test_who_cannot_be_installed_is_named_and_judged_by_nobody(tmp_path):
         script="none.py",
         system={"python": "/no/python", "needs": "nobody", "how": "not"},
     )
-    there = environments.interpreter(nobody, tmp_path)
-    assert there == environments.Missing("Nobody", "no nobody on this machine: not")
+    took, missing = environments.run_all([nobody], tmp_path, {"Nobody": tmp_path}, tmp_path)
+    assert (took, missing) == ({}, {"Nobody": "no nobody on this machine: not"})
 
-    results = {**RESULTS, "missing": {there.name: there.reason}}
-    assert "missing: Nobody: no nobody on this machine: not\n" in tables.tables(results)
-    assert "Missing: Nobody" in page.conventional(results, [])
+    (tmp_path / "results.json").write_text(json.dumps({**RESULTS, "missing": missing}))
+    assert '<td class="">no nobody on this machine: not</td>' in page.write_page(tmp_path).read_text()
 
 
 def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):
@@ -190,7 +188,7 @@ def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):
     (images / "board.json").write_text(json.dumps({"columns": 8}))
     for name, grey in (("a", 0), ("b", 9)):
         exchange.write_pgm(images / f"{name}.pgm", np.full((5, 7), grey, np.uint8))
-    command = [sys.executable, EXAMPLE / "contestants/exchange.py", script, tmp_path / "in", tmp_path / "out"]
+    command = [sys.executable, EXAMPLE / "contestants/exchange.py", script, tmp_path / "in", tmp_path / "out", ""]
     subprocess.run(command, check=True)
 
     assert np.load(tmp_path / "out/sharp/a.npz")["xy"].tolist() == [[8, 5]]
@@ -201,14 +199,13 @@ def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):
 def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
     """In `make test` with boards that take turns."""
     pairs = list(itertools.product(conditions.CONDITIONS, conditions.BOARDS))[::step]
-    texts = {f"{one.name} {board}": conditions.stage_text(one, board) for one, board in pairs}
-    texts |= {camera: conditions.calibration_text(camera) for camera in conditions.CALIBRATION_CAMERAS}
-    problems = {}
-    for number, (name, text) in enumerate(texts.items()):
-        (tmp_path / f"{number}.usda").write_text(text)
-        problems[name] = load(tmp_path / f"{number}.usda", allow_roots=(EXAMPLE,)).problems
+    stages = [*EXAMPLE.glob("calibration*.usda")]
+    for number, (condition, board) in enumerate(pairs):
+        stages.append(tmp_path / f"{number}.usda")
+        conditions.write_stage(condition, board, stages[-1])
+    problems = {stage.name: load(stage, allow_roots=(EXAMPLE,)).problems for stage in stages}
 
-    assert {name: found for name, found in problems.items() if found} == {}
+    assert len(stages) > 3 and {name: found for name, found in problems.items() if found} == {}
 
 
 ELLIPSE = [[4e-4, 0.0], [0.0, 1e-4]]
@@ -229,28 +226,27 @@ RESULTS = {
 
 @pytest.mark.parametrize("covariance_px2", [[[1e-4, 0.0], [0.0, 0.0]], [[1e-6, 5e-6], [5e-6, 1e-6]]])
 def test_a_spread_that_is_no_ellipse_has_no_correlation(covariance_px2):
-    assert tables.spread({"spread_px2": covariance_px2}).split()[-1] == tables.NOTHING
+    assert tables.spread(covariance_px2).split()[-1] == tables.NOTHING
 
 
-def test_a_later_run_keeps_what_an_earlier_one_found_under_the_same_conditions(tmp_path):
-    (tmp_path / "results.json").write_text(json.dumps(RESULTS))
-    (tmp_path / "fields.json").write_text(json.dumps({"Old": [1.0]}))
-    sharp = RESULTS["detectors"]["Blind"]
-    later = {**copy.deepcopy(RESULTS), "detectors": {"Good": sharp, "New": sharp}}
-    others = {**copy.deepcopy(later), "conditions": {"dark": "at night"}}
-    fewer = {**copy.deepcopy(later), "about": {**RESULTS["about"], "repeats": 1}}
+def test_a_later_run_keeps_what_it_does_not_ask():
+    """Of two contestants before two cameras: what is new replaces all that was known of it, and nothing else."""
+    earlier = {"cases": {"a": {"contestants": {"Old": {"x": 1}, "Both": {"x": 1, "gone": 2}}, "refocus": 3}, "b": {}}}
+    later = {"cases": {"a": {"contestants": {"Both": {"x": 4}, "New": {"x": 5}}}, "c": {}}}
 
-    results, fields = arena.with_earlier(copy.deepcopy(later), {"New": [2.0]}, tmp_path)
-    assert results["detectors"] == {"Blind": sharp, "Good": sharp, "New": sharp}
-    assert fields == {"Old": [1.0], "New": [2.0]}
-    for run in (others, fewer):
-        assert arena.with_earlier(copy.deepcopy(run), {}, tmp_path) == (run, {})
+    assert arena.merged(earlier, later, 4) == {
+        "cases": {
+            "a": {"contestants": {"Old": {"x": 1}, "Both": {"x": 4}, "New": {"x": 5}}, "refocus": 3},
+            "b": {},
+            "c": {},
+        }
+    }
 
 
 @pytest.mark.heavy
 def test_a_small_arena_runs_and_its_best_calibration_is_near_the_truth(tmp_path):
-    command = [sys.executable, EXAMPLE / "arena.py", "--small", "--out", tmp_path, "--only", "SB", "Brown", "fisheye"]
-    subprocess.run(command, check=True, cwd=EXAMPLE.parents[1])
+    command = [sys.executable, EXAMPLE / "arena.py", "conventional", "--small", "--out", tmp_path]
+    subprocess.run([*command, "--only", "SB", "Brown", "fisheye"], check=True, cwd=EXAMPLE.parents[1])
     results = json.loads((tmp_path / "results.json").read_text())
 
     assert results["missing"] == {} and (tmp_path / "page.html").stat().st_size > 10_000

@@ -1,5 +1,6 @@
 """The plenoptic half of the arena of example 06: laws of its judge and of the models that it writes down."""
 
+import gzip
 import json
 import subprocess
 import sys
@@ -11,15 +12,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
-sys.path[:0] = [str(EXAMPLE / "plenoptic"), str(EXAMPLE)]  # its modules lie beside the script that imports them
+sys.path[:0] = [str(EXAMPLE), str(EXAMPLE / "plenoptic")]  # its modules lie beside the script that imports them
 
 import baseline  # noqa: E402
 import cameras  # noqa: E402
 import compete  # noqa: E402
 import judging  # noqa: E402
+import libpleno  # noqa: E402
 import models  # noqa: E402
 import refocus  # noqa: E402
-from truth import Rows  # noqa: E402
+import tables  # noqa: E402
+from rows import Rows  # noqa: E402
 
 from pipeline.scene.load import load  # noqa: E402
 
@@ -122,8 +125,7 @@ def pinholes_as_projective(truth):
 
 def test_the_model_of_nousias_is_a_thin_lens_before_pinholes(truth):
     values, centre_px = pinholes_as_projective(truth)
-    p, field = np.array([*values.values()]), truth.field
-    model = models.Projective(p[0], p[1], p[2:4], p[4:6], centre_px)
+    field, model = truth.field, models.projective(np.array([*values.values()]), centre_px)
 
     assert np.abs(model.project(field.points_mm, field.microlens) - field.image_px).max() < MISSED_PX
 
@@ -143,7 +145,7 @@ def test_a_floor_finds_the_camera_that_made_the_rows(truth):
         tuple(values),
         exact * [1.02, 0.98, 1.02, 1.02, 1, 1] + [0, 0, 0, 0, 3, -3],
         np.array([0.1, 10, 10, 10, 1, 1]),
-        lambda p: models.Projective(p[0], p[1], p[2:4], p[4:6], centre_px),
+        lambda p: models.projective(p, centre_px),
         0.0,
     )
     fit = baseline.calibrate(SimpleNamespace(poses=poses), floor, rows)
@@ -156,8 +158,8 @@ def test_a_floor_finds_the_camera_that_made_the_rows(truth):
 @pytest.mark.parametrize("rig", cameras.RIGS, ids=lambda rig: rig.name)
 def test_all_cameras_of_the_arena_are_flawless_stages(rig, tmp_path):
     for flaw in cameras.FLAWS:
-        stage = tmp_path / f"{flaw.name}.usda"
-        stage.write_text(cameras.stage_text(cameras.with_flaw(rig, flaw.name)), encoding="utf-8")
+        stage = tmp_path / f"{flaw}.usda"
+        cameras.write_stage(cameras.with_flaw(rig, flaw), stage)
 
         assert not load(stage).problems
 
@@ -177,7 +179,7 @@ def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
 @pytest.mark.heavy
 def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
     """With what package indexes have: the thin lens of our own, and plenopticam, which finds centroids."""
-    command = [sys.executable, EXAMPLE / "plenoptic/compete.py", "--small", "--out", tmp_path]
+    command = [sys.executable, EXAMPLE / "arena.py", "plenoptic", "--small", "--out", tmp_path]
     subprocess.run(command, check=True, cwd=EXAMPLE.parents[1])
     (case,) = json.loads((tmp_path / "plenoptic/results.json").read_text())["cases"].values()
     baseline, centres = case["contestants"]["baseline"], case["contestants"]["plenopticam"]["centres"]
@@ -188,18 +190,96 @@ def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
     assert "plenopticam" in (tmp_path / "page.html").read_text()
 
 
-def test_detected_corners_score_their_bias_and_exact_ones_zero(tmp_path):
+def test_detected_corners_score_their_bias_and_exact_ones_zero():
     """Two frames of corners in three micro-images: one as they are, one with the fractions of the centres on top."""
     centres = [(0, 0, 10.25, 10.5), (1, 0, 33.5, 10.25), (0, 1, 21.75, 30.0)]
     table = np.array(centres, [(name, float) for name in ("k", "l", "u", "v")])
     corners = {(0, 0): (12.0, 9.0), (1, 0): (31.0, 13.0), (0, 1): (22.0, 28.5)}
-    lines = [f"{k},{l},{u},{v},0,0,{frame}" for frame in (1, 2) for (k, l), (u, v) in corners.items()]
-    (tmp_path / "features.csv").write_text("\n".join(["# pixels", "k,l,u,v,rho,cluster,frame", *lines]))
+    rows = [(k, l, u, v, frame) for frame in (1, 2) for (k, l), (u, v) in corners.items()]
+    features = np.array(rows, [(name, float) for name in ("k", "l", "u", "v", "frame")])
     exact = [(1, k, l, u, v) for (k, l), (u, v) in corners.items()]
     moved = [(2, k, l, corners[k, l][0] + u % 1, corners[k, l][1] + v % 1) for k, l, u, v in centres]
 
-    scores = compete.corners_judged(np.array(exact + moved), tmp_path, table)
+    scores = compete.corners_judged(np.array(exact + moved), features, table)
 
     assert scores["1"]["corner"]["rms_px"] == 0 and scores["1"]["corner"]["found"] == 1
     assert scores["2"]["with fraction"]["rms_px"] == 0
     assert scores["2"]["corner"]["bias_x_px"] == 0.5 and scores["2"]["corner"]["bias_y_px"] == 0.25
+
+
+@pytest.mark.parametrize(("off_px", "wrong"), [(0.0, 0.0), (0.3, 0.0), (-1.5, 1.0)])
+def test_disparities_score_what_they_are_off_by(off_px, wrong):
+    """Points whose images move by 0.3 of a pitch from one micro-image to the next, and one that two microlenses see."""
+    pitch_px, count = 20.0, 21
+    centre_px = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), axis=-1).reshape(-1, 2) * pitch_px
+    point = np.repeat([0, 1, 2], [9, 9, 2])
+    microlens = np.array([0, 1, 2, 6, 7, 8, 12, 13, 14, 9, 10, 11, 15, 16, 17, 21, 22, 23, 3, 4])
+    middle = np.array([centre_px[microlens[point == number]].mean(axis=0) for number in point])
+    image_px = centre_px[microlens] - 0.3 * (centre_px[microlens] - middle)
+    rows = Rows(np.zeros((20, 3)), np.zeros(20, int), point, microlens, image_px)
+    found = np.full((len(centre_px), count, count), 0.3 * pitch_px + off_px)
+
+    judged = judging.disparity_errors(rows, centre_px, pitch_px, centre_px + 0.2, found)
+
+    assert judged["corners"] == 10  # those in corners of the 3 x 3 are out of reach
+    assert judged["bias_px"] == pytest.approx(off_px) and judged["median_px"] == pytest.approx(abs(off_px))
+    assert judged["wrong"] == wrong
+
+
+def test_disparities_are_read_where_the_corner_is():
+    """A map that says its own column and row: what is read is the place of the corner in the micro-image."""
+    pitch_px, count = 20.0, 21
+    centre_px = np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 20.0]])
+    rows = Rows(np.zeros((3, 3)), np.zeros(3, int), np.zeros(3, int), np.arange(3), centre_px + np.array([3.0, -5.0]))
+    row, column = np.mgrid[:count, :count]
+
+    judged = judging.disparity_errors(rows, centre_px, pitch_px, centre_px, np.tile(100.0 * row + column, (3, 1, 1)))
+
+    assert judged["bias_px"] == 100 * (10 - 5) + 10 + 3
+
+
+def test_boards_that_start_mirrored_are_named_and_left_out(tmp_path):
+    """Of three boards tilted by 22 degrees one starts tilted the other way, one 5 degrees off."""
+
+    def written(tilts_deg):
+        turns = [Rotation.from_euler("x", tilt, degrees=True).as_matrix() for tilt in tilts_deg]
+        poses = [{"rotation": turn.T.tolist(), "translation": [[0.0, 0.0, -300.0]]} for turn in turns]
+        return json.dumps({"poses": [{"frame": 1 + n, "pose": pose} for n, pose in enumerate(poses)]})
+
+    (tmp_path / "initial-poses-7.js").write_text(written([22, -21, 17]))
+    (tmp_path / "poses.js").write_text(written([22, 22, 22]))
+    features = np.zeros(4, libpleno._KINDS[2])
+    features["f6"], features["f2"] = [1, 2, 2, 3], [0.5, 1.5, 2.5, 3.5]
+    sections = [np.ones(2, libpleno._KINDS[0]), np.ones(0, libpleno._KINDS[1]), features]
+    rows = tmp_path / "observations.bin.gz"
+    rows.write_bytes(gzip.compress(b"".join(len(one).to_bytes(8, "little") + one.tobytes() for one in sections)))
+
+    mirrored = libpleno._mirrored(tmp_path, tmp_path / "poses.js")
+    libpleno._write_without(mirrored, rows, tmp_path / "kept.bin.gz")
+    centres, corners, kept = libpleno._sections(tmp_path / "kept.bin.gz")
+
+    assert mirrored == [2]
+    assert (len(centres), len(corners), kept["f6"].tolist(), kept["f2"].tolist()) == (2, 0, [1, 3], [0.5, 3.5])
+
+
+def test_a_coded_image_says_where_its_pixels_lie():
+    centre_px = np.array([[5.25, 4.0], [15.0, 4.5]])
+    image = refocus.coded_image(SimpleNamespace(centre_px=centre_px, rig=SimpleNamespace(size_px=(20, 9))))
+
+    assert image.shape == (9, 20, 3) and image[4, 6].tolist() == [0.75, 0.0, 1.0]
+    assert image[7, 13].tolist() == [-2.0, 2.5, 1.0]
+
+
+def test_views_score_what_they_take_beside_what_they_should(truth, monkeypatch):
+    """Viewpoints are 3 mm apart per pixel: a view that takes 0.2 px too much to the right looks from 0.6 mm beside."""
+    monkeypatch.setattr(refocus, "viewpoint_mm", lambda ready, centre_px, view: (3.0 * np.array([*view, 0.0]), 0.0))
+    monkeypatch.setattr(compete, "centres_judged", lambda *_: {})
+    given = SimpleNamespace(ready=None, centre_px=None)
+
+    judged = compete.plenopticam_judged(given, {"views": [[0, [0.0, 0.0], [0, 0]], [2, [2.2, -0.1], [0, 0]]]}, None, {})
+
+    assert [one["off_mm"] for one in judged["views"]] == [[0, 0, 0], pytest.approx([0.6, -0.3, 0])]
+
+
+def test_what_nobody_knows_is_not_the_largest():
+    assert tables._largest_of(np.array([1.0, 2.0, np.nan, 3.0, np.nan])) == (3.0, 1.0)

@@ -1,15 +1,15 @@
 """Run one contestant in its own environment: files in, files out. It needs NumPy and nothing of this project.
 
-    python exchange.py SCRIPT IN OUT [--option WORD]
+    python exchange.py SCRIPT IN OUT OPTION
 
 SCRIPT holds `detect(image, board, option)` or `calibrate(case, option)`; README.md says what they get and return.
 Answers are OUT/NAME.npz. What went wrong with one image or case is the text of OUT/NAME.txt; the others go on.
 """
 
-import argparse
 import importlib.util
 import json
 import resource
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -63,21 +63,16 @@ def run_calibrator(script: ModuleType, given: Path, out: Path, option: str) -> N
 
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("script", type=Path)
-    parser.add_argument("given", type=Path, metavar="IN")
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--option", default="", help="which of the variants of the script")
-    asked = parser.parse_args()
-    found = importlib.util.spec_from_file_location(asked.script.stem, asked.script)
+    place, given, out, option = sys.argv[1:]
+    found = importlib.util.spec_from_file_location(Path(place).stem, place)
     assert found is not None and found.loader is not None
     script = importlib.util.module_from_spec(found)
     found.loader.exec_module(script)
     runner = run_detector if hasattr(script, "detect") else run_calibrator
-    runner(script, asked.given, asked.out, asked.option)
+    runner(script, Path(given), Path(out), option)
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     took = sum(one.ru_utime + one.ru_stime for one in used)
-    (asked.out / "cpu_s.log").write_text(f"{took}\n", encoding="utf-8")
+    (Path(out) / "cpu_s.log").write_text(f"{took}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -9,10 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from models import Projective, projective_of_thin_lens
+from judging import Calibration
+from models import projective, projective_of_thin_lens
+from rows import Rows
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from truth import Model, Rows, Truth
+from truth import Model, Truth
 
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.exports.thin_lens import thin_lens
@@ -52,15 +54,10 @@ class Floor:
     model: Callable[[np.ndarray], Model]
     front_z_mm: float
 
-
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """A fitted model, its parameters, the poses of its views (v, 4, 4), and the residual that it would print [px]."""
-
-    model: Model
-    parameters: dict[str, float]
-    poses: np.ndarray
-    rms_px: float
+    @property
+    def true(self) -> dict[str, float]:
+        """The first values by name."""
+        return dict(zip(self.names, self.first.tolist(), strict=True))
 
 
 def thin_lens_floor(truth: Truth) -> Floor:
@@ -91,7 +88,7 @@ def projective_floor(truth: Truth, thin: Floor) -> Floor:
         tuple(first),
         np.array([*first.values()]),
         np.array([0.1, 10.0, 10.0, 10.0, 1.0, 1.0]),
-        lambda p: Projective(p[0], p[1], p[2:4], p[4:6], truth.centre_px),
+        lambda values: projective(values, truth.centre_px),
         thin.front_z_mm,
     )
 
@@ -131,4 +128,4 @@ def calibrate(truth: Truth, floor: Floor, rows: Rows) -> Calibration:
     parameters, poses = split(best)
     lengths = (residuals(best).reshape(-1, 2) ** 2).sum(axis=1)
     values = dict(zip(floor.names, parameters.tolist(), strict=True))
-    return Calibration(floor.model(parameters), values, poses, float(np.sqrt(lengths.mean())))
+    return Calibration(floor.model(parameters), values, poses, np.arange(views), float(np.sqrt(lengths.mean())))

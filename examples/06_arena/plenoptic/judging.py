@@ -5,16 +5,35 @@ the boards' distances best, and then asked where it images points all over the f
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from judge import covered
+from rows import Rows
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from truth import Model, Rows, Truth
+from truth import Model, Truth
 
-_ONE_TO_ONE = 3
+Answer = dict[str, Any]
+_LEAST = 3
 """Least microlenses that must see a point whose depth is asked [1]."""
+_INNER = 0.35
+"""Part of the pitch within which a corner's disparity is asked [1]."""
+_WRONG_PX = 1.0
+"""Error from which a disparity is wrong [px]: a match of something else."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibrated model, its parameters, poses (v, 4, 4) of our frame of the board in some views (v,), and the
+    residual that it prints [px]."""
+
+    model: Model
+    parameters: dict[str, float]
+    poses: np.ndarray
+    views: np.ndarray
+    rms_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +52,41 @@ class ErrorField:
         """Root mean square length over some rows (n,) bool."""
         lengths = (self.error_px[of] ** 2).sum(axis=1)
         return float(np.sqrt(np.nanmean(lengths))) if np.isfinite(lengths).any() else float("nan")
+
+
+def judged(truth: Truth, kinds: dict[str, Calibration], noisy: list[Calibration], true: dict[str, float]) -> Answer:
+    """What calibrations from several kinds of rows are worth, and those from rows with noise in common: errors, and the
+    spread of parameters; beside true parameters."""
+    answer: Answer = {kind: calibrated(truth, calibration) for kind, calibration in kinds.items()}
+    answer["true"] = true
+    if noisy:
+        parts = [calibrated(truth, calibration) for calibration in noisy]
+        values = np.array([[*calibration.parameters.values()] for calibration in noisy])
+        answer["spread"] = dict(zip(noisy[0].parameters, values.std(axis=0, ddof=1).tolist(), strict=True))
+        errors = ("own_rms_px", "field_px", "outside_px", "chief_px", "marginal_px", "depth_mm", "pose")
+        squares = {name: np.square([part[name] for part in parts]) for name in errors}
+        answer["noise"] = {name: np.sqrt(np.mean(square, axis=0)).tolist() for name, square in squares.items()}
+    return answer
+
+
+def calibrated(truth: Truth, calibration: Calibration) -> Answer:
+    """What a calibration is worth: the residual that it prints, and what is true of it."""
+    field = error_field(truth, calibration.model)
+    part, known = field.rows, field.is_covered
+    inside = np.hypot(*(part.image_px - truth.centre_px[part.microlens]).T)
+    boards = np.isin(part.view, range(1, len(truth.distances_mm) - 1))
+    radius = np.quantile(inside, 2 / 3)
+    return {
+        "own_rms_px": calibration.rms_px,
+        "distances_mm": truth.distances_mm.tolist(),
+        "field_px": [field.rms_px(known & (part.view == number)) for number in range(len(truth.distances_mm))],
+        "outside_px": field.rms_px(boards & ~known),
+        "chief_px": field.rms_px(boards & known & (inside < radius)),
+        "marginal_px": field.rms_px(boards & known & (inside >= radius)),
+        "depth_mm": depth_errors_mm(truth, calibration.model, field)[:, 0].tolist(),
+        "pose": pose_errors(truth, calibration.poses, calibration.views),
+        "parameters": calibration.parameters,
+    }
 
 
 def error_field(truth: Truth, model: Model) -> ErrorField:
@@ -69,7 +123,7 @@ def depth_errors_mm(truth: Truth, model: Model, field: ErrorField) -> np.ndarray
             true = seen.points_mm[0]
             places = seen.points_mm @ turn.T + shift
             seen, start = seen.only(np.isfinite(model.project(places, seen.microlens)).all(axis=1)), places[0]
-            if len(seen.point) >= _ONE_TO_ONE:
+            if len(seen.point) >= _LEAST:
                 place = least_squares(
                     lambda p, s=seen: (model.project(np.tile(p, (len(s.point), 1)), s.microlens) - s.image_px).ravel(),
                     start, x_scale=[0.1, 0.1, 1.0],
@@ -83,13 +137,15 @@ def depth_errors_mm(truth: Truth, model: Model, field: ErrorField) -> np.ndarray
 def pose_errors(truth: Truth, poses: np.ndarray, views: np.ndarray) -> tuple[float, float]:
     """Root mean square errors of found poses (v, 4, 4) of some views, in rotation [deg] and place [mm].
 
-    Each is taken relative to the first, so that the frame of the model does not count.
+    Each is taken relative to the first, so that the frame of the model does not count; NaN if there is no other.
     """
+    if len(views) < 2:
+        return float("nan"), float("nan")
     true = np.linalg.inv(truth.poses[views[0]]) @ truth.poses[views]
     away = (np.linalg.inv(true) @ np.linalg.inv(poses[0]) @ poses)[1:]
-    turns = [np.degrees(Rotation.from_matrix(a[:3, :3]).magnitude()) for a in away]
-    shifts = [np.linalg.norm(a[:3, 3]) for a in away]
-    return float(np.sqrt(np.mean(np.square(turns)))), float(np.sqrt(np.mean(np.square(shifts))))
+    turns = np.degrees(Rotation.from_matrix(away[:, :3, :3]).magnitude())
+    shifts = np.linalg.norm(away[:, :3, 3], axis=1)
+    return float(np.sqrt(np.mean(turns**2))), float(np.sqrt(np.mean(shifts**2)))
 
 
 def centre_errors(
@@ -110,3 +166,33 @@ def centre_errors(
             "rms_px": float(np.sqrt((error**2).sum(axis=1).mean())) if len(error) else float("nan"),
         }
     return result
+
+
+def disparity_errors(
+    rows: Rows, true_centre_px: np.ndarray, pitch_px: float, centre_px: np.ndarray, disparity_px: np.ndarray
+) -> dict[str, float]:
+    """Errors of disparities (c, n, n) of squares of a pitch around centres (c, 2) at the exact corners of a board.
+
+    Disparity is how far the image of a point moves against the micro-image, from one to one that is a pitch away [px].
+    Corners near the rim are left out: the square around them is not all light.
+    """
+    off = []
+    for point in np.unique(rows.point):
+        seen = rows.only(rows.point == point)
+        if len(seen.point) < _LEAST:
+            continue
+        centre = true_centre_px[seen.microlens]
+        lattice, moved = centre - centre.mean(axis=0), seen.image_px - centre
+        true = abs((lattice * moved).sum() / (lattice**2).sum()) * pitch_px
+        count = disparity_px.shape[1]
+        column, row = np.rint(moved * (count - 1) / pitch_px + (count - 1) / 2).astype(int).T
+        is_inner = np.hypot(*moved.T) < _INNER * pitch_px
+        _, lens = cKDTree(centre_px).query(centre[is_inner])
+        off.extend(disparity_px[lens, row[is_inner], column[is_inner]] - true)
+    error = np.array(off)
+    return {
+        "corners": len(error),
+        "bias_px": float(np.median(error)),
+        "median_px": float(np.median(np.abs(error))),
+        "wrong": float(np.mean(np.abs(error) > _WRONG_PX)),
+    }

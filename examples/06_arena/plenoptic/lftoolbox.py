@@ -5,36 +5,32 @@ functions that Octave lacks are in octave/: the nearest neighbours of a triangul
 griddedInterpolant, corners want detectCheckerboardPoints, which Octave 7 lacks, too: these steps do not run.
 """
 
-import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from snapshots import clone, octave, replaced
 
-_COMMIT = "3bf4f55"
 
-
-def build(snapshots: Path, folder: Path) -> None:
+def build(snapshots: Path, programs: Path) -> None:
     """Check the source out; the radius of its filter becomes a whole number of pixels, as Octave wants it."""
-    place = folder / "lftoolbox"
-    if clone(snapshots, "doda42+LFToolbox", _COMMIT, place):
+    place = programs / "lftoolbox"
+    if clone(snapshots, "doda42+LFToolbox", "3bf4f55", place):
         radius = "GridModelOptions.ApproxLensletSpacing * GridModelOptions.FilterDiskRadiusMult"
         replaced(place / "SupportFunctions/LFBuildLensletGridModel.m", radius, f"round({radius})")
 
 
-def run(folder: Path, task: Path) -> dict[str, object]:
+def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
     """Let it find the grid; the disc of its filter is a third of the pitch, as it has it for Lytro's cameras."""
-    known = json.loads((task / "task.json").read_text(encoding="utf-8"))
-    said = octave(
+    found = octave(
         "pkg load image; pitch = str2double(getenv('ARENA_INPUT'));"
         " white = double(imread('white.png')(:, :, 1)) / 255;"
         " options = struct('ApproxLensletSpacing', pitch, 'FilterDiskRadiusMult', 1 / 3,"
         " 'CropAmt', 2 * pitch, 'SkipStep', 10, 'Orientation', 'horz', 'Precision', 'double');"
-        " [found.model, found.centres] = LFBuildLensletGridModel(white, options);"
-        " printf('FOUND%s', jsonencode(found))",
-        [folder / "lftoolbox", folder / "lftoolbox/SupportFunctions"],
+        " [model, centres] = LFBuildLensletGridModel(white, options);",
+        "centres",
+        [programs / "lftoolbox", programs / "lftoolbox/SupportFunctions"],
         task,
-        typed=str(round(known["pitch_px"], 1)),
+        round(known["pitch_px"], 1),
     )
-    found = json.loads(said.partition("FOUND")[2])
-    return {"parameters": found["model"], "centres_px": np.reshape(found["centres"], (-1, 2)) - 1}
+    return {"centres_px": np.reshape(found, (-1, 2)) - 1}

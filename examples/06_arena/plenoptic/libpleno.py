@@ -10,24 +10,31 @@ its edges at the whole pixel before the centre of the micro-image, but optimises
 each position has the fraction of that centre on top.
 """
 
-import csv
 import gzip
 import json
 import os
 import re
 import shutil
-import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import models
 import numpy as np
-from snapshots import LONGEST_S, clone, replaced
+from environments import Failed, called
+from snapshots import clone, replaced
+from truth import read_table
 
 _HERE = Path(__file__).with_name("libpleno")
+_KINDS = ("<i4,<i4,<f8,<f8", "<i4,<i4,<f8,<f8,<i4,<i4", "<i4,<i4,<f8,<f8,<f8,<i4,<i4")
+"""Of its observations: centres, corners, and features with k, l, x, y, rho, cluster and frame."""
+_MIRRORED_DEG = 30.0
+"""Angle between normals from which a board is mirrored [deg]: boards are tilted by 22 degrees or more, or not."""
 
 
-def build(snapshots: Path, folder: Path) -> None:
+def build(snapshots: Path, programs: Path) -> None:
     """Check both sources out, patch and compile them: ten minutes of two processors."""
-    place = folder / "libpleno"
+    place = programs / "libpleno"
     clone(snapshots, "comsee-research+compote", "7e319c9", place / "compote")
     if clone(snapshots, "comsee-research+libpleno", "48db282", place / "libpleno"):
         library = place / "libpleno/pleno"
@@ -38,87 +45,98 @@ def build(snapshots: Path, folder: Path) -> None:
         corners = library / "processing/detection/corners/corners.cpp"
         head, _, rest = corners.read_text().partition("std::array<P2D, 4> extract_checkerboard_view(")
         corners.write_text(head + (_HERE / "clicks.cpp").read_text() + rest.partition("\treturn view;\n}")[2])
-        for room in ("core", "geometry", "lma", "graphic"):  # what libv's CMake would write
-            (place / f"stub/libv/{room}/found").mkdir(parents=True)
-            (place / f"stub/libv/{room}/export.hpp").write_text(f"#define LIBV_{room.upper()}_EXPORT\n")
-        for found in ("boost_iostreams", "eigen", "opencv"):
-            (place / "stub/libv/core/found" / found).touch()
-        (place / "stub/opencv").mkdir()
-        (place / "stub/opencv/cv.h").write_text("#include <opencv2/opencv.hpp>\n")
-        shutil.copy(_HERE / "viewer_context.hpp", place / "stub/libv/graphic")
-        for empty_header in ("colors", "palette"):
-            (place / f"stub/libv/graphic/{empty_header}.hpp").write_text("#pragma once\n")
-        shutil.copy(_HERE / "CMakeLists.txt", place)
-    subprocess.run(["cmake", "-S", place, "-B", place / "build"], check=True, capture_output=True)
-    subprocess.run(["make", "-C", place / "build", "-j1"], check=True, capture_output=True)
+        shutil.copytree(_HERE, place, dirs_exist_ok=True)
+    called(["cmake", "-S", place, "-B", place / "build"])
+    called(["make", "-C", place / "build", "-j1"])
 
 
-def run(folder: Path, task: Path, *, from_images: bool = True) -> dict[str, object]:
-    """Calibrate from exported rows, and from features that it detects in three tilted boards at the middle distance.
+def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+    """Calibrate from exported rows; from those of boards that did not start mirrored; and, if the task has images for
+    it, from features that it detects in three tilted boards at the middle distance.
 
     Nearer ones have corners in so many micro-images that those of neighbours touch, and it takes them for one; of
     farther ones it misses corners.
     """
-    known = json.loads((task / "task.json").read_text(encoding="utf-8"))
     export = task / "exports/libpleno" / known["camera"]
-    tools, work = folder / "libpleno/build", folder / "runs/libpleno"
+    tools, work = programs / "libpleno/build", programs / "runs/libpleno"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     camera, params = ["-c", export / "camera.js"], ["-p", export / "params.js"]
 
-    def calibrated(name: str, rows: Path) -> dict[str, object]:
+    def calibrated(name: str, rows: Path) -> dict[str, Any]:
         _say(work / name, [tools / "calibrate", *camera, *params, "-s", export / "scene.js", "-f", rows])
         return _answer(work / name)
 
-    answers: dict[str, object] = {"exact": calibrated("exact", export / "observations.bin.gz")}
+    rows = export / "observations.bin.gz"
+    answers: dict[str, Any] = {"exact": calibrated("exact", rows)}
+    if mirrored := _mirrored(work / "exact", export / "poses.js"):
+        _write_without(mirrored, rows, work / rows.name)
+        answers["unmirrored"] = calibrated("unmirrored", work / rows.name)
     noisy = sorted(task.glob("noise_*"))
-    answers["noise"] = [
-        calibrated(place.name, place / "libpleno" / known["camera"] / "observations.bin.gz") for place in noisy
-    ]
-    if from_images:
+    answers["noise"] = [calibrated(place.name, place / "libpleno" / known["camera"] / rows.name) for place in noisy]
+    if known["has_images"]:
         frames = known["frames"]
         middle = {"frames": frames[len(frames) // 3 : 2 * len(frames) // 3][1:]}
         _ask_images(task, known | middle, export, work)
         try:
             _say(work / "detect", [tools / "detect", "-i", work / "images.js", *camera, *params])
             (observations,) = (work / "detect").glob("observations-*.bin.gz")
-            answers["corners"] = _features(observations)
-            answers["own"] = calibrated("own", observations)
-            if not answers["own"]["poses"]["poses"]:  # type: ignore[index]
-                raise ValueError("it throws every board away, because it finds too few or too many corners")
-        except (subprocess.SubprocessError, ValueError) as error:  # its calibration from exact rows is worth keeping
-            answers.pop("own", None)
+            _, _, features = _sections(observations)
+            names = ("f6", "f0", "f1", "f2", "f3")  # frame, column and row of the micro-image, x and y
+            answers["corners"] = np.stack([features[name].astype(float) for name in names], axis=1)
+            own = calibrated("own", observations)
+            if not own["poses"]:
+                raise Failed("it throws every board away, because it finds too few or too many corners")
+            answers["own"] = own
+        except Failed as error:  # its calibration from exact rows is worth keeping
             answers["failed"] = f"from features of its own: {error}"
     return answers
 
 
-def _features(path: Path) -> np.ndarray:
-    """Its features: frame, column and row of the micro-image, x and y [px], (n, 5)."""
+def _mirrored(place: Path, exact: Path) -> list[int]:
+    """Frames whose boards start mirrored."""
+    (start,) = place.glob("initial-poses-*.js")
+    normals = [
+        {
+            int(one["frame"]): models.camera_from_board(one["pose"])[:3, 2]
+            for one in json.loads(path.read_text())["poses"]
+        }
+        for path in (start, exact)
+    ]
+    return [frame for frame, z in normals[0].items() if z @ normals[1][frame] < np.cos(np.radians(_MIRRORED_DEG))]
+
+
+def _sections(path: Path) -> Iterator[np.ndarray]:
+    """The lists of a file of observations, each after its length."""
     data, start = gzip.decompress(path.read_bytes()), 0
-    for size in (24, 32):  # centres and corners come first, each list after its length
-        start += 8 + size * int.from_bytes(data[start : start + 8], "little")
-    rows = np.frombuffer(data, "<i4,<i4,<f8,<f8,<f8,<i4,<i4", offset=start + 8)
-    return np.stack([rows[name].astype(float) for name in ("f6", "f0", "f1", "f2", "f3")], axis=1)
+    for kind in _KINDS:
+        rows = np.frombuffer(data, kind, int.from_bytes(data[start : start + 8], "little"), start + 8)
+        start += 8 + rows.nbytes
+        yield rows
 
 
-def _ask_images(task: Path, known: dict, export: Path, work: Path) -> None:
+def _write_without(frames: list[int], rows: Path, place: Path) -> None:
+    centres, corners, features = _sections(rows)
+    kept = (centres, corners, features[~np.isin(features["f6"], frames)])
+    data = b"".join(len(section).to_bytes(8, "little") + section.tobytes() for section in kept)
+    place.write_bytes(gzip.compress(data))
+
+
+def _ask_images(task: Path, known: dict[str, Any], export: Path, work: Path) -> None:
     """Write images.js, and the clicks of a user who marks each board half a square outside of its outer corners."""
-    number, columns, rows = known["f_number"], known["columns"], known["rows"]
-    lines = (line for line in (export / "features.csv").read_text().splitlines() if not line.startswith("#"))
-    seen = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(lines)]
+    columns, rows, seen = known["columns"], known["rows"], read_table(export / "features.csv")
+    outer, size = [0, columns - 1, columns * rows - 1, columns * (rows - 1)], [columns, rows]
     clicks = []
     for frame in known["frames"]:
-        here = [row for row in seen if row["frame"] == int(frame)]
-        outer = [0, columns - 1, columns * rows - 1, columns * (rows - 1)]
-        at = np.array(
-            [np.mean([[row["k"], row["l"]] for row in here if row["cluster"] == node], axis=0) for node in outer]
-        )
-        size = np.array([columns / (columns - 1), rows / (rows - 1)])
-        clicks.append((at.mean(axis=0) + (at - at.mean(axis=0)) * size).ravel())
+        here = seen[seen["frame"] == int(frame)]
+        marks = [here[here["cluster"] == node] for node in outer]
+        at = np.array([[mark["k"].mean(), mark["l"].mean()] for mark in marks])
+        clicks.append((at.mean(axis=0) + (at - at.mean(axis=0)) * np.divide(size, np.subtract(size, 1))).ravel())
     np.savetxt(work / "clicks.txt", clicks)
-    white = {"path": str(task / "white.png"), "fnumber": number}
+    number = {"fnumber": known["f_number"]}
+    white = {"path": str(task / "white.png")} | number
     whites = [{"path": str(task / f"white_{name}.png"), "fnumber": value} for name, value in known["white"].items()]
-    boards = [{"path": str(task / f"{name}.png"), "fnumber": number, "frame": int(name)} for name in known["frames"]]
+    boards = [{"path": str(task / f"{name}.png"), "frame": int(name)} | number for name in known["frames"]]
     images = {"meta": {"debayered": True, "format": 8, "rgb": True}, "whites": [white, *whites], "mask": white}
     (work / "images.js").write_text(json.dumps(images | {"checkerboards": boards}), encoding="utf-8")
 
@@ -126,22 +144,22 @@ def _ask_images(task: Path, known: dict, export: Path, work: Path) -> None:
 def _say(place: Path, command: list[object]) -> None:
     """Run a tool, to whose questions a user answers yes; said.log is what it says."""
     place.mkdir()
-    said = subprocess.run(
-        [*map(str, command), "-g", "false", "-l", "7"],  # warnings must be on: without them nothing is saved
+    printed = called(
+        [*command, "-g", "false", "-l", "7"],  # warnings must be on: without them nothing is saved
         input="y\n" * 10_000,
         env=os.environ | {"ARENA_CLICKS": str(place.parent / "clicks.txt")},
         cwd=place,
-        capture_output=True,
-        text=True,
-        timeout=LONGEST_S,
-        check=True,
     )
-    (place / "said.log").write_text(said.stdout + said.stderr, encoding="utf-8")
+    (place / "said.log").write_text(printed, encoding="utf-8")
 
 
-def _answer(place: Path) -> dict[str, object]:
-    names = {"camera": "intrinsics.js", "poses": "extrinsics.js"}
-    answer = {key: json.loads((place / name).read_text(encoding="utf-8")) for key, name in names.items()}
+def _answer(place: Path) -> dict[str, Any]:
+    camera, poses = (json.loads((place / f"{name}.js").read_text()) for name in ("intrinsics", "extrinsics"))
     (errors,) = place.glob("rmse-*.csv")
     of_frames = np.genfromtxt(errors, delimiter=",", names=True)["uv"]
-    return answer | {"rms_px": float(np.sqrt(np.mean(np.atleast_1d(of_frames) ** 2)))}
+    return {
+        "camera": camera,
+        "frames": [int(one["frame"]) for one in poses["poses"]],
+        "poses": np.array([models.camera_from_board(one["pose"]) for one in poses["poses"]]),
+        "rms_px": float(np.sqrt(np.mean(np.atleast_1d(of_frames) ** 2))),
+    }

@@ -34,11 +34,9 @@ class Projective:
         return np.asarray(centre + off / (self.k1 * depth + self.k2_mm))
 
 
-def nousias(answer: dict[str, Any], centre_px: np.ndarray) -> Projective:
-    """The model that Nousias' calibration answers with."""
-    p = answer["parameters"]
-    focal, principal = np.array([p["fx_px"], p["fy_px"]]), np.array([p["cx_px"], p["cy_px"]])
-    return Projective(p["K1"], p["K2_mm"], focal, principal, centre_px)
+def projective(values: np.ndarray, centre_px: np.ndarray) -> Projective:
+    """The model of K1, K2, fx, fy, cx, cy."""
+    return Projective(values[0], values[1], values[2:4], values[4:6], centre_px)
 
 
 def projective_of_thin_lens(thin: np.ndarray, origin_px: np.ndarray, pixel_mm: float) -> dict[str, float]:
@@ -88,13 +86,14 @@ class ThinLensMesh:
 
 
 def libpleno(camera: dict[str, Any], index: np.ndarray, rows: np.ndarray) -> ThinLensMesh:
-    """The model of an intrinsics.js: numbers (k, l) of micro-images (c, 2), rows of the true microlenses in them."""
+    """The model of an intrinsics.js, of a square lattice or a hexagonal one in rows: numbers (k, l) of micro-images
+    (c, 2), rows of the true microlenses in them."""
     mesh, sensor = camera["mla"]["mesh"], camera["sensor"]
     array, (pitch_x, pitch_y) = _pose(mesh["pose"]), np.array(mesh["pitch"][0], float)
-    size, lattice = np.array([mesh["width"], mesh["height"]], int), int(mesh["geometry"])
-    column, row = (size - 1 - index).T
-    x = pitch_x * (column + (0.5 * (row % 2 == 0) if lattice == 1 else 0.0)) * (np.sqrt(0.75) if lattice == 2 else 1.0)
-    y = pitch_y * (row - (0.5 * (column % 2 == 1) if lattice == 2 else 0.0)) * (np.sqrt(0.75) if lattice == 1 else 1.0)
+    column, row = (np.array([mesh["width"], mesh["height"]], int) - 1 - index).T
+    is_hexagonal = int(mesh["geometry"]) == 1
+    x = pitch_x * (column + is_hexagonal * 0.5 * (row % 2 == 0))
+    y = pitch_y * row * (np.sqrt(0.75) if is_hexagonal else 1.0)
     nodes = np.stack([x, y, np.zeros(len(x))], axis=1) @ array[:3, :3].T + array[:3, 3]
     nodes = np.where((rows >= 0)[:, None], nodes[rows], np.nan)
     return ThinLensMesh(

@@ -6,14 +6,13 @@ the image distance until floats are equal. Its shift `a` and its views `G` are o
 """
 
 import json
-import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from refocus import Bench
+from environments import called
 from snapshots import clone
 
-_COMMIT = "112d289"
 _LONGEST_S = 60
 """Time limit [s]: its iteration may go to and fro between two floats for ever."""
 _PROGRAM = """
@@ -34,22 +33,19 @@ print(json.dumps(answer))
 """In a process of its own: this module has its name."""
 
 
-def build(snapshots: Path, folder: Path) -> None:
+def build(snapshots: Path, programs: Path) -> None:
     """Check the source out."""
-    clone(snapshots, "hahnec+plenoptisign", _COMMIT, folder / "plenoptisign")
+    clone(snapshots, "hahnec+plenoptisign", "112d289", programs / "plenoptisign")
 
 
-def run(
-    folder: Path, optics: Bench, refocused: list[tuple[float, float]], views: list[float]
-) -> tuple[list[float], list[list[float]]]:
+def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
     """Vision z [mm] that pairs of shift and view make sharp, and places (x, z) of views [mm]."""
-    image_mm, focal_mm = optics.to_rear_mm, optics.focal_mm
-    between_mm = optics.front_z_mm + optics.array_mm - image_mm
-    keys = {"pp": optics.pixel_mm, "fs": optics.gap_mm, "pm": optics.pitch_mm, "dA": optics.to_pupil_mm}
-    keys |= {"fU": focal_mm, "HH": between_mm, "df": 1 / (1 / focal_mm - 1 / image_mm) + image_mm + between_mm}
-    asked = json.dumps([keys, refocused, views])
+    b = known["bench"]
+    between_mm = b["front_z_mm"] + b["array_mm"] - b["to_rear_mm"]
+    keys = {"pp": b["pixel_mm"], "fs": b["gap_mm"], "pm": b["pitch_mm"], "dA": b["to_pupil_mm"], "fU": b["focal_mm"]}
+    in_focus_mm = 1 / (1 / b["focal_mm"] - 1 / b["to_rear_mm"]) + b["to_rear_mm"] + between_mm
+    asked = json.dumps([keys | {"HH": between_mm, "df": in_focus_mm}, known["refocused"], known["views"]])
     command = [sys.executable, "-W", "ignore", "-c", _PROGRAM, asked]
-    place = folder / "plenoptisign"
-    printed = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=_LONGEST_S, check=True).stdout
-    distances, places = json.loads(printed)
-    return [d - optics.array_mm for d in distances], [[x, z - optics.array_mm] for x, z in places]
+    distances, places = json.loads(called(command, cwd=programs / "plenoptisign", timeout=_LONGEST_S))
+    before_mm = b["array_mm"]
+    return {"distances_mm": [d - before_mm for d in distances], "views_mm": [[x, z - before_mm] for x, z in places]}

@@ -7,15 +7,21 @@ both have the principal planes of the lens; one knows its exit pupil (Michels, M
 the pupil to be in the rear principal plane, as a thin lens has it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
-from cameras import Rig
+from scipy.spatial import cKDTree
+from truth import Truth
 
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
 
+_Z_MM = (250.0, 350.0, 450.0, 600.0, 900.0, 2000.0)
+_VIEWS_PX = (0.5, 2.0, 4.0)
+"""Distances, and views whose rays are asked for them."""
 _NEAR_MM = 0.7
 """Distance from the axis within which microlenses are asked [mm]: so near, curvature of field is nothing."""
 
@@ -35,7 +41,7 @@ class Bench:
     pitch_mm: float
     pixel_mm: float
 
-    def distance_mm(self, shift: np.ndarray, to_pupil_mm: float) -> np.ndarray:
+    def distance_mm(self, shift: np.ndarray | float, to_pupil_mm: float) -> np.ndarray:
         """Vision z that a shift of views makes sharp, of a camera whose exit pupil is so far from the microlenses.
 
         A line from pupil point u to microlens X passes the place z' before the microlenses at X + (u - X) z' / P; for
@@ -49,10 +55,10 @@ class Bench:
         return np.asarray(self.front_z_mm + image_mm * self.focal_mm / (image_mm - self.focal_mm))
 
 
-def bench(ready: ReadyCamera, rig: Rig) -> Bench:
+def bench(truth: Truth) -> Bench:
     """First-order optics of a camera."""
-    figures = report(ready.camera)
-    lens = figures["lens"]
+    ready, rig = truth.ready, truth.rig
+    lens = report(ready.camera)["lens"]
     array_mm = ready.camera.sensor_distance_mm - rig.gap_mm
     front, rear = lens["principal_planes_mm"]
     return Bench(
@@ -63,9 +69,46 @@ def bench(ready: ReadyCamera, rig: Rig) -> Bench:
         to_pupil_mm=array_mm + lens["exit_pupil"]["z_mm"],
         array_mm=array_mm,
         gap_mm=rig.gap_mm,
-        pitch_mm=float(rig.array["pitch"]),  # type: ignore[arg-type]
+        pitch_mm=rig.pitch_mm,
         pixel_mm=rig.pixel_mm,
     )
+
+
+def refocused(truth: Truth) -> dict[str, Any]:
+    """Distances of refocusing by rays and formulas, and viewpoints."""
+    optics, rows, views = bench(truth), [], []
+    for view in _VIEWS_PX:
+        near = near_axis(truth.ready, truth.centre_px, truth.vertex_mm, optics.pitch_mm, view)
+        for z_mm in _Z_MM:
+            shift = near.shift(z_mm)
+            pupil, thin = (float(optics.distance_mm(shift, p)) for p in (optics.to_pupil_mm, optics.to_rear_mm))
+            rows.append({"view_px": view, "z_mm": z_mm, "shift": shift, "pupil_mm": pupil, "thin_mm": thin})
+    for view in (0.0, 2.0, 4.0):
+        place, rms = viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))
+        views.append({"view_px": view, "place_mm": place.tolist(), "rms_mm": rms})
+    return {"rows": rows, "entrance_pupil_z_mm": optics.pupil_z_mm, "viewpoints": views}
+
+
+def asked(truth: Truth, answer: dict[str, Any]) -> dict[str, Any]:
+    """The same questions for programs: first-order optics, pairs of shift and view, and views."""
+    pairs = [(row["shift"], row["view_px"]) for row in answer["rows"]]
+    return {
+        "bench": asdict(bench(truth)),
+        "refocused": pairs,
+        "views": [one["view_px"] for one in answer["viewpoints"]],
+    }
+
+
+def coded_image(truth: Truth) -> np.ndarray:
+    """An image whose pixels say where they lie against the centre of their micro-image, x and y [px], and 1, (h, w, 3).
+
+    What a program that cuts views takes from it says which view it is.
+    """
+    width, height = truth.rig.size_px
+    places = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    _, nearest = cKDTree(truth.centre_px).query(places)
+    values = np.concatenate([places - truth.centre_px[nearest], np.ones((len(places), 1))], axis=1)
+    return values.reshape(height, width, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +141,7 @@ def near_axis(
     return NearAxis(microlens, np.tile(views, (near.sum(), 1)), ready.rays(*places.T, accuracy_px=1e-6))
 
 
-def viewpoint_mm(ready: ReadyCamera, centre_px: np.ndarray, view_px: tuple[float, float]) -> tuple[np.ndarray, float]:
+def viewpoint_mm(ready: ReadyCamera, centre_px: np.ndarray, view_px: Sequence[float]) -> tuple[np.ndarray, float]:
     """Point nearest to the rays of a view, vision frame (3,), and the rays' root mean square distance from it [mm]."""
     sensor = ready.camera.sensor
     inside = (np.abs(centre_px - [(sensor.width_px - 1) / 2, (sensor.height_px - 1) / 2])

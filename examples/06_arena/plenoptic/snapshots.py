@@ -1,12 +1,14 @@
 """Sources of programs at pinned commits, and GNU Octave with no windows."""
 
+import json
 import os
 import subprocess
 from pathlib import Path
+from typing import Any
+
+from environments import called
 
 _STUBS = Path(__file__).with_name("octave")
-LONGEST_S = 1200
-"""Time limit of one program [s]."""
 
 
 def clone(snapshots: Path, name: str, commit: str, place: Path) -> bool:
@@ -17,11 +19,9 @@ def clone(snapshots: Path, name: str, commit: str, place: Path) -> bool:
     if (place / "cloned").exists():
         return False
     place.parent.mkdir(parents=True, exist_ok=True)
-    git = ["git", "-C", str(place)]
-    source = str(snapshots / name / "repo")
-    subprocess.run(["git", "clone", "-q", "--no-checkout", source, str(place)], check=True)
-    subprocess.run([*git, "read-tree", commit], check=True, capture_output=True)
-    subprocess.run([*git, "checkout-index", "-a", "-f"], check=False, capture_output=True)
+    called(["git", "clone", "-q", "--no-checkout", snapshots / name / "repo", place])
+    called(["git", "-C", place, "read-tree", commit])
+    subprocess.run(["git", "-C", place, "checkout-index", "-a", "-f"], check=False, capture_output=True)
     (place / "cloned").write_text(commit, encoding="utf-8")
     return True
 
@@ -34,17 +34,12 @@ def replaced(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8", errors="surrogateescape")
 
 
-def octave(program: str, folders: list[Path], task: Path, typed: str = "") -> str:
-    """What a program says; dialogs choose all files of `task` that fit, and the keyboard answers `typed`."""
+def octave(program: str, result: str, folders: list[Path], task: Path, typed: object = "") -> Any:
+    """The value of an expression after a program; dialogs choose all files of `task` that fit, and the keyboard answers
+    `typed`.
+    """
     paths = "".join(f"addpath('{folder}');" for folder in [*folders, _STUBS])
-    said = subprocess.run(
-        ["octave-cli", "--norc", "--quiet", "--eval", f"warning('off', 'all'); {paths} {program}"],
-        env=os.environ | {"ARENA_TASK": str(task), "ARENA_INPUT": typed},
-        cwd=task,
-        capture_output=True,
-        text=True,
-        timeout=LONGEST_S,
-    )
-    if said.returncode:
-        raise RuntimeError(said.stderr.strip()[-2000:])
-    return said.stdout
+    words = f"warning('off', 'all'); {paths} {program} printf('FOUND%s', jsonencode({result}));"
+    environment = os.environ | {"ARENA_TASK": str(task), "ARENA_INPUT": str(typed)}
+    printed = called(["octave-cli", "--norc", "--quiet", "--eval", words], env=environment, cwd=task)
+    return json.loads(printed.partition("FOUND")[2])

@@ -2,12 +2,13 @@
 
 TASK/exports/<format>/…, TASK/noise_<n>/<format>/…, TASK/white.png, TASK/white_<F-number>.png, TASK/<frame>.png: 8 bits,
 linear, three equal channels, the brightest pixel of each white image at 250, images on the scale of white.png.
-TASK/task.json has `f_number`, `white` (F-number of each further white image), `frames`, `columns`, `rows`, `square_mm`,
-`pixel_mm`, `pitch_px`, `size_px`, `camera`.
+TASK/task.json has `f_number`, `white` (F-number of each further white image), `frames`, `columns`, `rows`,
+`pitch_px`, `camera`, and what the caller adds, `formats` of the exports among it.
 """
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -18,21 +19,23 @@ from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 from pipeline.files.exr import read_exr
 
-_FORMATS = ["bok", "libpleno"]
 _WHITE_DN = 250.0
 """Digital number of the brightest pixel of white images [DN]."""
 
 
-def write_task(build: Path, task: Path, electrons: float | None, noises: list[Noise]) -> None:
-    """Write the task of a build with one plenoptic camera and one board.
+def write_task(
+    build: Path, task: Path, electrons: float | None, noises: list[Noise], more: dict[str, Any]
+) -> dict[str, Any]:
+    """Write the task of a build with one plenoptic camera and one board; returns what task.json has.
 
     `electrons` of the brightest white pixel, if images have the noise of a sensor; `noises` of exported positions.
     """
     task.mkdir(parents=True, exist_ok=True)
     output = pipeline.open_output(build)
     for place, noise in [("exports", Noise()), *((f"noise_{number}", noise) for number, noise in enumerate(noises))]:
-        if not (task / place).exists():
-            export(output, _FORMATS, task / place, Request(noise=noise))
+        for name in more["formats"]:
+            if not (task / place / name).exists():
+                export(output, [name], task / place, Request(noise=noise))
     camera = output.camera.name
     about = json.loads((build / f"cameras/{camera}/camera.json").read_text(encoding="utf-8"))
     white = _linear(build / f"cameras/{camera}/white.exr", "white")
@@ -48,17 +51,15 @@ def write_task(build: Path, task: Path, electrons: float | None, noises: list[No
     (scene,) = json.loads((task / f"exports/libpleno/{camera}/scene.js").read_text(encoding="utf-8"))["checkerboards"]
     known = {
         "camera": camera,
-        "size_px": about["resolution"],
-        "pixel_mm": about["pixel_pitch_mm"],
         "pitch_px": about["mla"]["micro_image_pitch_px"],
         "f_number": round(about["lens"]["f_number"], 3),
         "white": {path.stem[1:]: float(path.stem[1:]) for path in others},
         "frames": frames,
         "columns": scene["x_grid"],
         "rows": scene["y_grid"],
-        "square_mm": scene["lph"],
-    }
+    } | more
     (task / "task.json").write_text(json.dumps(known, indent=1), encoding="utf-8")
+    return known
 
 
 def _linear(path: Path, part: str) -> np.ndarray:
