@@ -115,7 +115,7 @@ def judge(truth: Boards, case: Path, answer: Path) -> Results:
         return {"failed": text.read_text(encoding="utf-8").strip()[:200] if text.exists() else "no answer"}
     given, found = np.load(case.with_suffix(".npz")), np.load(answer.with_suffix(".npz"))
     where = covered(truth.exact.query_px, given["image_px"])
-    field = error_field(truth.exact, found["rays"], where)
+    field = error_field(truth.exact, found["slopes"], where)
     result: Results = {
         "rms_px": field.rms_px(where).tolist(),
         "largest_px": float(np.nanmax(field.length_px[:, where])),
@@ -145,8 +145,8 @@ def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> Results | N
     if "stated_px2" not in exact.files:
         return None
     where = covered(truth.exact.query_px, np.load(case.with_suffix(".npz"))["image_px"])
-    errors = [error_field(truth.exact, one["rays"], where).error_px[STATED_AT] for one in found]
-    mean = error_field(truth.exact, exact["rays"], where).error_px[STATED_AT]
+    errors = [error_field(truth.exact, one["slopes"], where).error_px[STATED_AT] for one in found]
+    mean = error_field(truth.exact, exact["slopes"], where).error_px[STATED_AT]
     stated = np.array([one["stated_px2"].reshape(*where.shape, 2, 2) for one in found])[:, where]
     noise, real = (np.array([error - less for error in errors])[:, where] for less in (mean, 0.0))
     ratio = np.sqrt(np.median(np.trace(stated, axis1=-2, axis2=-1))) / np.sqrt(

@@ -37,23 +37,14 @@ def matched(truth_px: np.ndarray, found_px: np.ndarray) -> np.ndarray:
 class Detection:
     """What a detector is worth under one condition, against one of the truths.
 
-    Attributes
-    ----------
-    found : float
-        Share of the points that it found, of all images.
-    bias_px : (2,) float64
-        Mean error of all points.
-    spread_px2 : (2, 2) float64
-        Covariance, over points, of what stays of a point's error when noise is averaged out: it is the same in every
-        image of a still scene. The share of the noise that the repeats leave in the means is taken off.
-    noise_px2 : (2, 2) float64
-        Covariance of what changes from repeat to repeat.
+    Spread is the covariance (2, 2), over points, of what stays of a point's error when noise is averaged out, which is
+    the same in every image of a still scene; less the noise that the repeats leave in the means.
     """
 
-    found: float
-    bias_px: np.ndarray
+    found: float  # share of the points, of all images
+    bias_px: np.ndarray  # mean error of all points (2,)
     spread_px2: np.ndarray
-    noise_px2: np.ndarray
+    noise_px2: np.ndarray  # covariance (2, 2) of what changes from repeat to repeat
 
     @property
     def lasting_px(self) -> float:
@@ -87,24 +78,13 @@ def inside_ellipse(error_px: np.ndarray, stated_px2: np.ndarray) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExactRays:
-    """True rays of image positions on a grid.
-
-    Attributes
-    ----------
-    query_px : (rows, columns, 2) float64
-    origin_mm, direction : (rows, columns, 3) float64
-        Vision frame; NaN where no light leaves.
-    fitted_mm : tuple of float
-        Vision z of the planes on which a calibration is laid over the true camera: where its boards stood.
-    distances_mm : tuple of float
-        Vision z of the planes on which it is judged.
-    """
+    """True rays of image positions (rows, columns, 2) on a grid, vision frame; NaN where no light leaves."""
 
     query_px: np.ndarray
-    origin_mm: np.ndarray
-    direction: np.ndarray
-    fitted_mm: tuple[float, ...]
-    distances_mm: tuple[float, ...]
+    origin_mm: np.ndarray  # (rows, columns, 3)
+    direction: np.ndarray  # (rows, columns, 3)
+    fitted_mm: tuple[float, ...]  # planes on which a calibration is laid over the camera: where its boards stood
+    distances_mm: tuple[float, ...]  # planes on which it is judged
 
     def points(self, z_mm: float) -> np.ndarray:
         """Crossings with a plane, (rows, columns, 3) [mm]."""
@@ -113,17 +93,10 @@ class ExactRays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorField:
-    """Where a calibrated model projects the points of exact rays, less where the camera sees them.
+    """Where a calibrated model projects the points of exact rays, less where the camera sees them."""
 
-    Attributes
-    ----------
-    error_px : (distances, rows, columns, 2) float64
-    centre_mm : (3,) float64
-        Place of the model's centre of projection in the vision frame, as it fits the true rays best.
-    """
-
-    error_px: np.ndarray
-    centre_mm: np.ndarray
+    error_px: np.ndarray  # (distances, rows, columns, 2)
+    centre_mm: np.ndarray  # (3,), of projection in the vision frame, as the model fits the true rays best
 
     @property
     def length_px(self) -> np.ndarray:
@@ -140,13 +113,13 @@ def covered(query_px: np.ndarray, seen_px: np.ndarray) -> np.ndarray:
     return Delaunay(seen_px).find_simplex(query_px) >= 0
 
 
-def error_field(exact: ExactRays, rays: np.ndarray, where: np.ndarray) -> ErrorField:
-    """Error field of a central model with the rays (rows * columns, 3) of the grid, in a frame of its own.
+def error_field(exact: ExactRays, slopes: np.ndarray, where: np.ndarray) -> ErrorField:
+    """Error field of a central model with rays (x, y, 1), (rows * columns, 2), in a frame of its own.
 
     The frame is free: the model is moved and turned so that it fits best at the positions `where` (rows, columns), on
     the planes where it was calibrated. Errors are small, so that the model's slopes are taken as linear over them.
     """
-    slope = (rays[:, :2] / rays[:, 2:]).reshape(exact.query_px.shape)
+    slope = slopes.reshape(exact.query_px.shape)
     step = exact.query_px[1, 1] - exact.query_px[0, 0]
     per_px = np.stack([np.gradient(slope, axis=1) / step[0], np.gradient(slope, axis=0) / step[1]], axis=-1)
     to_px = np.linalg.inv(per_px)
@@ -168,7 +141,7 @@ def pupil_errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and scatter over views of where found poses (v, 4, 4) put the centre of projection, less where it is [mm].
 
-    Poses take the target's frame to the camera's; of the true one the camera's frame is the vision frame.
+    Poses, or their upper rows, take the target's frame to the camera's: of the true ones it is the vision frame.
     """
     turned = -np.einsum("vji,vj->vi", found_poses[:, :3, :3], found_poses[:, :3, 3])
     centres = np.einsum("vij,vj->vi", true_poses[:, :3, :3], turned) + true_poses[:, :3, 3]

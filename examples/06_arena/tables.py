@@ -159,37 +159,25 @@ def plenoptic(results: Results) -> list[Table]:
         for camera, case in results["cases"].items()
         for name, judged in case["contestants"].items()
     ]
-    failed = [[camera, name, judged["failed"]] for camera, name, judged in answers if "failed" in judged]
-    return [
-        _calibrations(answers),
-        _parameters(answers),
-        _centres(answers),
-        _corners(answers),
-        _disparities(answers),
-        _views(answers),
-        *(table for camera, case in results["cases"].items() if "refocus" in case for table in _refocus(camera, case)),
-        missing(results),
-        ("Failed", ["camera", "contestant", "reason"], failed),
-    ]
+    made: list[Table] = []
+    for title, (head, rows) in _ANSWERS.items():
+        cells = [[camera, who, *row] for camera, who, judged in answers for row in rows(judged)]
+        made.append((title, ["camera", "contestant", *head.split(", ")], cells))
+    for camera, case in results["cases"].items():
+        if "refocus" in case:
+            made.extend(_refocus(camera, case))
+    return [*made, missing(results)]
 
 
-Answers = list[tuple[str, str, Results]]
-"""Camera, contestant, and what the judge found."""
-
-
-def _calibrations(answers: Answers) -> Table:
+def _calibrations(judged: Results) -> Iterator[list[str]]:
     """The residual that each prints, and what is true of it."""
     kinds = {"exact": "exact", "unmirrored": "exact, less mirrored", "noise": "noise", "own": "own corners"}
-    rows = []
-    for camera, who, judged in answers:
-        for kind, positions in kinds.items():
-            if kind in judged:
-                one = judged[kind]
-                field, depth = np.array(one["field_px"]), np.abs(one["depth_mm"])
-                cells = [one["own_rms_px"], *_largest_of(field), one["outside_px"], one["chief_px"], one["marginal_px"]]
-                rows.append([camera, who, positions, *map(number, [*cells, *_largest_of(depth), *one["pose"]])])
-    head = ["camera", "contestant", "positions", "prints px", "field px", "beyond px", "outside px"]
-    return "Calibrations", [*head, "chief px", "marginal px", "depth mm", "beyond mm", "turn deg", "place mm"], rows
+    for kind, positions in kinds.items():
+        if kind in judged:
+            one = judged[kind]
+            field, depth = np.array(one["field_px"]), np.abs(one["depth_mm"])
+            cells = [one["own_rms_px"], *_largest_of(field), one["outside_px"], one["chief_px"], one["marginal_px"]]
+            yield [positions, *map(number, [*cells, *_largest_of(depth), *one["pose"]])]
 
 
 def _largest_of(values: np.ndarray) -> tuple[float, float]:
@@ -198,65 +186,64 @@ def _largest_of(values: np.ndarray) -> tuple[float, float]:
     return np.fmax.reduce(inner), np.fmax.reduce(outer)
 
 
-def _parameters(answers: Answers) -> Table:
+def _parameters(judged: Results) -> Iterator[list[str]]:
     """Numbers that calibrations find beside those of first-order optics; with their spread where there is noise."""
-    rows = []
-    for camera, who, judged in answers:
-        for key, true in judged.get("true", {}).items():
-            spread_ = judged.get("spread", {}).get(key)
-            values = [f"{value:.6g}" for value in (true, judged["exact"]["parameters"][key])]
-            rows.append([camera, who, key, *values, NOTHING if spread_ is None else f"{spread_:.2g}"])
-    return (
-        "Parameters",
-        ["camera", "contestant", "parameter", "first order", "from exact rows", "spread by noise"],
-        rows,
-    )
+    for key, true in judged.get("true", {}).items():
+        spread_ = judged.get("spread", {}).get(key)
+        values = [f"{value:.6g}" for value in (true, judged["exact"]["parameters"][key])]
+        yield [key, *values, NOTHING if spread_ is None else f"{spread_:.2g}"]
 
 
-def _centres(answers: Answers) -> Table:
+def _centres(judged: Results) -> Iterator[list[str]]:
     """Centres of micro-images against each kind of true centre."""
-    kinds, rows = ("centre", "centroid", "exit pupil"), []
-    for camera, who, judged in answers:
-        if "centres" in judged:
-            one = judged["centres"]
-            cells = [number(one[kind]["rms_px"]) for kind in kinds]
-            rows.append([camera, who, f"{one['centre']['found']:.3f}", *cells, _bias(one["centroid"])])
-    head = ["camera", "contestant", "found", *(f"rms px to {kind}" for kind in kinds), "bias px to centroid"]
-    return "Centres of micro-images", head, rows
+    if one := judged.get("centres"):
+        rms = [number(one[kind]["rms_px"]) for kind in ("centre", "centroid", "exit pupil")]
+        yield [f"{one['centre']['found']:.3f}", *rms, _bias(one["centroid"])]
 
 
-def _corners(answers: Answers) -> Table:
+def _corners(judged: Results) -> Iterator[list[str]]:
     """Corners that contestants detect in micro-images, by frame."""
-    rows = []
-    for camera, who, judged in answers:
-        for frame, kinds in judged.get("corners", {}).items():
-            near, moved = kinds["corner"], kinds["with fraction"]
-            cells = [f"{near['found']:.3f}", _bias(near), number(near["rms_px"]), number(moved["rms_px"])]
-            rows.append([camera, who, frame, *cells])
-    head = ["camera", "contestant", "frame", "found", "bias px", "rms px", "rms px to J + fraction of the centre"]
-    return "Corners in micro-images", head, rows
+    for frame, kinds in judged.get("corners", {}).items():
+        near, moved = kinds["corner"], kinds["with fraction"]
+        yield [frame, f"{near['found']:.3f}", _bias(near), number(near["rms_px"]), number(moved["rms_px"])]
 
 
-def _disparities(answers: Answers) -> Table:
+def _disparities(judged: Results) -> Iterator[list[str]]:
     """Disparities at the corners of a board in micro-images."""
-    rows = []
-    for camera, who, judged in answers:
-        if "disparity" in judged:
-            one = judged["disparity"]
-            cells = [f"{one['bias_px']:+.3f}", number(one["median_px"]), f"{100 * one['wrong']:.0f} %"]
-            rows.append([camera, who, str(one["corners"]), *cells])
-    head = ["camera", "contestant", "corners", "median error px", "median of lengths px", "off by more than 1 px"]
-    return "Disparities at corners", head, rows
+    if one := judged.get("disparity"):
+        numbers = [f"{one['bias_px']:+.3f}", number(one["median_px"]), f"{100 * one['wrong']:.0f} %"]
+        yield [str(one["corners"]), *numbers]
 
 
-def _views(answers: Answers) -> Table:
+def _views(judged: Results) -> Iterator[list[str]]:
     """What cut views are made of, and where they look from."""
-    rows = []
-    for camera, who, judged in answers:
-        for one in judged.get("views", []):
-            pairs = [f"{x:+.3f} {y:+.3f}" for x, y in (one["takes_px"], one["spread_px"], one["off_mm"][:2])]
-            rows.append([camera, who, f"{one['view_px']} 0", *pairs])
-    return "Views", ["camera", "contestant", "view px", "takes px", "spread px", "viewpoint off mm"], rows
+    for one in judged.get("views", []):
+        pairs = (one["takes_px"], one["spread_px"], one["off_mm"][:2])
+        yield [f"{one['view_px']} 0", *(f"{x:+.3f} {y:+.3f}" for x, y in pairs)]
+
+
+def _failed(judged: Results) -> Iterator[list[str]]:
+    if "failed" in judged:
+        yield [judged["failed"]]
+
+
+_ANSWERS: dict[str, tuple[str, Callable[[Results], Iterator[list[str]]]]] = {
+    "Calibrations": (
+        "positions, prints px, field px, beyond px, outside px, chief px, marginal px, depth mm, beyond mm, turn deg,"
+        " place mm",
+        _calibrations,
+    ),
+    "Parameters": ("parameter, first order, from exact rows, spread by noise", _parameters),
+    "Centres of micro-images": (
+        "found, rms px to centre, rms px to centroid, rms px to exit pupil, bias px to centroid",
+        _centres,
+    ),
+    "Corners in micro-images": ("frame, found, bias px, rms px, rms px to J + fraction of the centre", _corners),
+    "Disparities at corners": ("corners, median error px, median of lengths px, off by more than 1 px", _disparities),
+    "Views": ("view px, takes px, spread px, viewpoint off mm", _views),
+    "Failed": ("reason", _failed),
+}
+"""Tables of what the judge found of a contestant before a camera: more of the head, and its rows."""
 
 
 def _bias(judged: Results) -> str:

@@ -20,13 +20,10 @@ def calibrate(case, option):
     """Calibrate one of the models."""
     points = np.unique(case["point"])
     target = np.array([case["object_mm"][case["point"] == point][0] for point in points])
-    frames = []
-    for view in np.unique(case["view"]):
-        rows = np.flatnonzero(case["view"] == view)
-        frames.append(lb.Frame(np.searchsorted(points, case["point"][rows]), case["image_px"][rows]))
+    frames = [lb.Frame(np.searchsorted(points, board["point"]), board["image_px"]) for board in case["boards"]]
     width, height = map(int, case["size_px"])
     config = CONFIGS[option](width, height, float(case["focal_guess_px"]))
     found = lb.calibrate_camera(target, frames, config, estimate_target_warp=False)
-    poses = [np.full((4, 4), np.nan) if pose is None else pose.matrix for pose in found.cameras_from_target]
+    poses = [np.full((3, 4), np.nan) if pose is None else pose.matrix[:3] for pose in found.cameras_from_target]
     rays = found.camera_model.normalize_points(case["query_px"])
-    return {"rays": rays, "poses": np.array(poses)}
+    return {"slopes": rays[:, :2] / rays[:, 2:], "poses": np.array(poses)}

@@ -33,17 +33,16 @@ def calibrate(case, option):
     inputs = model.optimization_inputs()
     rays = mrcal.unproject(case["query_px"], *model.intrinsics(), normalize=True)
     turn_and_shift = mrcal.Rt_from_rt(inputs["frames_rt_toref"])
-    poses = np.tile(np.eye(4), (len(turn_and_shift), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = turn_and_shift[:, :3], turn_and_shift[:, 3] * MM_PER_M
-    points = rays * float(case["distance_mm"]) / MM_PER_M
-    return {"rays": rays, "poses": poses, "stated_px2": mrcal.projection_uncertainty(points, model, what="covariance")}
+    poses = np.array([np.column_stack([one[:3], one[3] * MM_PER_M]) for one in turn_and_shift])
+    stated_px2 = mrcal.projection_uncertainty(rays * float(case["distance_mm"]) / MM_PER_M, model, what="covariance")
+    return {"slopes": rays[:, :2] / rays[:, 2:], "poses": poses, "stated_px2": stated_px2}
 
 
 def _write_corners(case, path):
     """Corners of all views in the order of the grid; a point that was not seen keeps its row."""
     lines = ["# filename x y level"]
-    for view in np.unique(case["view"]):
-        seen = {p: xy for v, p, xy in zip(case["view"], case["point"], case["image_px"], strict=True) if v == view}
+    for view, board in enumerate(case["boards"]):
+        seen = dict(zip(board["point"].tolist(), board["image_px"], strict=True))
         for point in range(int(case["columns"]) * int(case["rows"])):
             place = f"{seen[point][0]:.9f} {seen[point][1]:.9f} 0" if point in seen else "- - -"
             lines.append(f"{view:03d}.png {place}")

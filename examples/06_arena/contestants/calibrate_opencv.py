@@ -14,9 +14,8 @@ UNDISTORT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
 
 def calibrate(case, option):
     """Calibrate by one of the functions."""
-    boards = [np.flatnonzero(case["view"] == view) for view in np.unique(case["view"])]
-    points = [case["object_mm"][rows].astype(np.float32) for rows in boards]
-    images = [case["image_px"][rows].astype(np.float32) for rows in boards]
+    points = [board["object_mm"].astype(np.float32) for board in case["boards"]]
+    images = [board["image_px"].astype(np.float32) for board in case["boards"]]
     size, query = tuple(map(int, case["size_px"])), case["query_px"]
     if option == "fisheye":
         return _fisheye(points, images, size, query, float(case["focal_guess_px"]))
@@ -27,7 +26,7 @@ def calibrate(case, option):
     )
     values = np.concatenate([matrix[[0, 1, 0, 1], [0, 1, 2, 2]], bend.ravel()])
     return {
-        "rays": _rays(cv2.undistortPoints(query[:, None], matrix, bend, criteria=UNDISTORT)),
+        "slopes": cv2.undistortPoints(query[:, None], matrix, bend, criteria=UNDISTORT),
         "rms_px": rms,
         "poses": _poses(turns, shifts),
         "values": values[:4],
@@ -42,8 +41,11 @@ def _fisheye(points, images, size, query, focal_px):
     rms, matrix, bend, turns, shifts = cv2.fisheye.calibrate(
         points, images, size, guess, np.zeros(4), flags=flags, criteria=STOP
     )
-    plane = cv2.fisheye.undistortPoints(query[:, None], matrix, bend)
-    return {"rays": _rays(plane), "rms_px": rms, "poses": _poses(turns, shifts)}
+    return {
+        "slopes": cv2.fisheye.undistortPoints(query[:, None], matrix, bend),
+        "rms_px": rms,
+        "poses": _poses(turns, shifts),
+    }
 
 
 def _multiview(case, size, query):
@@ -64,16 +66,9 @@ def _multiview(case, size, query):
         [np.eye(3), np.eye(3)], [np.zeros(5), np.zeros(5)],
         [np.eye(3), np.eye(3)], [np.zeros((3, 1)), np.zeros((3, 1))],
     )  # fmt: skip
-    plane = cv2.undistortPoints(query[:, None], matrices[0], bends[0], criteria=UNDISTORT)
-    return {"rays": _rays(plane), "rms_px": rms}
-
-
-def _rays(plane):
-    return np.concatenate([plane.reshape(-1, 2), np.ones((len(plane), 1))], axis=1)
+    return {"slopes": cv2.undistortPoints(query[:, None], matrices[0], bends[0], criteria=UNDISTORT), "rms_px": rms}
 
 
 def _poses(turns, shifts):
-    poses = np.tile(np.eye(4), (len(turns), 1, 1))
-    for pose, turn, shift in zip(poses, turns, shifts, strict=True):
-        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
-    return poses
+    pairs = zip(turns, shifts, strict=True)
+    return np.array([np.column_stack([cv2.Rodrigues(turn)[0], np.ravel(shift)]) for turn, shift in pairs])

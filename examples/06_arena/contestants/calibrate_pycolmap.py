@@ -21,22 +21,20 @@ def calibrate(case, option):
     )
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(camera)
-    points = np.unique(case["point"])
     ids = {}
-    for point in points:
+    for point in np.unique(case["point"]):
         at = case["object_mm"][case["point"] == point][0]
         ids[int(point)] = model.add_point3D(at, pycolmap.Track())
-    views = np.unique(case["view"])
-    for number, view in enumerate(views, 1):
-        rows = np.flatnonzero(case["view"] == view)
-        seen = case["image_px"][rows] + 0.5
-        pose = pycolmap.estimate_and_refine_absolute_pose(seen, case["object_mm"][rows], start)["cam_from_world"]
-        image = pycolmap.Image(name=str(view), keypoints=seen, camera_id=1, image_id=number)
+    for number, board in enumerate(case["boards"], 1):
+        seen = board["image_px"] + 0.5
+        pose = pycolmap.estimate_and_refine_absolute_pose(seen, board["object_mm"], start)["cam_from_world"]
+        image = pycolmap.Image(name=str(number), keypoints=seen, camera_id=1, image_id=number)
         model.add_image_with_trivial_frame(image, pose)
-        for index, point in enumerate(case["point"][rows]):
+        for index, point in enumerate(board["point"]):
             model.add_observation(ids[int(point)], pycolmap.TrackElement(number, index))
     config, options = pycolmap.BundleAdjustmentConfig(), pycolmap.BundleAdjustmentOptions()
-    for number in range(1, len(views) + 1):
+    numbers = range(1, len(case["boards"]) + 1)
+    for number in numbers:
         config.add_image(number)
     for number in ids.values():
         config.add_constant_point(number)
@@ -44,8 +42,5 @@ def calibrate(case, option):
     options.ceres.solver_options.max_num_iterations = 500
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     solved = model.camera(1)
-    plane = np.array([solved.cam_from_img(at) for at in case["query_px"] + 0.5])
-    poses = np.tile(np.eye(4), (len(views), 1, 1))
-    for number in range(1, len(views) + 1):
-        poses[number - 1, :3] = model.image(number).cam_from_world().matrix()
-    return {"rays": np.concatenate([plane[:, :2], np.ones((len(plane), 1))], axis=1), "poses": poses}
+    slopes = np.array([solved.cam_from_img(at)[:2] for at in case["query_px"] + 0.5])
+    return {"slopes": slopes, "poses": np.array([model.image(n).cam_from_world().matrix() for n in numbers])}

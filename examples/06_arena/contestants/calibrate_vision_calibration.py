@@ -8,11 +8,8 @@ MM_PER_M = 1000.0
 
 def calibrate(case, option):
     """Calibrate one of the models."""
-    views = []
-    for view in np.unique(case["view"]):
-        rows = np.flatnonzero(case["view"] == view)
-        points = (case["object_mm"][rows] / MM_PER_M).tolist()
-        views.append(vc.PlanarView(vc.Observation(points, case["image_px"][rows].tolist())))
+    seen = [((board["object_mm"] / MM_PER_M).tolist(), board["image_px"].tolist()) for board in case["boards"]]
+    views = [vc.PlanarView(vc.Observation(points, places)) for points, places in seen]
     free = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), False)
     mask, solver = vc.CameraFixMask(distortion=free), vc.SolverConfig(max_iters=300)
     if option == "scheimpflug":
@@ -24,20 +21,18 @@ def calibrate(case, option):
         found = vc.run_planar_intrinsics(vc.PlanarDataset(views), config)
         tilt = 0.0, 0.0
     poses = np.array([_matrix(pose) for pose in found.camera_se3_target])
-    return {"rays": _rays(found.camera, tilt, case["query_px"]), "poses": poses, "rms_px": None}
+    return {"slopes": _slopes(found.camera, tilt, case["query_px"]), "poses": poses}
 
 
 def _matrix(pose):
     x, y, z, w = pose.rotation_xyzw
     q = np.array([x, y, z])
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    result = np.eye(4)
-    result[:3, :3] = (w * w - q @ q) * np.eye(3) + 2 * np.outer(q, q) + 2 * w * cross
-    result[:3, 3] = np.array(pose.translation_xyz) * MM_PER_M
-    return result
+    turn = (w * w - q @ q) * np.eye(3) + 2 * np.outer(q, q) + 2 * w * cross
+    return np.column_stack([turn, np.array(pose.translation_xyz) * MM_PER_M])
 
 
-def _rays(camera, tilt, query):
+def _slopes(camera, tilt, query):
     """Pixels to the tilted plane, to the plane z = 1, and back through the distortion by fixed points."""
     k, d = camera.intrinsics, camera.distortion
     y = (query[:, 1] - k.cy) / k.fy
@@ -53,4 +48,4 @@ def _rays(camera, tilt, query):
         radial = 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3))
         aside = [2 * d.p1 * u * v + d.p2 * (r2 + 2 * u * u), d.p1 * (r2 + 2 * v * v) + 2 * d.p2 * u * v]
         plane = (bent - np.stack(aside, axis=1)) / radial[:, None]
-    return np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
+    return plane

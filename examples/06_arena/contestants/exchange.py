@@ -58,7 +58,9 @@ def run_calibrator(script: ModuleType, given: Path, out: Path, option: str) -> N
     for path in sorted(given.glob("*.npz")):
         with np.load(path) as file:
             case = {key: file[key] for key in file.files}
-        _run(path.stem, out, lambda c=case: script.calibrate(c, option))
+        rows = [np.flatnonzero(case["view"] == view) for view in np.unique(case["view"])]
+        boards = [{name: case[name][of] for name in ("point", "object_mm", "image_px")} for of in rows]
+        _run(path.stem, out, lambda c=case, b=boards: script.calibrate(c | {"boards": b}, option))
 
 
 def main() -> None:

@@ -43,16 +43,13 @@ class ThinLens:
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """A model to be fitted: names of its parameters, their first values and units, and a model of such values.
+    """A model to be fitted."""
 
-    Steps of a unit move positions by something like a pixel. `front_z_mm`: where the model has Z = 0, vision frame.
-    """
-
-    names: tuple[str, ...]
-    first: np.ndarray
-    units: np.ndarray
-    model: Callable[[np.ndarray], Model]
-    front_z_mm: float
+    names: tuple[str, ...]  # of its parameters
+    first: np.ndarray  # values
+    units: np.ndarray  # steps that move positions by something like a pixel
+    model: Callable[[np.ndarray], Model]  # of such values
+    front_z_mm: float  # where it has Z = 0, vision frame
 
     @property
     def true(self) -> dict[str, float]:

@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 from truth import Truth
 
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
 
 _Z_MM = (250.0, 350.0, 450.0, 600.0, 900.0, 2000.0)
@@ -28,15 +27,14 @@ _NEAR_MM = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """First-order optics: focal length, vision z of the front principal plane and entrance pupil; from microlenses to
-    rear principal plane, to exit pupil and to the stop; gap, pitch and pixel [mm]."""
+    """First-order optics."""
 
     focal_mm: float
-    front_z_mm: float
-    pupil_z_mm: float
-    to_rear_mm: float
-    to_pupil_mm: float
-    array_mm: float
+    front_z_mm: float  # vision z of the front principal plane
+    pupil_z_mm: float  # vision z of the entrance pupil
+    to_rear_mm: float  # from the microlenses to the rear principal plane
+    to_pupil_mm: float  # from the microlenses to the exit pupil
+    array_mm: float  # from the microlenses to the stop
     gap_mm: float
     pitch_mm: float
     pixel_mm: float
@@ -78,15 +76,33 @@ def refocused(truth: Truth) -> dict[str, Any]:
     """Distances of refocusing by rays and formulas, and viewpoints."""
     optics, rows, views = bench(truth), [], []
     for view in _VIEWS_PX:
-        near = near_axis(truth.ready, truth.centre_px, truth.vertex_mm, optics.pitch_mm, view)
-        for z_mm in _Z_MM:
-            shift = near.shift(z_mm)
+        for z_mm, shift in zip(_Z_MM, shifts(truth, view), strict=True):
             pupil, thin = (float(optics.distance_mm(shift, p)) for p in (optics.to_pupil_mm, optics.to_rear_mm))
             rows.append({"view_px": view, "z_mm": z_mm, "shift": shift, "pupil_mm": pupil, "thin_mm": thin})
     for view in (0.0, 2.0, 4.0):
         place, rms = viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))
         views.append({"view_px": view, "place_mm": place.tolist(), "rms_mm": rms})
     return {"rows": rows, "entrance_pupil_z_mm": optics.pupil_z_mm, "viewpoints": views}
+
+
+def shifts(truth: Truth, view_px: float) -> list[float]:
+    """Microlenses per view that the image of a point at each distance moves: by rays of views at a distance from the
+    middle one, behind microlenses near the axis.
+
+    Rays cross a plane at a X + b v; those of one point cross it there, so that X moves by - b / a per view.
+    """
+    near = np.hypot(*truth.vertex_mm.T) < _NEAR_MM
+    views = view_px * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    places = (truth.centre_px[near][:, None] + views).reshape(-1, 2)
+    microlens = -truth.vertex_mm[near] / truth.rig.pitch_mm  # as in the image: turned by 180 degrees
+    terms = np.stack(
+        [np.repeat(microlens, len(views), axis=0).ravel(), np.tile(views, (near.sum(), 1)).ravel()], axis=1
+    )
+    rays, moves = truth.ready.rays(*places.T, accuracy_px=1e-6), []
+    for z_mm in _Z_MM:
+        a, b = np.linalg.lstsq(terms, rays.at_distance(z_mm)[:, :2].ravel(), rcond=None)[0]
+        moves.append(float(-b / a))
+    return moves
 
 
 def asked(truth: Truth, answer: dict[str, Any]) -> dict[str, Any]:
@@ -111,41 +127,10 @@ def coded_image(truth: Truth) -> np.ndarray:
     return values.reshape(height, width, 3)
 
 
-@dataclass(frozen=True, slots=True)
-class NearAxis:
-    """Rays of microlenses near the axis: places of the microlenses in pitches (n, 2), views (n, 2), and the rays."""
-
-    microlens: np.ndarray
-    view: np.ndarray
-    rays: PixelRays
-
-    def shift(self, z_mm: float) -> float:
-        """Microlenses per view that the image of a point at vision z moves.
-
-        Rays cross the plane at a X + b v; those of one point cross it there, so that X moves by - b / a per view.
-        """
-        crossing = self.rays.at_distance(z_mm)[:, :2]
-        terms = np.stack([self.microlens.ravel(), self.view.ravel()], axis=1)
-        a, b = np.linalg.lstsq(terms, crossing.ravel(), rcond=None)[0]
-        return float(-b / a)
-
-
-def near_axis(
-    ready: ReadyCamera, centre_px: np.ndarray, vertex_mm: np.ndarray, pitch_mm: float, view_px: float
-) -> NearAxis:
-    """Trace the rays of views at a distance from the middle one, behind microlenses near the axis."""
-    near = np.hypot(*vertex_mm.T) < _NEAR_MM
-    views = view_px * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    places = (centre_px[near][:, None] + views).reshape(-1, 2)
-    microlens = np.repeat(-vertex_mm[near] / pitch_mm, len(views), axis=0)  # as in the image: turned by 180 degrees
-    return NearAxis(microlens, np.tile(views, (near.sum(), 1)), ready.rays(*places.T, accuracy_px=1e-6))
-
-
 def viewpoint_mm(ready: ReadyCamera, centre_px: np.ndarray, view_px: Sequence[float]) -> tuple[np.ndarray, float]:
     """Point nearest to the rays of a view, vision frame (3,), and the rays' root mean square distance from it [mm]."""
-    sensor = ready.camera.sensor
-    inside = (np.abs(centre_px - [(sensor.width_px - 1) / 2, (sensor.height_px - 1) / 2])
-              < 0.45 * np.array([sensor.width_px, sensor.height_px])).all(axis=1)  # fmt: skip
+    size = np.array([ready.camera.sensor.width_px, ready.camera.sensor.height_px])
+    inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
     chosen = centre_px[inside][::7] + view_px
     rays = ready.rays(*chosen.T, accuracy_px=1e-4)
     lit = np.isfinite(rays.direction).all(axis=1)
