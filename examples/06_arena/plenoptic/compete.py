@@ -59,8 +59,8 @@ def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_image
     noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(NOISY)] if has_noise else []
     truth = truth_of(rig, stage, built.out)
     result: dict[str, Any] = {"contestants": {}}
-    has_three_types = rig.layout == "hexagonal" and len(rig.focal_mm) == 3
-    formats = ["bok", "libpleno", *(["raytrix"] if has_three_types else [])]
+    of_hexagons = ["bok", "raytrix"] if len(rig.focal_mm) == 3 else ["bok"]  # whose formats know no squares
+    formats = ["libpleno", *(of_hexagons if rig.layout == "hexagonal" else [])]
     more: dict[str, Any] = {"has_images": has_images, "formats": formats}
     if rig.sensor_mm is not None:
         result["refocus"] = refocus.refocused(truth)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from environments import Failed
 from snapshots import clone, octave, replaced
 
 _ITERATIONS = 300
@@ -27,6 +28,8 @@ def build(snapshots: Path, programs: Path) -> None:
 
 def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
     """Calibrate from the exported corners of all frames in one go, and from those with noise."""
+    if "bok" not in known["formats"]:
+        raise Failed("the files that it reads know hexagonal rows of microlenses alone")
     exact, *noisy = (
         _calibrated(programs, place / "bok" / known["camera"])
         for place in (task / "exports", *sorted(task.glob("noise_*")))
