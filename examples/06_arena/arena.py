@@ -97,6 +97,10 @@ def conventional(asked: argparse.Namespace, everybody: list[Contestant], rows: l
         earlier["about"][key] == results["about"][key] for key in ("repeats", "noisy")
     )
     if is_same:
+        kinds = ("detectors", "calibrators", "missing")
+        known = {name for kind in kinds for name in results[kind]}
+        for kind in kinds:
+            earlier[kind] = {name: one for name, one in earlier[kind].items() if name not in known}
         results, fields = merged(earlier, results, 2), _read(out / "fields.json") | fields
     (out / "fields.json").write_text(json.dumps(fields) + "\n", encoding="utf-8")
     deliver(results, tables.conventional(results), out)

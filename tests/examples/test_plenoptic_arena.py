@@ -283,3 +283,15 @@ def test_views_score_what_they_take_beside_what_they_should(truth, monkeypatch):
 
 def test_what_nobody_knows_is_not_the_largest():
     assert tables._largest_of(np.array([1.0, 2.0, np.nan, 3.0, np.nan])) == (3.0, 1.0)
+
+
+def test_a_dark_view_has_no_viewpoint_and_no_shift():
+    """Its pixels lie beyond the image of the pupil, as behind a stop that is too narrow."""
+    dark = SimpleNamespace(direction=np.full((40, 3), np.nan), origin_mm=np.full((40, 3), np.nan))
+    sensor = SimpleNamespace(width_px=100, height_px=100)
+    ready = SimpleNamespace(camera=SimpleNamespace(sensor=sensor), rays=lambda x, y, accuracy_px: dark)
+    centre_px, vertex_mm = np.full((70, 2), 50.0), np.zeros((70, 2))
+    camera = SimpleNamespace(ready=ready, centre_px=centre_px, vertex_mm=vertex_mm, rig=SimpleNamespace(pitch_mm=0.1))
+
+    assert np.isnan(refocus.viewpoint_mm(ready, centre_px, (4.0, 0.0))[1])
+    assert set(refocus.shifts(camera, 4.0)) == {None}

@@ -40,7 +40,7 @@ def keep(lenses, images):
     return np.zeros((2, 2))
 methods.rtxrender.render_lens_imgs = keep
 methods.estimate_disp(asked)
-np.savez("found.npz", centre=kept[0], disparity=kept[1])
+np.savez(sys.argv[5], centre=kept[0], disparity=kept[1])
 """
 """What it would paint into one image is kept as it is: disparities of each micro-image, the regularised ones first."""
 
@@ -64,7 +64,8 @@ def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
     shutil.copy(export, work / "image.xml")
     shutil.copy(task / f"{frame}.png", work / "image.png")
     range_px = [round(part * known["pitch_px"], 2) for part in (0.2, 0.55)]
-    place = {"PYTHONPATH": programs / "plenoptictoolbox/python"}
-    called([installed(_PACKAGES, programs), "-c", _PROGRAM, "image.xml", *range_px, 36], cwd=work, env=place)
+    place = programs / "plenoptictoolbox/python"
+    command = [installed(_PACKAGES, programs), "-c", _PROGRAM, work / "image.xml", *range_px, 36, work / "found.npz"]
+    called(command, cwd=place / "samples", env={"PYTHONPATH": str(place)})  # it looks for ../disparity
     found = np.load(work / "found.npz")
     return {"frame": int(frame), "centre_px": found["centre"][:, ::-1], "disparity_px": found["disparity"]}

@@ -77,17 +77,20 @@ def refocused(truth: Truth) -> dict[str, Any]:
     optics, rows, views = bench(truth), [], []
     for view in _VIEWS_PX:
         for z_mm, shift in zip(_Z_MM, shifts(truth, view), strict=True):
+            if shift is None:  # a dark view: its pixels lie beyond the image of the pupil
+                continue
             pupil, thin = (float(optics.distance_mm(shift, p)) for p in (optics.to_pupil_mm, optics.to_rear_mm))
             rows.append({"view_px": view, "z_mm": z_mm, "shift": shift, "pupil_mm": pupil, "thin_mm": thin})
     for view in (0.0, 2.0, 4.0):
         place, rms = viewpoint_mm(truth.ready, truth.centre_px, (view, 0.0))
-        views.append({"view_px": view, "place_mm": place.tolist(), "rms_mm": rms})
+        if np.isfinite(rms):
+            views.append({"view_px": view, "place_mm": place.tolist(), "rms_mm": rms})
     return {"rows": rows, "entrance_pupil_z_mm": optics.pupil_z_mm, "viewpoints": views}
 
 
-def shifts(truth: Truth, view_px: float) -> list[float]:
+def shifts(truth: Truth, view_px: float) -> list[float] | list[None]:
     """Microlenses per view that the image of a point at each distance moves: by rays of views at a distance from the
-    middle one, behind microlenses near the axis.
+    middle one, behind microlenses near the axis; None of a dark view.
 
     Rays cross a plane at a X + b v; those of one point cross it there, so that X moves by - b / a per view.
     """
@@ -99,6 +102,8 @@ def shifts(truth: Truth, view_px: float) -> list[float]:
         [np.repeat(microlens, len(views), axis=0).ravel(), np.tile(views, (near.sum(), 1)).ravel()], axis=1
     )
     rays, moves = truth.ready.rays(*places.T, accuracy_px=1e-6), []
+    if not np.isfinite(rays.direction).all():
+        return [None] * len(_Z_MM)
     for z_mm in _Z_MM:
         a, b = np.linalg.lstsq(terms, rays.at_distance(z_mm)[:, :2].ravel(), rcond=None)[0]
         moves.append(float(-b / a))
@@ -128,12 +133,15 @@ def coded_image(truth: Truth) -> np.ndarray:
 
 
 def viewpoint_mm(ready: ReadyCamera, centre_px: np.ndarray, view_px: Sequence[float]) -> tuple[np.ndarray, float]:
-    """Point nearest to the rays of a view, vision frame (3,), and the rays' root mean square distance from it [mm]."""
+    """Point nearest to the rays of a view, vision frame (3,), and the rays' root mean square distance from it [mm]; NaN
+    of a dark view."""
     size = np.array([ready.camera.sensor.width_px, ready.camera.sensor.height_px])
     inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
     chosen = centre_px[inside][::7] + view_px
     rays = ready.rays(*chosen.T, accuracy_px=1e-4)
     lit = np.isfinite(rays.direction).all(axis=1)
+    if lit.sum() < 2:
+        return np.full(3, np.nan), float("nan")
     along, origin = rays.direction[lit], rays.origin_mm[lit]
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     point = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin))
