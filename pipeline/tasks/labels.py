@@ -13,6 +13,7 @@ from pipeline.files.png import write_png
 from pipeline.render.labels.pixels import Asked, labels_of
 from pipeline.render.labels.preview import SHOWN, preview
 from pipeline.render.labels.things import Later, Things
+from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.pixel_rays import Band
 from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
@@ -34,20 +35,21 @@ def labels_tile(params: LabelsTile, inputs: Inputs, out: Path) -> None:
 def labels_tile_together(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share their rays."""
     band = Band.of(imaged_rig(inputs, params[0].exposure), params[0].rows)
-    for rows, out in zip(labels_of(band, params[0].exposure.samples, list(map(_scene, params))), outs, strict=True):
+    scenes = [_scene(each, inputs) for each in params]
+    for rows, out in zip(labels_of(band, params[0].exposure.samples, scenes), outs, strict=True):
         write_npy(out / _ROWS, rows)
 
 
-def _scene(params: LabelsTile) -> tuple[Things, Asked]:
+def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
     asked, poses = params.channels, params.next_targets
     occluders = [None if then is None else placed_occluder(then) for then in params.next_occluders]
     later = None if poses is None else Later(list(map(np.array, poses)), occluders)
-    things = Things(
-        list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders)), later
-    )
+    targets, others = list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders))
+    view = images.scene_of(params.view, inputs) if params.view.lighting else None
+    lit = view.in_light(0) if isinstance(view, LitView) else None
     world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
     ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
-    return things, Asked(asked.tokens, asked.targets, ids, world_from_vision)
+    return Things(targets, others, later, lit), Asked(asked.tokens, asked.targets, ids, world_from_vision)
 
 
 def labels(params: Labels, inputs: Inputs, out: Path) -> None:

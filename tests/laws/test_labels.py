@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from laws import rigs
-from laws.lit import plate
+from laws.lit import matt, plate, scene
 from laws.solving import rig_of, solved
 from laws.test_model_cameras import model
 
@@ -18,6 +18,7 @@ from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
 from pipeline.render.labels.pixels import RANKS, Asked, labels_of
 from pipeline.render.labels.things import Later, Things
+from pipeline.render.lighting.records import Input, Material
 from pipeline.render.pixel_rays import Band
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -263,3 +264,20 @@ def test_bands_of_rows_are_rows_of_the_whole():
     scene = [(Things([(Target(BOARD, Flat()), pose)], [], Later([pose], [])), asked)]
     (whole,), (some,) = labels_of(Band.of(rig), 16, scene), labels_of(Band.of(rig, (20, 50)), 16, scene)
     np.testing.assert_array_equal(whole[20:50], some)
+
+
+@pytest.mark.parametrize(("threshold", "share"), [(0.0, 0.3), (0.5, 0.0), (0.2, 1.0)])
+def test_light_passes_a_veil_by_chance_and_a_hole_for_certain(threshold, share):
+    """A plate of opacity 0.3 before a wall has 0.3 of the light, or with a threshold all of it or none."""
+    veil = Material(opacity=Input(value=(0.3,)), opacity_threshold=threshold, is_presence=True)
+    things = [(plate(400.0), veil), (plate(500.0), matt(0.5))]
+    lit, camera = scene(things, []), pinhole()
+    meshes = [(mesh, np.eye(4)) for mesh, _ in things]
+    ids = np.array([id_of("veil"), id_of("wall")], np.float32)
+    asked = Asked(("depth",), (), {"Crypto": ids})
+    (values,) = labels_of(Band.of(rig_of(camera), (30, 40)), 1024, [(Things([], meshes, lit=lit), asked)])
+    seen = dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True))
+    of_veil = sum((seen[f"Crypto00.{a}"] == id_of("veil")) * seen[f"Crypto00.{b}"] for a, b in ("RG", "BA"))
+    np.testing.assert_allclose(of_veil, share, atol=0.02)
+    np.testing.assert_allclose(seen["Z"], 500.0 - 100.0 * of_veil, rtol=0, atol=1e-3)
+    assert (seen["A"] == 1).all()

@@ -45,7 +45,7 @@ class _Seen:
 
     def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: SightLines | None) -> None:
         self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces
-        self._met = things.met(rays.leaving.origin, rays.leaving.direction)
+        self._met = things.met(rays)
         self._row, self._weight = rays.row[self._met.ray], rays.leaving.share[self._met.ray]
         self._pixels = len(rays.pixels)
         self._all = np.bincount(rays.row, rays.leaving.share, minlength=self._pixels)

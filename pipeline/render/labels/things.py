@@ -12,6 +12,8 @@ import numpy as np
 
 from pipeline.frames import apply, inverse
 from pipeline.records.shapes import Float64
+from pipeline.render.lighting.lit_scene import LitScene
+from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.surroundings import MeshScene, in_vision
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surfaces import CYLINDER, MESH, PLANE, Patch
@@ -42,13 +44,17 @@ class Met(NamedTuple):
 
 
 class Things:
-    """Targets and occluders, each with its pose vision_from_target or vision_from_occluder, and the next frame."""
+    """Targets and occluders, each with its pose vision_from_target or vision_from_occluder, and the next frame.
+
+    `lit`: the same, if rays pass some of it.
+    """
 
     def __init__(
         self,
         targets: Sequence[tuple[AnyTarget, np.ndarray]],
         occluders: Sequence[tuple[Occluder, np.ndarray]],
         later: Later | None = None,
+        lit: LitScene | None = None,
     ) -> None:
         later = later or Later([np.full((4, 4), np.nan)] * len(targets), [None] * len(occluders))
         pieces = [(k, face, patch) for k, (t, _) in enumerate(targets) for face, patch in enumerate(t.patches())]
@@ -56,18 +62,20 @@ class Things:
         self._patches = [(k, patch, targets[k][1] @ patch.target_from_patch) for k, _, patch in pieces]
         meshes = [apply(pose, patch.mesh().reshape(-1, 3)).reshape(-1, 3, 3) for _, patch, pose in self._patches]
         others = [in_vision(occluder, pose) for occluder, pose in occluders]
-        self._embree, self._ends = MeshScene([*meshes, *others]), np.cumsum([0, *map(len, [*meshes, *others])])
-        self._corners = np.concatenate([np.zeros((0, 3, 3)), *meshes, *others])
+        everything = [*meshes, *others]
+        self._lit, self._embree, self._ends = lit, MeshScene(everything), np.cumsum([0, *map(len, everything)])
+        self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
         self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(others))], int)
         self._motion = [pose @ inverse(now) for pose, (_, now) in zip(later.targets, targets, strict=True)]
         moved = [_followed(mesh, then) for mesh, then in zip(others, later.occluders, strict=True)]
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])  # targets move by their poses
 
-    def met(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> Met:
-        """What rays with unit directions meet first."""
-        triangle = self._embree.first_hit(origin_mm, direction)
+    def met(self, of_pixels: PixelRays) -> Met:
+        """What rays meet first."""
+        rays = of_pixels.leaving
+        triangle = self._lit.first_seen(of_pixels) if self._lit else self._embree.first_hit(rays.origin, rays.direction)
         ray = np.flatnonzero(triangle >= 0)
-        triangle, origin, way = triangle[ray], origin_mm[ray], direction[ray]
+        triangle, origin, way = triangle[ray], rays.origin[ray], rays.direction[ray]
         piece = np.searchsorted(self._ends, triangle, side="right") - 1
         point, normal, shares = _on_planes(self._corners[triangle], origin, way)
         later, sheet = np.einsum("nk,nki->ni", shares, self._later[triangle]), np.full((len(ray), 2), np.nan)

@@ -183,13 +183,22 @@ class LitScene:
         triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
         kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
 
-    def _meet(self, tint: _Tint, vertex: int, paths: Paths) -> Hits:
-        def by_chance(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
-            dice = draws.points(), paths.key[some], paths.place[some], draws.passing_stage(vertex, layer)
-            shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, paths.direction[some], past)
+    def first_seen(self, of_pixels: PixelRays) -> np.ndarray:
+        """First triangle that each ray of the camera does not pass, (n,), of targets, then of occluders; -1: none."""
+        rays = of_pixels.leaving
+        passes = self._by_chance(self._tints[0], 0, self._names(of_pixels), rays.direction)
+        return self._first_triangle(rays.origin, rays.direction, passes)
 
-        count = len(paths.power)
-        triangle = self._first_triangle(paths.origin, paths.direction, by_chance)
+    def _by_chance(self, tint: _Tint, vertex: int, names: Names, direction: np.ndarray) -> _Passes:
+        def passes(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
+            dice = draws.points(), names.key[some], names.place[some], draws.passing_stage(vertex, layer)
+            shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, direction[some], past)
+
+        return passes
+
+    def _meet(self, tint: _Tint, vertex: int, paths: Paths) -> Hits:
+        count, passes = len(paths.power), self._by_chance(tint, vertex, Names(paths.key, paths.place), paths.direction)
+        triangle = self._first_triangle(paths.origin, paths.direction, passes)
         point, flat, normal = np.empty((3, count, 3))
         hits = Hits(np.empty(count), triangle, point, flat, normal, np.empty((count, 5)), np.empty(count))
         albedo = np.full(count, np.nan)

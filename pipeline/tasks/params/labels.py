@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.tasks.params.cameras import Exposure
-from pipeline.tasks.params.frames import Matrix, PlacedOccluder, PlacedView
+from pipeline.tasks.params.frames import Matrix, PaintedView, PlacedOccluder
 
 LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
 
@@ -21,12 +21,13 @@ class Channels:
 class LabelsTile:
     """Some rows of labels; the world, and what is where in the next frame, only if a label asks for them.
 
-    Of that frame vision_from_target of all targets, and all occluders; None: it is not there.
+    Of that frame vision_from_target of all targets, and all occluders; None: it is not there. The view has materials,
+    and no lamps, if light passes some things.
     """
 
     exposure: Exposure
     channels: Channels
-    view: PlacedView
+    view: PaintedView
     world_from_vision: Matrix | None
     next_targets: tuple[Matrix, ...] | None = None
     next_occluders: tuple[PlacedOccluder | None, ...] = ()
