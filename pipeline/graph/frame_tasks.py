@@ -46,14 +46,10 @@ def light_of(entry: CameraEntry) -> cameras.BundleLight:
     return cameras.BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
-_OF_FRAMES = {"image", "labels", "truth", "positions", "colour_image", "expose", "noise_level", "noise_check"}
-"""Kinds of tasks of a camera in a frame."""
-
-
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
-    of_frames = kind in _OF_FRAMES
+    of_frames = kind in ("image", "labels", "truth", "positions", "colour_image", "expose") or kind.startswith("noise_")
     parts = task.name.split("/")
     if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
         return int(parts[2])

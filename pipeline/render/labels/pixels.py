@@ -53,25 +53,22 @@ class _Seen:
     def columns(self) -> np.ndarray:
         """All channels, (pixels, channels) float32."""
         parts = [self._share(self._met.thing >= 0)]
-        parts += [getattr(self, token)() for token in _CHANNELS if token in self._asked.tokens]
+        point, world = self._met.point_mm, self._asked.world_from_vision
+        of_tokens = {
+            "depth": lambda: self._mean(point[:, 2:]),
+            "range": lambda: self._mean(np.linalg.norm(point, axis=1, keepdims=True)),
+            "position": lambda: self._mean(apply(world, point)),
+            "normal": lambda: self._mean(self._met.normal @ world[:3, :3].T),
+            "board": self._board,
+            "flow": self._flow,
+        }
+        parts += [of_tokens[token]() for token in _CHANNELS if token in self._asked.tokens]
         parts += [self._share(self._met.thing == number) for number in range(len(self._asked.targets))]
         # Ids are bits of single precision: no arithmetic may touch them.
         mattes = [self._matte(ids) for ids in self._asked.mattes.values()]
         return np.column_stack([*(part.astype(np.float32) for part in parts), *mattes])
 
-    def depth(self) -> np.ndarray:
-        return self._mean(self._met.point_mm[:, 2:])
-
-    def range(self) -> np.ndarray:
-        return self._mean(np.linalg.norm(self._met.point_mm, axis=1, keepdims=True))
-
-    def position(self) -> np.ndarray:
-        return self._mean(apply(self._asked.world_from_vision, self._met.point_mm))
-
-    def normal(self) -> np.ndarray:
-        return self._mean(self._met.normal @ self._asked.world_from_vision[:3, :3].T)
-
-    def board(self) -> np.ndarray:
+    def _board(self) -> np.ndarray:
         """Place on the face with most light, its share, and the numbers of target and face."""
         row, face, light, _ = self._grouped(self._met.face, self._met.face >= 0)
         # The last of several that a pixel is given stays: that with most light, of equals the first face.
@@ -81,7 +78,7 @@ class _Seen:
         place, faces = self._mean(self._met.sheet_mm, some), np.array([*self._faces, (np.nan, np.nan)])
         return np.column_stack([place[:, :2], self._share(some), faces[chosen], place[:, 2]])
 
-    def flow(self) -> np.ndarray:
+    def _flow(self) -> np.ndarray:
         """Way of the mean point of each thing, in the mean of all of them."""
         assert self._lines is not None
         moving = (self._rays.way[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
@@ -140,7 +137,7 @@ _CHANNELS = {
     "board": ["board.U", "board.V", "board.share", "board.target", "board.face", "spread.board"],
     "flow": ["flow.X", "flow.Y", "spread.flow"],
 }
-"""Channels of a token, in the order in which the function of its name returns them."""
+"""Channels of a token, in the order in which they are computed."""
 
 
 def labels_of(band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]]) -> list[np.ndarray]:

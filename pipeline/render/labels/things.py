@@ -67,7 +67,11 @@ class Things:
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
         self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(others))], int)
         self._motion = [pose @ inverse(now) for pose, (_, now) in zip(later.targets, targets, strict=True)]
-        moved = [_followed(mesh, then) for mesh, then in zip(others, later.occluders, strict=True)]
+        # Of a mesh with other faces nobody knows which point is which.
+        moved = [
+            in_vision(*then) if then and len(then[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
+            for mesh, then in zip(others, later.occluders, strict=True)
+        ]
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])  # targets move by their poses
 
     def met(self, of_pixels: PixelRays) -> Met:
@@ -88,12 +92,6 @@ class Things:
         return Met(
             ray, self._thing[piece], np.where(piece < len(self._patches), piece, -1), point, normal, sheet, later
         )
-
-
-def _followed(mesh: Float64[np.ndarray, "m 3 3"], then: tuple[Occluder, np.ndarray] | None) -> np.ndarray:
-    """Corners of a mesh in the next frame; NaN if it is not there, or has other faces: none of its points is known."""
-    corners = None if then is None else in_vision(*then)
-    return corners if corners is not None and corners.shape == mesh.shape else np.full_like(mesh, np.nan)
 
 
 def _on_planes(
