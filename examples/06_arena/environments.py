@@ -47,7 +47,7 @@ def contestants() -> list[Contestant]:
 
 
 def called(command: list[object], **options: Any) -> str:
-    """What a program prints; Failed with the last line of its complaint."""
+    """What a program prints; Failed with the line of its complaint that says most."""
     words = [str(word) for word in command]
     try:
         ended = subprocess.run(words, capture_output=True, text=True, **{"timeout": LONGEST_S} | options)
@@ -55,7 +55,8 @@ def called(command: list[object], **options: Any) -> str:
         raise Failed(str(error)[:300]) from error
     if ended.returncode:
         lines = [line for line in (ended.stderr or ended.stdout).splitlines() if line.strip()]
-        raise Failed(f"ended with {ended.returncode}: {(lines or ['no message'])[-1][:300]}")
+        first = [line for line in lines if line.startswith("error:")]  # Octave's comes before its stack, others' last
+        raise Failed(f"ended with {ended.returncode}: {(first or lines[-1:] or ['no message'])[0][:300]}")
     return ended.stdout
 
 

@@ -202,5 +202,7 @@ NOT_RUN = {
     "Stepwise c0e36ce": "Octave 7.3: 'xml2struct' undefined; OptimizeCorner.m:160 calls MATLAB's vision.internal",
     "PlenopticImageProcessing f72013a": "nvcc 13.0: Unsupported gpu architecture 'compute_30'; answers in a Qt window",
     "LFToolbox's calibration": "Octave 7.3 has no griddedInterpolant and no detectCheckerboardPoints",
+    "Bok's calibration": "its lines in micro-images, the third step, were not seen to end in Octave 7.3",
+    "Nousias' own corners": "detectHarrisFeatures is MATLAB's; without it 5.6 s per micro-image, an hour per board",
 }
 """What was tried by hand and does not run, and the reason."""
