@@ -1,0 +1,70 @@
+"""Names of labels: prims by their paths, and instances by that of the prim that was placed; what depends on what."""
+
+from pathlib import Path
+
+from stage_text import edited, over_tiny
+
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.scene.load import load
+
+ASKED = 'uniform token[] plen:image:labels = ["flow", "instance", "prim"]'
+SCENE = """
+    class Scope "Chair"
+    {
+        def Mesh "Seat"
+        {
+            int[] faceVertexCounts = [3]
+            int[] faceVertexIndices = [0, 1, 2]
+            point3f[] points = [(0, 0, -500), (9, 0, -500), (0, 9, -500)]
+            uniform token subdivisionScheme = "none"
+        }
+    }
+
+    def Scope "First" (
+        instanceable = true
+        prepend references = </TinyConventional/Chair>
+    )
+    {
+    }
+
+    def Scope "Second" (
+        instanceable = true
+        prepend references = </TinyConventional/Chair>
+    )
+    {
+    }
+
+    def DistantLight "Sun"
+    {
+    }
+}
+"""
+
+
+def labels_of(folder: Path, camera: str = ASKED) -> dict[str, dict]:
+    """Parameters of the tasks of labels, by name."""
+    text = over_tiny(camera=camera).rstrip().removesuffix("}")
+    (folder / "stage.usda").write_text(text + SCENE, encoding="utf-8")
+    loaded = load(folder / "stage.usda", allow_roots=(Path(__file__).parents[1] / "data",))
+    assert [each for each in loaded.problems if each.severity == "error"] == []
+    graph = graph_of(loaded.dataset).graph
+    return {name: graph[name].params for name in graph if name.startswith("labels")}
+
+
+def test_an_instance_has_the_name_of_what_was_placed(tmp_path):
+    mattes = labels_of(tmp_path)["labels/Rig.Camera/0001"]["channels"]["mattes"]
+    top = "/TinyConventional"
+    assert mattes["CryptoObject"] == [f"{top}/Board", f"{top}/First/Seat", f"{top}/Second/Seat"]
+    assert mattes["CryptoAsset"] == [f"{top}/Board", f"{top}/First", f"{top}/Second"]
+
+
+def test_the_next_frame_is_read_for_flow_alone_and_the_last_has_none(tmp_path):
+    with_flow = labels_of(tmp_path)
+    assert with_flow["labels_tile/Rig.Camera/0001/0000"]["next_targets"] is not None
+    assert with_flow["labels_tile/Rig.Camera/0002/0000"]["next_targets"] is None
+    without = labels_of(tmp_path, edited(ASKED, ('"flow", ', "")))
+    assert without["labels_tile/Rig.Camera/0001/0000"]["next_targets"] is None
+
+
+def test_without_the_attribute_there_is_no_task(tmp_path):
+    assert labels_of(tmp_path, "") == {}
