@@ -25,6 +25,8 @@ class Limits:
     microlenses: int = 4_000_000  # of an array, counted in the square that contains it in any rotation
     points: int = 200_000  # of a target, on all its faces or steps
     triangles: int = 1_000_000  # of one mesh
+    shapes: int = 20_000_000  # triangles of all occluders, those that change their shape counted in every frame
+    instances: int = 10_000  # of all point instancers
     f_numbers: int = 100  # further white images of a camera
     picture_bytes: int = 256 * 2**20  # size of one picture on a surface or in the sky
     picture_pixels: int = 40_000_000

@@ -65,7 +65,7 @@ def _lets_pass(dataset: Dataset) -> bool:
 
 def _paths(dataset: Dataset, frame: Frame) -> list[str]:
     """Prims of the occluders that are visible in a frame."""
-    return [each.prim_path for each in dataset.occluders if each.prim_path in frame.world_from_occluder]
+    return [each.prim_path for each in dataset.occluders_in(frame)]
 
 
 def _channels(dataset: Dataset, entry: CameraEntry, frame: Frame) -> Channels:

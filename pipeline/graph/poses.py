@@ -29,15 +29,17 @@ class Things:
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
         targets = {entry.name: entry.target for entry in dataset.targets}
-        occluders = {entry.prim_path: entry.occluder for entry in dataset.occluders}
         if not painted:
             targets = {name: bare(target) for name, target in targets.items()}
-            occluders = {path: dataclasses.replace(mesh, radiance=0.0) for path, mesh in occluders.items()}
         self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
-        self._finishes = {e.prim_path: Shared(to_plain(e.finish)) for e in dataset.occluders if e.finish}
+        self._occluders_in = dataset.occluders_in
+        self._finishes = {id(e): Shared(to_plain(e.finish)) for e in dataset.occluders if e.finish}
         self._coats = tuple(entry.coat for entry in dataset.targets)
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
-        self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
+        self._occluders = {
+            id(e): Shared(to_plain(e.occluder if painted else dataclasses.replace(e.occluder, radiance=0.0)))
+            for e in dataset.occluders
+        }
 
     def targets(self, poses: dict[str, np.ndarray], *, named: bool = True) -> tuple[PlacedTarget, ...]:
         """All targets, posed as `target_poses` says."""
@@ -50,9 +52,11 @@ class Things:
         """The visible occluders of a frame."""
         vision = np.array(frame.camera_from_world[camera])
         return tuple(
-            PlacedOccluder(occluder=occluder, vision_from_occluder=matrix(vision @ frame.world_from_occluder[path]))
-            for path, occluder in self._occluders.items()
-            if path in frame.world_from_occluder
+            PlacedOccluder(
+                occluder=self._occluders[id(entry)],
+                vision_from_occluder=matrix(vision @ frame.world_from_occluder[entry.prim_path]),
+            )
+            for entry in self._occluders_in(frame)
         )
 
     def lighting(self, frame: Frame, camera: str, bounces: int) -> Lighting | None:
@@ -65,7 +69,7 @@ class Things:
             for path, lamp in self._lamps.items()
             if path in frame.world_from_lamp
         ]
-        finishes = [finish for path, finish in self._finishes.items() if path in frame.world_from_occluder]
+        finishes = [self._finishes[id(entry)] for entry in self._occluders_in(frame)]
         return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
 
 

@@ -1,5 +1,6 @@
 """Records of a dataset, through which the rest of the pipeline sees a stage."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -136,12 +137,13 @@ class TargetEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OccluderEntry:
-    """An occluder of the dataset; with lamps, any mesh, with what it is made of."""
+    """An occluder of the dataset; with lamps, any shape, with what it is made of."""
 
     prim_path: str
     occluder: Occluder
     finish: Finish | None = None
     instance: str = ""  #: path of the outermost instance to which it belongs, if it does
+    frame: int | None = None  #: the only frame in which it has this shape; None: it keeps its shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,8 +223,15 @@ class Dataset:
     up_axis: str = "Y"  #: of the stage, likewise
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
+    def occluders_in(self, frame: Frame) -> Iterator[OccluderEntry]:
+        """The visible occluders of a frame, with their shapes there."""
+        for entry in self.occluders:
+            if entry.prim_path in frame.world_from_occluder and entry.frame in (None, frame.number):
+                yield entry
+
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")
         lines = [f"<dataset {self.stage_name}: {len(self.frames)} frames ({numbers}), seed {self.seed}"]
         lines += [f"  {entry!r}" for entry in (*self.cameras, *self.targets)]
-        return "\n".join(lines) + (f"\n  {len(self.occluders)} occluders>" if self.occluders else ">")
+        count = len({entry.prim_path for entry in self.occluders})
+        return "\n".join(lines) + (f"\n  {count} occluders>" if count else ">")

@@ -24,9 +24,11 @@ from pipeline.scene.sensor import read_sensor
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.usd.opening import check_instances, open_stage
 from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need, unchanging
+from pipeline.scene.usd.writing_out import write_out
 from pipeline.scene.views import check_doubts, check_seen
 from pipeline.scene.write.viewers import flattened, text_for_viewers
 
@@ -72,6 +74,8 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
         stage, problems = open_stage(path)
         if ignored := check_instances(stage):
             return _refused(problems + ignored)
+        if root := find_dataset(stage):
+            problems += write_out(stage, frame_numbers(root))
         roots = allowed_roots(Path(path), allow_roots)
         with unchanging(), reading_below(roots):
             return _read(stage, roots, look, problems)

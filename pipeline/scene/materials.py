@@ -9,58 +9,85 @@ from pipeline.render.lighting.records import Finish, Numbers
 from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades
 from pipeline.scene.targets import is_preview
-from pipeline.scene.usd.meshes import Fans, fans
+from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
 
 
 def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
-    """Meshes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
-    named = targets(root, "plen:occluders", "Mesh")
+    """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
     stage = root.GetStage()
+    wholes = targets(root, "plen:occluders", "Imageable")
+    below = (prim for whole in wholes for prim in Usd.PrimRange(whole) if prim == whole or is_in_images(prim))
+    named = list(dict.fromkeys(prim for prim in below if is_drawn(prim)))
     if not is_lit(stage):
         return named
     taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
-    others = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and prim not in named and prim not in taken]
+    others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
     return named + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
 
 
 @read_once
-def read_finish(prim: Usd.Prim) -> Finish:
-    """The materials of a Mesh, with its normals and texture coordinates; UnreadableValue if any cannot be used."""
-    mesh, (shaded, of_face) = UsdGeom.Mesh(prim), shades(prim)
-    shape = fans(mesh)
-    wanted = {each.name: each for shade in shaded for each in shade.primvars}
+def read_finish(prim: Usd.Prim, frame: int | None = None) -> Finish:
+    """The materials of a shape in a frame, with its normals and primvars; UnreadableValue if any cannot be used."""
+    shape, (shaded, of_face) = drawn(prim, frame), shades(prim)
+    normals, primvars, _ = _carried(prim, frame)
     return Finish(
         materials=tuple(each.material for each in shaded),
-        material_of=tuple(of_face.get(face, 0) for face in shape.faces) if of_face else (),
-        normals=_normals(mesh, shape),
-        primvars={name: _primvar(mesh, shape, each) for name, each in sorted(wanted.items())},
+        material_of=tuple(of_face.get(face, 0) for face in shape.faces.tolist()) if of_face else (),
+        normals=normals,
+        primvars=primvars,
     )
 
 
-def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
-    """Authored normals at the corners of all triangles; none: flat ones."""
-    primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("normals")
+@read_once
+def _carried(
+    prim: Usd.Prim, frame: int | None
+) -> tuple[tuple[Numbers, ...], dict[str, tuple[Numbers, ...]], list[UnreadableValue]]:
+    """Normals and primvars at the corners of all triangles, and what of them does not fit the shape and is left out."""
+    shape, time = drawn(prim, frame), Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
+    wanted = {each.name: each for shade in shades(prim)[0] for each in shade.primvars}
+    flaws, primvars, normals = list[UnreadableValue](), dict[str, tuple[Numbers, ...]](), tuple[Numbers, ...]()
+    try:
+        normals = _normals(prim, shape, time)
+    except UnreadableValue as error:
+        flaws.append(error)
+    for name, each in sorted(wanted.items()):
+        try:
+            primvars[name] = _primvar(prim, shape, each, time)
+        except UnreadableValue as error:
+            flaws.append(error)
+            primvars[name] = (each.fallback * 3,) * len(shape.corners)
+    return normals, primvars, flaws
+
+
+def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers, ...]:
+    """Normals at the corners of all triangles: of the smooth surface, or authored ones; none: flat ones."""
+    if shape.is_smooth:
+        return () if shape.normals is None else _rows(shape.normals[shape.corners])
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasAuthoredValue():
-        values, interpolation, attribute = primvar.ComputeFlattened(), primvar.GetInterpolation(), primvar.GetAttr()
+        values, interpolation, attribute = primvar.ComputeFlattened(time), primvar.GetInterpolation(), primvar.GetAttr()
     else:
+        mesh = UsdGeom.PointBased(prim)
         attribute = mesh.GetNormalsAttr()
-        values, interpolation = attribute.Get(), mesh.GetNormalsInterpolation()
+        values, interpolation = attribute.Get(time), mesh.GetNormalsInterpolation()
     return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
 
 
-def _primvar(mesh: UsdGeom.Mesh, shape: Fans, wanted: Wanted) -> tuple[Numbers, ...]:
-    """Values of a primvar at the corners of all triangles; its fallback without one."""
-    primvar = primvar_of(mesh.GetPrim(), wanted)
-    if primvar is None:
-        return (wanted.fallback * 3,) * len(shape.corners)
-    values, size = plain(primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())), len(wanted.fallback)
-    return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
+def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -> tuple[Numbers, ...]:
+    """Values of a primvar at the corners of all triangles; without one the coordinates of a solid, or its fallback."""
+    primvar, size = primvar_of(prim, wanted), len(wanted.fallback)
+    if primvar is not None:
+        values = plain(primvar.ComputeFlattened(time) or ())
+        return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
+    if shape.st is not None and size == shape.st.shape[1]:
+        return _rows(shape.st[shape.corners])
+    return (wanted.fallback * 3,) * len(shape.corners)
 
 
 def _at_corners(
-    values: tuple[Numbers, ...], interpolation: str, shape: Fans, attribute: Usd.Attribute, size: int
+    values: tuple[Numbers, ...], interpolation: str, shape: Drawn, attribute: Usd.Attribute, size: int
 ) -> tuple[Numbers, ...]:
     """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
     if not values:
@@ -70,10 +97,19 @@ def _at_corners(
     except (TypeError, ValueError):
         what = f'"{attribute.GetName()}" holds something else than {size} numbers each'
         raise UnreadableValue(what, attribute) from None
-    rows = shape.places(interpolation)
-    if not np.isfinite(table).all() or (len(rows) and np.max(rows) >= len(table)):
-        raise UnreadableValue(f'"{attribute.GetName()}" has {len(table)} values, too few for the faces', attribute)
-    return tuple(map(tuple, (table[np.array(rows, int)].reshape(len(rows), -1) + 0.0).tolist()))
+    primvar = UsdGeom.Primvar(attribute)
+    indices = np.asarray(primvar.GetIndices(), int) if primvar and primvar.IsIndexed() else None
+    try:
+        if not np.isfinite(table).all():
+            raise IndexError
+        return _rows(shape.at_corners(table, interpolation, indices))
+    except IndexError:
+        what = f'"{attribute.GetName()}" has {len(table)} values, too few for the faces'
+        raise UnreadableValue(what, attribute) from None
+
+
+def _rows(corners: np.ndarray) -> tuple[Numbers, ...]:
+    return tuple(map(tuple, (corners.reshape(len(corners), -1) + 0.0).tolist()))
 
 
 def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -92,18 +128,16 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
     remarks = dict[Problem, None]()  # meshes share materials
     for prim in seen_meshes(root) if has_light else ():
-        scheme = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr()
         if prim.GetPath() in wrong:
-            continue
-        if scheme.Get() != UsdGeom.Tokens.none:
-            message = f'"subdivisionScheme" is {scheme.Get()}, and surfaces are not subdivided'
-            yield problem(scheme, "not-yet-supported", message, hint='write uniform token subdivisionScheme = "none"')
             continue
         try:
             read_finish(prim)
             remarks |= dict.fromkeys(remarks_on(prim))
+            for flaw in _carried(prim, None)[2]:
+                hint = "faces are drawn flat without normals, and plain without values"
+                remarks[
+                    problem(flaw.thing, "not-drawn", f"{flaw.what}: it is ignored", hint=hint, severity="warning")
+                ] = None
         except UnreadableValue as error:
             yield problem(error.thing, error.code, error.what, hint=error.hint)
-        except ValueError:
-            continue  # faces that contradict each other are reported elsewhere
     yield from remarks

@@ -1,19 +1,21 @@
-"""Occluders: valid meshes that keep their shape and stay outside the lens."""
+"""Occluders: meshes and solids, in each frame with its shape, and outside the lens."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence, Set
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd
 
 from pipeline.frames import apply
+from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
-from pipeline.scene.usd.meshes import SHAPE, check_skin, fans
+from pipeline.scene.usd.meshes import drawn, is_animated
 from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.poses import (
     camera_from_world,
     camera_name,
+    frame_numbers,
     is_visible,
     moving_op,
     product,
@@ -23,23 +25,33 @@ from pipeline.scene.usd.poses import (
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.mesh import Occluder
-from pipeline.targets.patterns.pattern import TargetError
 
 
-def read_occluder_entry(prim: Usd.Prim, lit: bool) -> OccluderEntry:
-    """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
-    finish = read_finish(prim) if lit else None
-    path, instance = str(prim.GetPath()), instance_of(prim)
-    return OccluderEntry(prim_path=path, occluder=read_occluder(prim), finish=finish, instance=instance)
+def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> list[OccluderEntry]:
+    """A shape that a dataset names as an occluder, or any that lamps light: in each frame, if it is animated, with its
+    shape there. None that has no triangles.
+    """
+    moments: list[int | None] = list(frames) if is_animated(prim, with_primvars=lit) else [None]
+    return [
+        OccluderEntry(
+            prim_path=str(prim.GetPath()),
+            occluder=read_occluder(prim, moment),
+            finish=read_finish(prim, moment) if lit else None,
+            instance=instance_of(prim),
+            frame=moment,
+        )
+        for moment in moments
+        if len(drawn(prim, moment).corners)
+    ]
 
 
 @read_once
-def read_occluder(prim: Usd.Prim) -> Occluder:
-    """A Mesh in its own frame [mm], dark without PlenOccluderAPI; TargetError or ValueError for contradictory faces."""
-    mesh, scale_mm = fans(UsdGeom.Mesh(prim)), stage_mm_per_unit(prim)
+def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
+    """A shape that has triangles, in its own frame [mm], dark without PlenOccluderAPI."""
+    shape, scale_mm = drawn(prim, frame), stage_mm_per_unit(prim)
     return Occluder(
-        vertices_mm=tuple((x * scale_mm, y * scale_mm, z * scale_mm) for x, y, z in mesh.points),
-        triangles=mesh.triangles,
+        vertices_mm=tuple(map(tuple, (shape.points * scale_mm).tolist())),
+        triangles=tuple(map(tuple, shape.triangles.tolist())),
         radiance=read(prim, "plen:radiance") or 0.0,
     )
 
@@ -47,29 +59,34 @@ def read_occluder(prim: Usd.Prim) -> Occluder:
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the occluders of a dataset except poses; `wrong` holds the prims with wrong values."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
-    for prim in seen_meshes(root):
+    seen = [prim for prim in seen_meshes(root) if prim.GetPath() not in wrong]
+    yield from _check_size(root, seen)
+    for prim in seen:
         if prim in meshes:
             message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
             hint = "targets hide each other and themselves without being named"
             yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
-        elif prim.GetPath() not in wrong:
-            yield from _check_mesh(prim)
+        else:
+            yield from _check_shape(prim, frame_numbers(root))
 
 
-def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
-    yield from check_skin(prim)
-    if moving := [name for name in SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]:
-        message = f'"{moving[0]}" of an occluder is animated, and occluders keep their shape'
-        hint = "animate its xformOps, or use one mesh per shape and make it invisible in other frames"
-        yield problem(prim.GetAttribute(moving[0]), "not-yet-supported", message, hint=hint)
-        return
-    try:
-        read_occluder(prim)
-    except TargetError as error:
-        yield problem(prim, error.code, error.what, hint=error.hint)
-    except ValueError:
-        message = "the faces of the mesh contradict each other"
-        yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
+def _check_size(root: Usd.Prim, prims: Sequence[Usd.Prim]) -> Iterator[Problem]:
+    """A problem if all shapes of all frames together are too many triangles."""
+    frames, count = frame_numbers(root), 0
+    for prim in prims:
+        moments = frames if is_animated(prim, with_primvars=False) else [None]
+        count += sum(len(drawn(prim, moment).corners) for moment in moments)
+    if count > limits().shapes:
+        what = f"{count:,} triangles of all occluders, in all frames,"
+        message = f"{what} are more than the limit of {limits().shapes:,} shapes"
+        yield problem(root, "over-limit", message, hint=how_to_raise("shapes", count))
+
+
+def _check_shape(prim: Usd.Prim, frames: Sequence[int]) -> Iterator[Problem]:
+    """Warnings of what a shape says that is not drawn."""
+    moments = frames if is_animated(prim, with_primvars=False) else [None]
+    for flaw in dict.fromkeys(flaw for moment in moments for flaw in drawn(prim, moment).flaws):
+        yield problem(prim, "not-drawn", f"<{prim.GetPath()}>: {flaw}", severity="warning")
 
 
 def check_outside_lens(
@@ -84,10 +101,11 @@ def check_outside_lens(
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
     for occluder in occluders:
-        corners = read_occluder(occluder).corners_mm().reshape(-1, 3)
+        changes = is_animated(occluder, with_primvars=False)
         poses = product(vision_from_world, world_from(occluder, frames, scale_mm))
         for number, pose in zip(frames, poses, strict=True):
-            triangles = apply(pose, corners).reshape(-1, 3, 3)
+            shape = drawn(occluder, number if changes else None)
+            triangles = apply(pose, shape.points * scale_mm)[shape.triangles]
             if is_visible(occluder, float(number)) and meets_lens(triangles, ends, radius_mm):
                 message = (
                     f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'

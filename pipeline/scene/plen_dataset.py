@@ -14,9 +14,10 @@ from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix
 from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
-from pipeline.scene.occluders import check_occluders, read_occluder_entry
+from pipeline.scene.occluders import check_occluders, read_occluder_entries
 from pipeline.scene.pictures import read_pictures
 from pipeline.scene.targets import is_preview, read_target_entry
+from pipeline.scene.usd.meshes import is_drawn
 from pipeline.scene.usd.poses import (
     LAST_FRAME,
     camera_from_world,
@@ -75,7 +76,9 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         ),
         targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
         frames=_read_frames(root, cameras, boards, sources),
-        occluders=tuple(read("occluders", read_occluder_entry, prim, has_light) for prim in occluders),
+        occluders=tuple(
+            entry for prim in occluders for entry in read("occluders", read_occluder_entries, prim, has_light, numbers)
+        ),
         lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
         pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
         exports=read("exports", _read_exports, root),
@@ -130,7 +133,7 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if not prim.HasAPI("PlenCameraAPI"):
             hint = 'write prepend apiSchemas = ["PlenCameraAPI"] on it'
             yield problem(prim, "camera-without-api", "a camera of the dataset lacks PlenCameraAPI", hint=hint)
-    parts = [*cameras, *targets(root, "plen:targets", "PlenTarget"), *targets(root, "plen:occluders", "Mesh")]
+    parts = [*cameras, *targets(root, "plen:targets", "PlenTarget"), *targets(root, "plen:occluders", "Imageable")]
     for prim in parts:
         if not prim.GetPath().HasPrefix(root.GetPath()):
             message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
@@ -218,15 +221,18 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
     for prim in prims:
-        is_geometry = prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer)
-        if is_geometry and prim.GetPath() not in named and not is_preview(prim) and _is_shown(prim, frames):
+        if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
+            continue
+        if not is_drawn(prim):
+            message = f"<{prim.GetPath()}> is not drawn: no image and no truth has a {prim.GetTypeName()}"
+            yield problem(prim, "not-drawn", message, hint=f"make it a Mesh; {_AIDS}", severity="warning")
+        elif prim.GetPath() not in named:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
         paths = ", ".join(f"<{prim.GetPath()}>" for prim in unnamed[:_MOST_PATHS])
         more = f" and {len(unnamed) - _MOST_PATHS} more" if len(unnamed) > _MOST_PATHS else ""
         message = f"{kind} {paths}{more} is in no image: no relationship names it"
-        what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
-        hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
+        hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
         yield problem(unnamed[0], "not-in-image", message, hint=hint, severity="warning")
 
 

@@ -98,13 +98,17 @@ def _times(some: Numbers, others: Numbers) -> Numbers:
     return tuple(one * other for one, other in zip(some, others, strict=True))
 
 
+_PLACE = 2
+"""Numbers of texture coordinates [1], which solids have themselves."""
+
+
 def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     """Warnings about what is not drawn of the materials of a shape as they ask for it."""
     shaded, _ = shades(mesh)
     for each in shaded:
         yield from each.flaws
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
-        if primvar_of(mesh, wanted) is None:
+        if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _PLACE):
             what = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
             hint = f"write primvars:{wanted.name} with an interpolation"
             yield _drawn(mesh, f"{what}: it is drawn with {_words(wanted.fallback)} everywhere", hint)

@@ -12,7 +12,7 @@ from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.usd.meshes import Fans, check_skin, fans
+from pipeline.scene.usd.meshes import Drawn, fans
 from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
@@ -113,24 +113,24 @@ def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:
         np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh_prim, first, scale_mm)
     )[0]
     target_from_mesh[:3, :3] *= scale_mm
-    vertices_mm = apply(target_from_mesh, np.array(shape.points, float).reshape(-1, 3))
+    vertices_mm = apply(target_from_mesh, shape.points)
     return MeshTarget(
         # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
         vertices_mm=tuple((x, y, z) for x, y, z in (vertices_mm + 0.0).tolist()),
-        triangles=shape.triangles,
+        triangles=tuple(map(tuple, shape.triangles.tolist())),
         albedo=tuple(tuple(white * shade for shade in row) for row in _colours(mesh, shape)),  # type: ignore[misc]
         points_mm=need(prim, "plen:points"),
         normals=need(prim, "plen:normals"),
     )
 
 
-def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
+def _colours(mesh: UsdGeom.Mesh, shape: Drawn) -> list[tuple[float, ...]]:
     """First component of the display colour at the corners of each triangle; 1 without display colour."""
     colour = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("displayColor")
     values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
     if not values:
         return [(1.0, 1.0, 1.0)] * len(shape.corners)
-    return [tuple(values[place][0] for place in places) for places in shape.places(colour.GetInterpolation())]
+    return [tuple(row) for row in shape.at_corners(np.array(values), colour.GetInterpolation())[:, :, 0].tolist()]
 
 
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -208,8 +208,6 @@ def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
         yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
     elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):
         yield problem(relationship, "not-yet-supported", f"<{mesh.GetPath()}> is animated, and targets are rigid")
-    else:
-        yield from check_skin(mesh)
 
 
 def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:

@@ -180,8 +180,7 @@ def surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
     vision = np.array(frame.camera_from_world[name])
     occluders = [
         (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))
-        for entry in dataset.occluders
-        if entry.prim_path in frame.world_from_occluder
+        for entry in dataset.occluders_in(frame)
     ]
     return Surroundings(targets, occluders)
 

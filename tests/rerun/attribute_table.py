@@ -389,6 +389,7 @@ TARGETS = {
     "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
     "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
     "plen:radiance": [Case("Screen", 0.5, {"image"})],
+    "plen:tolerance": [Case("Screen", 1.0, set())],
     "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
     "plen:shape": [Case("One", "cylinder", DRAWN, along=ROLLED)],
     "plen:shape:deflection": [Case("One", (0.1, 0.3), DRAWN, given=WARPED)],

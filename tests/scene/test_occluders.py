@@ -38,6 +38,7 @@ def PlenDataset "Dataset" (
             int[] faceVertexCounts = [4, 3, 3]
             int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4, 1, 2, 4]
             int[] holeIndices = [1]
+            uniform token subdivisionScheme = "none"
             point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 2, 1)]
             uniform double plen:radiance = 0.25
         }}
@@ -84,6 +85,7 @@ def test_its_points_are_in_the_unit_of_its_stage() -> None:
     mesh.CreatePointsAttr([(1, 0, 0), (2, 0, 0), (0, 3, 0)])
     mesh.CreateFaceVertexCountsAttr([3])
     mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
+    mesh.CreateSubdivisionSchemeAttr("none")
     (corners,) = read_occluder(mesh.GetPrim()).corners_mm()
     assert corners.tolist() == [[1000, 0, 0], [2000, 0, 0], [0, 3000, 0]]
 

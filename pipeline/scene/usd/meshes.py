@@ -1,68 +1,249 @@
-"""Meshes of USD, split into triangles."""
+"""Shapes that are drawn, as triangles: meshes of USD, subdivided as they say, and its solids.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+What a shape says wrongly never refuses a dataset: it is drawn as far as it can be, and `Drawn.flaws` says how.
+"""
 
-from pxr import Usd, UsdGeom, UsdSkel
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
-from pipeline.scene.usd.problems import Problem, problem
-from pipeline.scene.usd.values import plain, take
+import numpy as np
+from pxr import Usd, UsdGeom
 
-SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
-"""Attributes that define the triangles of a mesh."""
+from pipeline.scene.usd.poses import stage_mm_per_unit
+from pipeline.scene.usd.values import numbers, read, read_once, take
+from pipeline.targets import solids
+from pipeline.targets.solids import Solid
+
+TOPOLOGY = (
+    *("faceVertexCounts", "faceVertexIndices", "holeIndices", "creaseIndices", "creaseLengths", "creaseSharpnesses"),
+    *("cornerIndices", "cornerSharpnesses"),
+)
+_SOLIDS: dict[str, tuple[Callable[..., Solid], tuple[str, ...]]] = {
+    "Sphere": (solids.sphere, ("radius",)),
+    "Cube": (lambda size, _: solids.cube(size), ("size",)),
+    "Cylinder": (solids.frustum, ("radius", "radius", "height")),
+    "Cylinder_1": (solids.frustum, ("radiusBottom", "radiusTop", "height")),
+    "Cone": (lambda radius, height, tolerance: solids.frustum(radius, 0.0, height, tolerance), ("radius", "height")),
+    "Capsule": (solids.capsule, ("radius", "radius", "height")),
+    "Capsule_1": (solids.capsule, ("radiusBottom", "radiusTop", "height")),
+    "Plane": (lambda width, length, _: solids.plane(width, length), ("width", "length")),
+}
+"""The solid of each type of prim, and the attributes with its measures."""
+_FINENESS = 1e-3
+"""Largest distance of triangles from a curved surface, in greatest extents of the shape [1]; see plen:tolerance."""
+CORNERS = 3
+"""Fewest corners of a face."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fans:
-    """Faces as fans of triangles, as viewers of USD draw them.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A shape as triangles, in its own frame and the unit of the stage.
 
-    `points` are vertices in the frame of the mesh, in the unit of the stage, and `indices` has the vertex of every face
-    corner. Of each triangle, `corners` has its three face corners, anticlockwise as seen from the front, and `faces`
-    its face.
+    `points`, (v, 3), are its vertices, and `indices`, (c,), has the vertex of every corner of a polygon. Of each
+    triangle, `corners`, (t, 3), has three of these corners, anticlockwise as seen from the front, and `faces`, (t,),
+    the face of the mesh. `normals`, (c, 3), and `st`, (c, 2), are there where the shape itself has them. `flaws` say
+    what the prim says that is not drawn.
     """
 
-    points: tuple[tuple[float, float, float], ...]
-    indices: tuple[int, ...]
-    corners: list[tuple[int, int, int]]
-    faces: list[int]
+    points: np.ndarray
+    indices: np.ndarray
+    corners: np.ndarray
+    faces: np.ndarray
+    carry: Callable[[np.ndarray, str, np.ndarray | None], np.ndarray]
+    normals: np.ndarray | None = None
+    st: np.ndarray | None = None
+    is_smooth: bool = False  # its normals replace those that the prim has
+    flaws: tuple[str, ...] = ()
 
     @property
-    def triangles(self) -> tuple[tuple[int, int, int], ...]:
-        """Vertices of the triangles."""
-        return tuple((self.indices[a], self.indices[b], self.indices[c]) for a, b, c in self.corners)
+    def triangles(self) -> np.ndarray:
+        """Vertices of the triangles, (t, 3)."""
+        return self.indices[self.corners]
 
-    def places(self, interpolation: str) -> list[tuple[int, ...]]:
-        """Places of the corners of all triangles among the values of a primvar, (n, 3)."""
+    def at_corners(self, values: np.ndarray, interpolation: str, indices: np.ndarray | None = None) -> np.ndarray:
+        """Values of a primvar, (n, k), at the three corners of each triangle, (t, 3, k); IndexError for too few.
+
+        `indices` are those of the primvar into its values before it was flattened: where they join corners of faces,
+        face-varying values are joined.
+        """
         if interpolation == UsdGeom.Tokens.constant:
-            return [(0, 0, 0)] * len(self.corners)
+            return np.broadcast_to(values[0], (len(self.corners), 3, values.shape[1]))
         if interpolation == UsdGeom.Tokens.uniform:
-            return [(face, face, face) for face in self.faces]
-        return list(self.corners if interpolation == UsdGeom.Tokens.faceVarying else self.triangles)
+            return np.repeat(values[self.faces][:, None], 3, axis=1)
+        return self.carry(values, interpolation, indices)[self.corners]
 
 
-def fans(mesh: UsdGeom.Mesh) -> Fans:
-    """The triangles of a mesh: n - 2 of a face with n corners, none of a hole; ValueError if the faces contradict."""
+@dataclass(frozen=True)
+class Polygons:
+    """The faces of a mesh that can be drawn, corner by corner."""
+
+    points: np.ndarray
+    vertex: np.ndarray
+    count: np.ndarray
+    face: np.ndarray  # (f,), of the mesh
+    corner: np.ndarray  # (c,), of the mesh
+    is_hole: np.ndarray
+    flaws: tuple[str, ...]
+
+    def carry(self, values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
+        """Values at the corners."""
+        if interpolation == UsdGeom.Tokens.faceVarying:
+            return values[self.corner]
+        if len(values) < len(self.points):
+            raise IndexError
+        return values[self.vertex]
+
+
+def is_drawn(prim: Usd.Prim) -> bool:
+    """Whether a prim has a type of shape that is drawn."""
+    return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in _SOLIDS
+
+
+def is_animated(prim: Usd.Prim, *, with_primvars: bool) -> bool:
+    """Whether the shape of a prim changes with time, or with primvars anything on it."""
+    solid = _SOLIDS.get(str(prim.GetTypeName()))
+    names = {"points", *TOPOLOGY} if solid is None else set(solid[1])
+    return any(
+        attribute.ValueMightBeTimeVarying()
+        for attribute in prim.GetAuthoredAttributes()
+        if (name := attribute.GetName()) in names
+        or (with_primvars and (name == "normals" or name.startswith("primvars:")))
+    )
+
+
+@read_once
+def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
+    """The triangles of a Mesh or a solid at a time, by default the earliest one."""
+    take(prim.GetPath())
+    if str(prim.GetTypeName()) in _SOLIDS:
+        return _of_solid(prim, _code(time))
+    polygons = polygons_of(prim, time)
+    scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get())
+    if scheme != UsdGeom.Tokens.none and len(polygons.count):
+        from pipeline.scene.usd.subdivided import NotManifold, refined  # loads SciPy, which few datasets need
+
+        try:
+            shape = refined(prim, time, polygons, scheme)
+        except NotManifold as error:
+            flaw = f"{error}, so it is drawn as its polygons and not subdivided"
+            shape = _plain(replace(polygons, flaws=(*polygons.flaws, flaw)))
+    else:
+        shape = _plain(polygons)
+    if UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        normals = None if shape.normals is None else -shape.normals
+        shape = replace(shape, corners=shape.corners[:, [0, 2, 1]], normals=normals)
+    return shape
+
+
+def fans(mesh: UsdGeom.Mesh) -> Drawn:
+    """The triangles of a mesh as it is written, n - 2 of a face with n corners; ValueError if the faces contradict."""
     take(mesh.GetPath())
-    attributes, earliest = map(mesh.GetPrim().GetAttribute, SHAPE), Usd.TimeCode.EarliestTime()
-    points, counts, indices, holes = (plain(attribute.Get(earliest) or ()) for attribute in attributes)
-    if sum(counts) != len(indices) or min(counts, default=3) < 3:
-        raise ValueError("faceVertexCounts do not fit faceVertexIndices")
-    holes, corners, faces, start = frozenset(holes), [], [], 0
-    for face, count in enumerate(counts):
-        if face not in holes:
-            corners += [(start, start + i, start + i + 1) for i in range(1, count - 1)]
-            faces += [face] * (count - 2)
-        start += count
-    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
-        corners = [(a, c, b) for a, b, c in corners]
-    return Fans(points, indices, corners, faces)
+    polygons = polygons_of(mesh.GetPrim(), None)
+    if polygons.flaws:
+        raise ValueError(polygons.flaws[0])
+    shape = _plain(polygons)
+    is_left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+    return replace(shape, corners=shape.corners[:, [0, 2, 1]]) if is_left else shape
 
 
-def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
-    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
-    joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
-    blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
-    if UsdSkel.Root.Find(prim) and (joints.HasValue() or (blends and blends.GetTargets())):
-        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
-        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
-        yield problem(prim, "not-yet-supported", message, hint=hint)
+def _code(time: float | None) -> Usd.TimeCode:
+    return Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+
+
+def array_of(prim: Usd.Prim, name: str, time: float | None) -> np.ndarray:
+    value = prim.GetAttribute(name).Get(_code(time))
+    return numbers(value if value is not None else [])
+
+
+@read_once
+def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
+    points = array_of(prim, "points", time).reshape(-1, 3) + 0.0
+    counts, indices, holes = (array_of(prim, name, time).astype(int) for name in TOPOLOGY[:3])
+    flaws = []
+    counts = np.maximum(counts, 0)
+    if counts.sum() != len(indices):
+        flaws.append(f"faceVertexCounts name {counts.sum():,} corners, and faceVertexIndices has {len(indices):,}")
+        counts = counts[np.cumsum(counts) <= len(indices)]
+    indices = indices[: counts.sum()]
+    face = np.repeat(np.arange(len(counts)), counts)
+    exists = (indices >= 0) & (indices < len(points))
+    exists &= np.isfinite(points[np.where(exists, indices, 0)]).all(axis=1) if len(points) else False
+    good = np.bincount(face[~exists], minlength=len(counts)) == 0
+    if not good.all():
+        flaws.append(f"{(~good).sum():,} of its faces name a vertex that is not among its {len(points):,} finite ones")
+    start = np.cumsum(counts) - counts
+    following = np.arange(1, len(indices) + 1)
+    following[(start + counts - 1)[counts > 0]] = start[counts > 0]
+    kept = good[face] & (indices != indices[following] if len(indices) else True)  # a corner twice is one corner
+    number = np.bincount(face[kept], minlength=len(counts))
+    if thin := ((number < CORNERS) & good).sum():
+        flaws.append(f"{thin:,} of its faces have fewer than three corners")
+    whole = number >= CORNERS
+    kept &= whole[face]
+    if not kept.any():
+        flaws.append("it has no faces, so nothing is drawn")
+    return Polygons(
+        points=points,
+        vertex=indices[kept],
+        count=number[whole],
+        face=np.flatnonzero(whole),
+        corner=np.flatnonzero(kept),
+        is_hole=np.isin(np.flatnonzero(whole), holes),
+        flaws=tuple(flaws),
+    )
+
+
+def fan_corners(count: np.ndarray, is_hole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the triangles of faces that are no holes, (t, 3), and the face of each."""
+    start, each = np.cumsum(count) - count, np.where(is_hole, 0, count - 2)
+    face = np.repeat(np.arange(len(count)), each)
+    step = np.arange(len(face)) - np.repeat(np.cumsum(each) - each, each)
+    return np.stack([start[face], start[face] + step + 1, start[face] + step + 2], axis=1), face
+
+
+def _plain(polygons: Polygons) -> Drawn:
+    corners, face = fan_corners(polygons.count, polygons.is_hole)
+    return Drawn(
+        points=polygons.points,
+        indices=polygons.vertex,
+        corners=corners,
+        faces=polygons.face[face],
+        carry=polygons.carry,
+        flaws=polygons.flaws,
+    )
+
+
+def tolerance_of(prim: Usd.Prim, size: float) -> float:
+    asked_mm = read(prim, "plen:tolerance") or 0.0
+    return asked_mm / stage_mm_per_unit(prim) if asked_mm > 0 else _FINENESS * size
+
+
+def _of_solid(prim: Usd.Prim, time: Usd.TimeCode) -> Drawn:
+    make, names = _SOLIDS[str(prim.GetTypeName())]
+    measures: list[Any] = [prim.GetAttribute(name).Get(time) for name in names]
+    flaws: tuple[str, ...] = ()
+    if not all(np.isfinite(measures)) or min(measures) < 0 or not max(measures) > 0:
+        listed = ", ".join(f"{name} = {value:g}" for name, value in zip(names, measures, strict=True))
+        flaws = (f"{listed}: nothing is drawn",)
+        solid = Solid(np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3, 3)), np.zeros((0, 3, 2)))
+    else:
+        rough = make(*measures, max(measures)).points
+        solid = make(*measures, tolerance_of(prim, float(np.ptp(rough, axis=0).max())))
+        solid = solid.along(str(prim.GetAttribute("axis").Get())) if prim.HasAttribute("axis") else solid
+    count = len(solid.triangles)
+
+    def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
+        raise IndexError  # nobody says which vertices a solid has
+
+    return Drawn(
+        points=solid.points + 0.0,
+        indices=solid.triangles.ravel(),
+        corners=np.arange(3 * count).reshape(-1, 3),
+        faces=np.zeros(count, int),
+        carry=carry,
+        normals=solid.normals.reshape(-1, 3),
+        st=solid.st.reshape(-1, 2),
+        is_smooth=True,
+        flaws=flaws,
+    )

@@ -128,7 +128,7 @@ def metadata_problem(
 
 def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
     """File (as messages show it) and line of the strongest authored opinion."""
-    stack = specs(thing)
+    stack = [spec for spec in specs(thing) if spec.layer.realPath or spec.layer != thing.GetStage().GetSessionLayer()]
     if not stack:
         # Not authored: a fallback or something missing. Its prim is the place to write it.
         return place(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)

@@ -1,0 +1,158 @@
+"""Meshes of USD as subdivision surfaces: their creases, boundaries and primvars."""
+
+from functools import cached_property
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.limits import limits
+from pipeline.scene.usd.meshes import (
+    CORNERS,
+    TOPOLOGY,
+    Drawn,
+    Polygons,
+    array_of,
+    fan_corners,
+    polygons_of,
+    tolerance_of,
+)
+from pipeline.scene.usd.poses import stage_mm_per_unit
+from pipeline.scene.usd.values import read_once
+from pipeline.targets.subdivision import BILINEAR, LOOP, Cage, Levels, NotManifold
+
+__all__ = ["NotManifold", "refined"]
+
+
+class Surface:
+    """The topology of a subdivision surface, with the levels of its vertices and of other values on it."""
+
+    def __init__(self, prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> None:
+        if scheme == LOOP and (polygons.count != CORNERS).any():
+            raise NotManifold("Loop subdivides triangles alone, and not all of its faces are such")
+        mesh = UsdGeom.Mesh(prim)
+        self.scheme, self._mesh, self._polygons = scheme, mesh, polygons
+        self.flaws = list[str]()
+        boundary = mesh.GetInterpolateBoundaryAttr().Get()
+        corner = np.zeros(len(polygons.points))
+        if boundary == UsdGeom.Tokens.edgeAndCorner and scheme != BILINEAR:
+            corner[np.bincount(polygons.vertex, minlength=len(corner)) == 1] = np.inf
+        at, sharpness = array_of(prim, "cornerIndices", time).astype(int), array_of(prim, "cornerSharpnesses", time)
+        if len(at) == len(sharpness) and ((at >= 0) & (at < len(corner))).all():
+            np.maximum.at(corner, at, sharpness)
+        else:
+            self.flaws.append("cornerSharpnesses do not fit cornerIndices and are ignored")
+        self.cage = Cage(polygons.vertex, polygons.count, self._creases(prim, time), corner)
+        self.levels = Levels(self.cage, scheme)
+        self.is_hole = polygons.is_hole
+        if boundary == UsdGeom.Tokens.none:  # faces at a boundary only support the others
+            at_boundary = np.zeros(len(corner), bool)
+            at_boundary[self.cage.ends[self.cage.faces_at_edge == 1].ravel()] = True
+            self.is_hole = self.is_hole | (np.bincount(self.cage.face, at_boundary[self.cage.vertex]) > 0)
+
+    def _creases(self, prim: Usd.Prim, time: float | None) -> np.ndarray:
+        """Sharpness of the edge from each corner to the next."""
+        sharp = np.zeros(len(self._polygons.vertex))
+        along, lengths = (array_of(prim, name, time).astype(int) for name in ("creaseIndices", "creaseLengths"))
+        sharpness, edges = array_of(prim, "creaseSharpnesses", time), np.maximum(lengths - 1, 0)
+        if len(sharpness) == len(lengths):
+            sharpness = np.repeat(sharpness, edges)
+        if lengths.sum() != len(along) or len(sharpness) != edges.sum():
+            self.flaws.append("creaseLengths do not fit creaseIndices or creaseSharpnesses, and creases are ignored")
+            return sharp
+        goes_on = np.ones(len(along), bool)
+        goes_on[np.cumsum(lengths)[lengths > 0] - 1] = False
+        first = np.flatnonzero(goes_on)
+        bare = Cage(self._polygons.vertex, self._polygons.count, sharp, np.zeros(len(self._polygons.points)))
+        known = {(int(a), int(b)): number for number, (a, b) in enumerate(bare.ends)}
+        of_edge = np.zeros(len(bare.ends))
+        for a, b, value in zip(along[first], along[first + 1], sharpness, strict=True):
+            if (edge := known.get((min(int(a), int(b)), max(int(a), int(b))))) is not None:
+                of_edge[edge] = max(of_edge[edge], value)
+        return of_edge[bare.edge]
+
+    @cached_property
+    def varying(self) -> Levels:
+        """Levels of values that are interpolated between vertices linearly."""
+        return Levels(self.cage, BILINEAR, self.scheme)
+
+    def face_varying(self, indices: np.ndarray | None, count: int) -> Levels:
+        """Levels of values at the corners of faces, which are joined where they share an index."""
+        polygons, rule = self._polygons, self._mesh.GetFaceVaryingLinearInterpolationAttr().Get()
+        index = polygons.corner if indices is None else indices[polygons.corner]
+        corner = np.zeros(count)
+        sheet = Cage(index, polygons.count, self.cage.sharp, corner)
+        if rule == UsdGeom.Tokens.all or self.scheme == BILINEAR:
+            return Levels(sheet, BILINEAR, self.scheme)
+        at_border = np.zeros(count, bool)
+        at_border[sheet.ends[sheet.faces_at_edge == 1].ravel()] = True
+        if rule == UsdGeom.Tokens.boundaries:
+            corner[at_border] = np.inf
+        elif rule != UsdGeom.Tokens.none:
+            alone = np.bincount(index, minlength=count) == 1
+            corner[alone] = np.inf
+            if rule != UsdGeom.Tokens.cornersOnly:
+                corner[self._junctions(index, alone, at_border, rule)] = np.inf
+        try:
+            return Levels(sheet, self.scheme)
+        except NotManifold:
+            return Levels(sheet, BILINEAR, self.scheme)
+
+    def _junctions(self, index: np.ndarray, alone: np.ndarray, at_border: np.ndarray, rule: str) -> np.ndarray:
+        """Values where three pieces or more meet; by cornersPlus2 also where one of two has a corner or a seam ends."""
+        pairs = np.unique(np.stack([self._polygons.vertex, index], axis=1), axis=0)
+        pieces = np.bincount(pairs[:, 0], minlength=len(self._polygons.points))
+        is_sharp = pieces > 2
+        if rule == UsdGeom.Tokens.cornersPlus2:
+            has_corner = np.bincount(pairs[:, 0], alone[pairs[:, 1]], len(pieces)) > 0
+            outside = np.zeros(len(pieces), bool)
+            outside[self.cage.ends[self.cage.faces_at_edge == 1].ravel()] = True
+            at_end = np.bincount(pairs[:, 0], at_border[pairs[:, 1]], len(pieces)) > 0
+            is_sharp = is_sharp | ((pieces == 2) & has_corner) | ((pieces == 1) & at_end & ~outside)
+        return pairs[is_sharp[pairs[:, 0]], 1]
+
+
+@read_once
+def _surface(prim: Usd.Prim, time: float | None, scheme: str) -> Surface:
+    return Surface(prim, time, polygons_of(prim, time), scheme)
+
+
+def refined(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:
+    is_still = not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in TOPOLOGY)
+    surface = _surface(prim, None if is_still else time, scheme)
+    levels, points = surface.levels, polygons.points
+    tolerance = tolerance_of(prim, float(np.ptp(points[polygons.vertex], axis=0).max()))
+    level, distance = levels.level_for(points, tolerance, limits().triangles // 2)
+    flaws = [*polygons.flaws, *surface.flaws]
+    if distance > tolerance:
+        far = distance * stage_mm_per_unit(prim)
+        flaws.append(
+            f"it is subdivided {level} times and then up to {far:.3g} mm off: more would be too many triangles"
+        )
+    cage, origin = levels.cage(level), levels.origin(level)
+    corners, face = fan_corners(cage.count, surface.is_hole[origin])
+
+    def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
+        if interpolation == UsdGeom.Tokens.faceVarying:
+            if len(values) <= polygons.corner.max(initial=-1):
+                raise IndexError
+            if indices is not None:  # back to the values that corners share
+                shared = np.zeros((int(indices.max(initial=-1)) + 1, values.shape[1]))
+                shared[indices] = values
+                values = shared
+            sheet = surface.face_varying(indices, len(values))
+            return (sheet.points(level) @ values)[sheet.cage(level).vertex]
+        if len(values) < len(points):
+            raise IndexError
+        of_values = levels if interpolation == UsdGeom.Tokens.vertex else surface.varying
+        return (of_values.points(level) @ values[: len(points)])[cage.vertex]
+
+    return Drawn(
+        points=levels.points(level) @ points,
+        indices=cage.vertex,
+        corners=corners,
+        faces=polygons.face[origin[face]],
+        carry=carry,
+        normals=levels.normals(level, points) if scheme != BILINEAR else None,
+        is_smooth=True,
+        flaws=tuple(flaws),
+    )

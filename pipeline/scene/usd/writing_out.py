@@ -1,0 +1,205 @@
+"""What USD derives from a stage as prims of their own, written into its session layer, so that no file changes: the
+instances of point instancers, and in each frame the points that skeletons and blend shapes move.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel
+
+from pipeline.limits import how_to_raise, limits
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import plain
+
+_INSTANCE = "Instance_"
+"""Beginning of the names of prims that stand for an instance, below its point instancer."""
+_WEIGHTS = ("translations", "rotations", "scales", "blendShapeWeights")
+
+
+def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
+    """Write out all point instancers, and all skeletons at the frames; problems of what cannot be. Native instances
+    must have been written out before.
+    """
+    if len(frames) > limits().frames:
+        return []  # reported by the checks
+    done, count, problems = set[Sdf.Path](), 0, list[Problem]()
+    while waiting := [prim for prim in _instancers(stage) if prim.GetPath() not in done]:
+        prim = waiting[0]
+        done.add(prim.GetPath())
+        try:
+            instances = _instances(UsdGeom.PointInstancer(prim), frames)
+        except (Tf.ErrorException, ValueError, IndexError):
+            message = f"<{prim.GetPath()}> is not drawn: its prototypes, protoIndices and arrays of values do not fit"
+            problems.append(problem(prim, "not-drawn", message, severity="warning"))
+            continue
+        count += len(instances)
+        if over := _over("instances", count, f"{count:,} instances of point instancers", prim):
+            return [*problems, *over]
+        _write_instances(prim, instances)
+    problems += _bake(stage, frames)
+    return problems
+
+
+def _over(name: str, count: int, what: str, prim: Usd.Prim) -> list[Problem]:
+    most = getattr(limits(), name)
+    message = f"{what} are more than the limit of {most:,} {name}"
+    return [problem(prim, "over-limit", message, hint=how_to_raise(name, count))] if count > most else []
+
+
+def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Point instancers that are drawn: none of a prototype, which its instances repeat."""
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot()))
+    for prim in prims:
+        if not prim.IsA(UsdGeom.PointInstancer):
+            continue
+        yield prim
+        if not any(child.GetName().startswith(_INSTANCE) for child in prim.GetChildren()):
+            prims.PruneChildren()
+
+
+class _Instance:
+    """An instance: its prototype, place among the others at first, and in some frames its transform."""
+
+    def __init__(self, prototype: Sdf.Path, index: int) -> None:
+        self.prototype, self.index = prototype, index
+        self.poses = dict[float, Gf.Matrix4d]()
+
+
+def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
+    """The instances that are there in any frame. One that keeps its id and prototype is the same in all frames."""
+    prototypes = instancer.GetPrototypesRel().GetForwardedTargets()
+    prim = instancer.GetPrim()
+    moves = any(
+        a.ValueMightBeTimeVarying() for a in prim.GetAuthoredAttributes() if not a.GetName().startswith("xform")
+    )
+    found = dict[tuple[int, int], _Instance]()
+    for frame in frames if moves else frames[:1]:
+        time = Usd.TimeCode(frame)
+        numbers = plain(instancer.GetProtoIndicesAttr().Get(time) or ())
+        if min(numbers, default=0) < 0 or max(numbers, default=-1) >= len(prototypes):
+            raise IndexError
+        ids = plain(instancer.GetIdsAttr().Get(time) or range(len(numbers)))
+        mask = list(instancer.ComputeMaskAtTime(time)) or [True] * len(numbers)
+        poses = instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform, instancer.IgnoreMask)
+        rows = zip(ids, numbers, mask, poses, strict=True)
+        for index, (identity, number, is_there, pose) in enumerate(rows):
+            if is_there:
+                instance = found.setdefault((identity, number), _Instance(prototypes[number], index))
+                instance.poses[float(frame)] = pose
+    return list(found.values())
+
+
+def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
+    """Write instances below a point instancer: each a transform above a reference to its prototype."""
+    stage = prim.GetStage()
+    layer, path = stage.GetSessionLayer(), prim.GetPath()
+    frames = sorted({frame for instance in instances for frame in instance.poses})
+    hidden = {child.GetPath(): child for child in prim.GetChildren() if child.IsA(UsdGeom.Imageable)}
+    count = max((instance.index for instance in instances), default=-1) + 1
+    colours = []
+    for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
+        values = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
+        if primvar.GetInterpolation() != UsdGeom.Tokens.constant and values is not None and len(values) >= count:
+            colours.append((primvar.GetAttr().GetName(), primvar.GetTypeName(), values))
+    was = {at: UsdGeom.Imageable(child).GetVisibilityAttr().Get() for at, child in hidden.items()}
+    with Sdf.ChangeBlock():
+        for at in hidden:
+            _token(Sdf.CreatePrimInLayer(layer, at), "visibility").default = UsdGeom.Tokens.invisible
+        for number, instance in enumerate(instances):
+            whole = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
+            whole.specifier, whole.typeName, whole.instanceable = Sdf.SpecifierDef, "Xform", False
+            _write_poses(whole, instance, frames)
+            for name, kind, values in colours:
+                attribute = Sdf.AttributeSpec(whole, name, kind)
+                attribute.default = type(values)([values[instance.index]])
+                attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
+            shape = Sdf.PrimSpec(whole, "Shape", Sdf.SpecifierDef)
+            shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
+            if instance.prototype in hidden:
+                _token(shape, "visibility").default = was[instance.prototype]
+
+
+def _write_poses(whole: Sdf.PrimSpec, instance: _Instance, frames: list[float]) -> None:
+    order = Sdf.AttributeSpec(whole, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+    order.default = ["xformOp:transform"]
+    transform = Sdf.AttributeSpec(whole, "xformOp:transform", Sdf.ValueTypeNames.Matrix4d)
+    first = next(iter(instance.poses.values()))
+    if len(frames) < 2:
+        transform.default = first
+        return
+    visibility = _token(whole, "visibility") if len(instance.poses) < len(frames) else None
+    for frame in frames:
+        is_there = frame in instance.poses
+        whole.layer.SetTimeSample(transform.path, frame, instance.poses.get(frame, first))
+        if visibility:
+            shown = UsdGeom.Tokens.inherited if is_there else UsdGeom.Tokens.invisible
+            whole.layer.SetTimeSample(visibility.path, frame, shown)
+
+
+def _token(prim: Sdf.PrimSpec, name: str) -> Sdf.AttributeSpec:
+    return Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Token)
+
+
+def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
+    """Write the points of all skinned meshes at the frames, and only there: between them joints do not move evenly."""
+    roots = [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Root)]
+    bound = [prim for root in roots for prim in Usd.PrimRange(root) if prim.HasAPI(UsdSkel.BindingAPI)]
+    if not bound or not frames:
+        return []
+    points = sum(len(UsdGeom.PointBased(prim).GetPointsAttr().Get() or ()) for prim in bound)
+    if over := _over("shapes", points * len(frames), f"{points * len(frames):,} points of skinned meshes", bound[0]):
+        return over
+    session, sampled = stage.GetSessionLayer(), list[Sdf.Path]()
+    with Usd.EditContext(stage, session):
+        for animation in [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)]:
+            for attribute in filter(None, map(animation.GetAttribute, _WEIGHTS)):
+                if attribute.ValueMightBeTimeVarying():
+                    values = {frame: attribute.Get(frame) for frame in frames}
+                    for frame, value in values.items():
+                        attribute.Set(value, frame)
+                    sampled.append(attribute.GetPath())
+        for prim in bound:
+            _offer_normals(prim)
+        for root in roots:
+            UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(min(frames), max(frames)))
+        for mesh in filter(None, map(UsdGeom.PointBased, bound)):
+            if mesh.GetPointsAttr().GetNumTimeSamples() > mesh.GetNormalsAttr().GetNumTimeSamples():
+                mesh.GetNormalsAttr().Block()  # of faces, which it does not turn
+    with Sdf.ChangeBlock():
+        for path in sampled:
+            spec = session.GetAttributeAtPath(path)
+            spec.owner.RemoveProperty(spec)
+    _keep(session, frames)
+    left = (prim for prim in bound if prim.GetPrimStack()[0].layer != session)
+    return [_unbaked(prim) for prim in left if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
+
+
+def _keep(layer: Sdf.Layer, frames: Sequence[int]) -> None:
+    """Take away samples between the frames, of which UsdSkel bakes one at each integer."""
+    paths = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    with Sdf.ChangeBlock():
+        for path in paths:
+            for time in layer.ListTimeSamplesForPath(path) if path.IsPropertyPath() else ():
+                if time not in frames:
+                    layer.EraseTimeSample(path, time)
+
+
+def _offer_normals(prim: Usd.Prim) -> None:
+    """Move normals from a primvar to the attribute of the mesh: UsdSkel turns only these."""
+    primvar, mesh = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals"), UsdGeom.PointBased(prim)
+    if mesh and primvar and primvar.HasAuthoredValue():
+        mesh.GetNormalsAttr().Set(primvar.ComputeFlattened(Usd.TimeCode.EarliestTime()))
+        mesh.SetNormalsInterpolation(primvar.GetInterpolation())
+        primvar.GetAttr().Block()
+
+
+def _is_skinned(prim: Usd.Prim) -> bool:
+    joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
+    blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
+    return bool(joints.HasValue() or (blends and blends.GetTargets()))
+
+
+def _unbaked(prim: Usd.Prim) -> Problem:
+    message = f"UsdSkel cannot move <{prim.GetPath()}>: it is drawn as it was modelled"
+    hint = "see that its skeleton, joints and weights fit each other"
+    return problem(prim, "not-drawn", message, hint=hint, severity="warning")

@@ -1,0 +1,393 @@
+"""Subdivision surfaces: cages of polygons, refined until they are as near to the limit as asked.
+
+Catmull-Clark, Loop and bilinear surfaces with boundaries, creases and corners, sharp for ever or for some levels; the
+rules are those that USD refers to: OpenSubdiv's, with uniform creases. Each level is a sparse matrix on the points of
+the cage, so what else lies on its vertices follows by the same rule. Lengths are in the unit of the points.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from pipeline.records.shapes import Bool, Float64, Int64
+
+CATMULL_CLARK, LOOP, BILINEAR = "catmullClark", "loop", "bilinear"
+SHARP_FOR_EVER = 10.0
+"""Sharpness [levels] from which creases and corners stay sharp at all levels, as USD defines it."""
+_SPREAD = {CATMULL_CLARK: 1.0, BILINEAR: 1.0, LOOP: 4.0 / 3.0}
+"""Largest distance of a triangle from a curved surface, in distances at the middles of its edges [1]: a rectangular one
+is farthest off at the middle of its longest edge, an equilateral one at its centre."""
+_ROUNDED = 1.0 / 3.0
+"""Distance by which a crease that turns smooth falls short of a sharp one, in edges of that level [1]: of a knife."""
+_MEASURED = 50_000
+"""Most faces of a level that is measured by the next one [1]; beyond, each is taken as half as far off."""
+
+
+class NotManifold(ValueError):
+    """Faces meet in a way for which there is no rule: more than two at an edge, turned over, or in fans at a vertex."""
+
+
+@dataclass(frozen=True)
+class Cage:
+    """Polygons, corner by corner: anticlockwise as seen from the front, and all of one face one after the other."""
+
+    vertex: Int64[np.ndarray, "c"]  # of each corner
+    count: Int64[np.ndarray, "f"]  # corners of each face
+    sharp: Float64[np.ndarray, "c"]  # of the edge from a corner to the next [levels]
+    corner: Float64[np.ndarray, "v"]  # sharpness of each vertex [levels]
+
+    @cached_property
+    def face(self) -> np.ndarray:
+        """Face of each corner."""
+        return np.repeat(np.arange(len(self.count)), self.count)
+
+    @cached_property
+    def after(self) -> np.ndarray:
+        """The next corner of the same face."""
+        after, last = np.arange(1, len(self.vertex) + 1), np.cumsum(self.count)
+        after[last - 1] = last - self.count
+        return after
+
+    @cached_property
+    def before(self) -> np.ndarray:
+        """The previous corner of the same face."""
+        before = np.empty_like(self.after)
+        before[self.after] = np.arange(len(before))
+        return before
+
+    @cached_property
+    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
+        pairs = np.sort(np.stack([self.vertex, self.vertex[self.after]], axis=1), axis=1)
+        key = pairs[:, 0].astype(np.int64) * len(self.corner) + pairs[:, 1]
+        _, first, edge = np.unique(key, return_index=True, return_inverse=True)
+        return pairs[first], edge
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Vertices of each edge, (e, 2)."""
+        return self._edges[0]
+
+    @property
+    def edge(self) -> np.ndarray:
+        """Edge from each corner to the next."""
+        return self._edges[1]
+
+    @cached_property
+    def faces_at_edge(self) -> np.ndarray:
+        """Number of faces at each edge."""
+        return np.bincount(self.edge, minlength=len(self.ends))
+
+    @cached_property
+    def edge_sharp(self) -> np.ndarray:
+        """Sharpness of each edge; boundaries are sharp for ever."""
+        sharp = np.zeros(len(self.ends))
+        np.maximum.at(sharp, self.edge, self.sharp)
+        sharp[(self.faces_at_edge == 1) | (sharp >= SHARP_FOR_EVER)] = np.inf
+        return sharp
+
+    @cached_property
+    def twin(self) -> np.ndarray:
+        """The corner from which the other face runs along the same edge; -1 at a boundary."""
+        order = np.argsort(self.edge, kind="stable")
+        same = np.flatnonzero(self.edge[order][1:] == self.edge[order][:-1])
+        twin = np.full(len(self.vertex), -1)
+        twin[order[same]], twin[order[same + 1]] = order[same + 1], order[same]
+        return twin
+
+    def sharp_at(self, edges: Bool[np.ndarray, "e"]) -> np.ndarray:
+        """Number of the marked edges at each vertex."""
+        return np.bincount(self.ends[edges].ravel(), minlength=len(self.corner))
+
+    def require_manifold(self) -> None:
+        """Raise NotManifold unless each edge has two faces, or one, and each vertex one fan of them."""
+        if (self.ends[:, 0] == self.ends[:, 1]).any() or (self.faces_at_edge > 2).any():
+            raise NotManifold("an edge has more than two faces")
+        paired = self.twin >= 0
+        if (self.vertex[self.twin[paired]] == self.vertex[paired]).any():
+            raise NotManifold("neighbouring faces are turned over")
+        fan, _ = self.fans(self.faces_at_edge == 1)
+        first = np.full(len(self.corner), -1)
+        first[self.vertex] = fan
+        if (first[self.vertex] != fan).any():
+            raise NotManifold("faces meet at a vertex alone")
+
+    def fans(self, cut: Bool[np.ndarray, "e"]) -> tuple[np.ndarray, np.ndarray]:
+        """Fan of each corner among those around its vertex, which the marked edges divide, and its place in it from 0,
+        anticlockwise. Fans are numbered by their first corner; a vertex with one marked edge is not divided.
+        """
+        divided = (self.sharp_at(cut) > 1)[self.vertex]
+        turned = self.twin[self.before]  # the next corner around the vertex, anticlockwise
+        ends = (turned < 0) | (cut[self.edge[self.before]] & divided)
+        fan, place = np.full(len(self.vertex), -1), np.zeros(len(self.vertex), int)
+        starts = np.flatnonzero((cut[self.edge] & divided) | (self.twin < 0))
+        while True:
+            corner, k, mine = starts, 0, starts
+            while len(corner):
+                fan[corner], place[corner] = mine, k
+                goes_on = ~ends[corner]
+                corner, mine, k = turned[corner[goes_on]], mine[goes_on], k + 1
+                fresh = fan[corner] < 0
+                corner, mine = corner[fresh], mine[fresh]
+            left = np.flatnonzero(fan < 0)
+            if not len(left):
+                return fan, place
+            starts = left[np.unique(self.vertex[left], return_index=True)[1]]
+
+
+def _matrix(row: np.ndarray, column: np.ndarray, value: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
+    return sparse.csr_matrix((np.broadcast_to(value, row.shape).astype(float), (row, column)), shape=shape)
+
+
+def _scaled(factor: np.ndarray, matrix: sparse.csr_matrix) -> sparse.csr_matrix:
+    return sparse.diags(factor).tocsr() @ matrix
+
+
+def _loop_share(valence: np.ndarray) -> np.ndarray:
+    """Weight of each neighbour of a smooth vertex by Loop's rule (1987) [1]."""
+    return (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
+
+
+class _Rules:
+    """The matrices of one level of a scheme on a cage."""
+
+    def __init__(self, cage: Cage, scheme: str) -> None:
+        self.cage, self.scheme = cage, scheme
+        self.v, self.e, self.f = len(cage.corner), len(cage.ends), len(cage.count)
+        self.faces = _matrix(cage.face, cage.vertex, 1.0 / cage.count[cage.face], (self.f, self.v))
+        each = np.repeat(np.arange(self.e), 2)
+        self.middles = _matrix(each, cage.ends.ravel(), 0.5, (self.e, self.v))
+        self.valence = np.bincount(cage.vertex, minlength=self.v)
+
+    def edge_points(self) -> sparse.csr_matrix:
+        """Points of the edges, smooth or sharp."""
+        cage = self.cage
+        if self.scheme == BILINEAR:
+            return self.middles
+        if self.scheme == LOOP:
+            opposite = _matrix(cage.edge, cage.vertex[cage.before], 0.125, (self.e, self.v))
+            smooth = 0.75 * self.middles + opposite
+        else:
+            smooth = 0.5 * self.middles + 0.25 * _matrix(cage.edge, cage.face, 1.0, (self.e, self.f)) @ self.faces
+        sharp = np.minimum(cage.edge_sharp, 1.0)
+        return _scaled(sharp, self.middles) + _scaled(1 - sharp, smooth)
+
+    def vertex_points(self) -> sparse.csr_matrix:
+        """Points of the vertices: by the rule of this level where that is also the next one's, else between both."""
+        if self.scheme == BILINEAR:
+            return sparse.identity(self.v, format="csr")
+        edge, corner = self.cage.edge_sharp, self.cage.corner
+        ending, corner_ends = (edge > 0) & (edge <= 1), (corner > 0) & (corner <= 1)
+        total = np.bincount(self.cage.ends[ending].ravel(), np.repeat(edge[ending], 2), self.v)
+        number = self.cage.sharp_at(ending) + corner_ends
+        share = np.where(number > 0, (total + np.where(corner_ends, corner, 0.0)) / np.maximum(number, 1), 1.0)
+        smooth = self._smooth()
+        here, there = (self._mixed(edge > level, corner > level, smooth, 1 / 8) for level in (0, 1))
+        return _scaled(share, here) + _scaled(1 - share, there)
+
+    def _mixed(
+        self, sharp: np.ndarray, is_corner: np.ndarray, smooth: sparse.csr_matrix, beside: float
+    ) -> sparse.csr_matrix:
+        """Rows of smooth vertices, of creases with a weight of the vertices beside, and of corners."""
+        number = self.cage.sharp_at(sharp)
+        is_corner = is_corner | (number > 2)
+        is_crease = ~is_corner & (number == 2)
+        a, b = self.cage.ends[sharp].T
+        along = _matrix(np.concatenate([a, b]), np.concatenate([b, a]), beside, (self.v, self.v))
+        itself = np.where(is_corner, 1.0, np.where(is_crease, 1 - 2 * beside, 0.0))
+        mixed = sparse.diags(itself).tocsr() + _scaled(is_crease.astype(float), along)
+        return mixed + _scaled((~is_corner & ~is_crease).astype(float), smooth)
+
+    def _smooth(self) -> sparse.csr_matrix:
+        cage, n = self.cage, np.maximum(self.valence, 1)
+        around = _matrix(cage.vertex, cage.vertex[cage.after], 1.0, (self.v, self.v))
+        if self.scheme == LOOP:
+            share = _loop_share(n)
+            return sparse.diags(1 - n * share).tocsr() + _scaled(share, around)
+        around = around + _matrix(cage.vertex, cage.face, 1.0, (self.v, self.f)) @ self.faces
+        return sparse.diags((n - 2) / n).tocsr() + _scaled(1.0 / n**2, around)
+
+    def limits(self) -> sparse.csr_matrix:
+        """Points of the limit at the vertices of a cage of quads (triangles for Loop); what is still sharp is so for
+        ever.
+        """
+        if self.scheme == BILINEAR:
+            return sparse.identity(self.v, format="csr")
+        cage, n = self.cage, np.maximum(self.valence, 1)
+        around = _matrix(cage.vertex, cage.vertex[cage.after], 1.0, (self.v, self.v))
+        if self.scheme == LOOP:
+            share = 1.0 / (3.0 / (8.0 * _loop_share(n)) + n)
+            smooth = sparse.diags(1 - n * share).tocsr() + _scaled(share, around)
+        else:
+            across = _matrix(cage.vertex, cage.vertex[cage.after[cage.after]], 1.0, (self.v, self.v))
+            smooth = sparse.diags(n / (n + 5)).tocsr() + _scaled(1.0 / (n * (n + 5)), 4.0 * around + across)
+        return self._mixed(cage.edge_sharp > 0, cage.corner > 0, smooth, 1 / 6)
+
+
+def _child(cage: Cage, scheme: str) -> Cage:
+    """The cage of the next level: vertices, then edges, then faces; one quad for each corner, and for Loop one triangle
+    for each corner and then one for each face."""
+    v, e, f = len(cage.corner), len(cage.ends), len(cage.count)
+    sharp, at_edge = np.maximum(cage.edge_sharp - 1, 0)[cage.edge], v + cage.edge
+    nothing = np.zeros(len(sharp))
+    if scheme == LOOP:
+        rows = [cage.vertex, at_edge, at_edge[cage.before]]
+        edges = [sharp, nothing, sharp[cage.before]]
+        vertex = np.concatenate([np.stack(rows, axis=1).ravel(), at_edge])
+        sharpness = np.concatenate([np.stack(edges, axis=1).ravel(), nothing])
+        count, more = np.full(len(vertex) // 3, 3), e
+    else:
+        rows = [cage.vertex, at_edge, v + e + cage.face, at_edge[cage.before]]
+        vertex = np.stack(rows, axis=1).ravel()
+        sharpness = np.stack([sharp, nothing, nothing, sharp[cage.before]], axis=1).ravel()
+        count, more = np.full(len(cage.vertex), 4), e + f
+    corner = np.where(cage.corner >= SHARP_FOR_EVER, np.inf, np.maximum(cage.corner - 1, 0))
+    return Cage(vertex, count, sharpness, np.concatenate([corner, np.zeros(more)]))
+
+
+class Levels:
+    """The levels of one cage, made when asked for. With `scheme` bilinear, any faces may meet in any way."""
+
+    def __init__(self, cage: Cage, scheme: str, split: str = "") -> None:
+        if scheme != BILINEAR:
+            cage.require_manifold()
+        self.scheme = scheme
+        self._split = split or scheme  # into quads, or triangles as Loop does
+        self._cages = [cage]
+        self._points = [sparse.identity(len(cage.corner), format="csr")]
+        self._origin = [np.arange(len(cage.count))]
+
+    def cage(self, level: int) -> Cage:
+        """The cage of a level."""
+        while len(self._cages) <= level:
+            cage, origin = self._cages[-1], self._origin[-1]
+            rules = _Rules(cage, self.scheme)
+            parts = [rules.vertex_points(), rules.edge_points()]
+            is_loop = self._split == LOOP
+            step = sparse.vstack(parts if is_loop else [*parts, rules.faces], format="csr")
+            self._points.append(step @ self._points[-1])
+            self._cages.append(_child(cage, self._split))
+            self._origin.append(np.concatenate([origin[cage.face], origin]) if is_loop else origin[cage.face])
+        return self._cages[level]
+
+    def origin(self, level: int) -> np.ndarray:
+        """Face of the first cage of each face of a level."""
+        self.cage(level)
+        return self._origin[level]
+
+    def points(self, level: int, *, of_limit: bool = True) -> sparse.csr_matrix:
+        """Weights of the vertices of the first cage for each vertex of a level, of the limit or of the level itself."""
+        cage = self.cage(level)
+        return _Rules(cage, self.scheme).limits() @ self._points[level] if of_limit else self._points[level]
+
+    def normals(self, level: int, points: Float64[np.ndarray, "v 3"]) -> Float64[np.ndarray, "c 3"]:
+        """Unit normals of the limit at the corners of a level; `points` are those of the first cage."""
+        return limit_normals(self.cage(level), self.scheme, self._points[level] @ points)
+
+    @cached_property
+    def least(self) -> int:
+        """The first level with a rule for its limit: faces with other numbers of corners are split once."""
+        corners = 3 if self._split == LOOP else 4
+        return 0 if (self._cages[0].count == corners).all() else 1
+
+    def level_for(self, points: Float64[np.ndarray, "v 3"], tolerance: float, most_faces: int) -> tuple[int, float]:
+        """The first level whose limit points, joined by triangles, are within a distance of the limit surface, and that
+        distance: measured at the points of the next level. No level with more faces than `most_faces` is taken.
+        """
+        level, distance = self.least, np.inf
+        while True:
+            faces = len(self.cage(level).count)
+            if faces <= _MEASURED or (level == self.least and 4 * faces <= most_faces):
+                distance = self._distance(level, points)
+            else:
+                distance /= 2
+            if distance <= tolerance or 4 * faces > most_faces:
+                return level, distance
+            level += 1
+
+    def _distance(self, level: int, points: np.ndarray) -> float:
+        cage, finer = self.cage(level), self.cage(level + 1)
+        flat, limit = (self.points(n) @ points for n in (level, level + 1))
+        v, e = len(cage.corner), len(cage.ends)
+        normal = np.zeros((len(finer.corner), 3))
+        np.add.at(normal, finer.vertex, self.normals(level + 1, points))
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        chord = flat[cage.ends[:, 1]] - flat[cage.ends[:, 0]]
+        off = limit[v : v + e] - flat[cage.ends].mean(axis=1)
+        along = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-300)
+        beside = np.linalg.norm(off - np.sum(off * along, axis=1, keepdims=True) * along, axis=1)
+        across = np.abs(np.sum(off * normal[v : v + e], axis=1))
+        sharp = cage.edge_sharp > 0
+        distances = [np.where(sharp, beside, across)]
+        ending = sharp & np.isfinite(cage.edge_sharp)  # becomes smooth later, where edges are shorter
+        shorter = 2.0 ** -np.floor(cage.edge_sharp[ending])
+        distances.append(_ROUNDED * shorter * np.linalg.norm(chord[ending], axis=1))
+        if self._split != LOOP:
+            first = np.cumsum(cage.count) - cage.count
+            middle = (flat[cage.vertex[first]] + flat[cage.vertex[first + 2]]) / 2
+            distances.append(np.abs(np.sum((limit[v + e :] - middle) * normal[v + e :], axis=1)))
+        return _SPREAD[self.scheme] * float(np.concatenate(distances).max(initial=0.0))
+
+
+def _tangent_weights(scheme: str, n: np.ndarray, i: np.ndarray, is_open: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Weights of the i-th neighbour, and of the vertex diagonally across the i-th face, for two tangents of a fan with
+    n faces [1]; in an open one, those of both ends and of the vertex itself follow.
+
+    They are left eigenvectors of the rule: sines around the vertex (Stam 1998), over half a turn in an open fan, whose
+    first tangent is that of its crease. More than four quads, or six triangles, on one side of a crease have no common
+    tangent plane by these rules.
+    """
+    angle = np.where(is_open, np.pi, 2 * np.pi) / n
+    wave, is_wide = np.cos(angle), angle < np.pi
+    if scheme == LOOP:
+        near, far, value, beside = 1.0, np.zeros(len(n)), 3 / 8 + wave / 4, 1 / 8
+    else:
+        near, value, beside = 4.0, 5 / 16 + (wave + np.cos(angle / 2) * np.sqrt(2 * (9 + wave))) / 16, 1 / 16
+        far = 1.0 / np.where(is_wide, 4 * value - 1, np.inf)
+    total, sine = (near + 2 * far) / np.tan(angle / 2), np.sin(angle)
+    ends = np.where(is_wide, (beside * near + far / 4) * sine - total / 8, 1.0) / np.where(is_wide, value - 1 / 4, 1.0)
+    c, s = (wave_of(i * angle) for wave_of in (np.cos, np.sin))
+    c1, s1 = (wave_of((i + 1) * angle) for wave_of in (np.cos, np.sin))
+    first = np.where(is_open, (i == 0).astype(float), near * c)
+    second = np.where(is_open & (i == 0), ends, near * s)
+    return first, np.where(is_open, 0.0, far * (c + c1)), second, far * (s + s1), ends, -2 * ends - total
+
+
+def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -> Float64[np.ndarray, "c 3"]:
+    """Unit normals of the limit at the corners of a cage of quads or triangles, whose points are those of the cage: one
+    for each side of a crease; at corners and for bilinear faces those of the faces.
+    """
+    after, before = points[cage.vertex[cage.after]], points[cage.vertex[cage.before]]
+    here = points[cage.vertex]
+    flat = _unit(np.cross(after - here, before - here))
+    if scheme == BILINEAR:
+        return flat
+    sharp = cage.edge_sharp > 0
+    fan, place = cage.fans(sharp)
+    size = np.bincount(fan, minlength=len(fan))[fan]
+    number = cage.sharp_at(sharp)
+    is_open = (number > 1)[cage.vertex]
+    weights = _tangent_weights(scheme, size, place, is_open)
+    across = points[cage.vertex[cage.after[cage.after]]]
+    is_last, is_first = is_open & (place == size - 1), is_open & (place == 0)
+    tangents = []
+    for near, far, last, itself in (
+        (weights[0], weights[1], -np.ones(len(fan)), np.zeros(len(fan))),
+        (weights[2], weights[3], weights[4], weights[5]),
+    ):
+        part = near[:, None] * after + far[:, None] * across
+        part += np.where(is_last, last, 0.0)[:, None] * before + np.where(is_first, itself, 0.0)[:, None] * here
+        tangents.append(np.stack([np.bincount(fan, part[:, k], len(fan)) for k in range(3)], axis=1))
+    normal = np.cross(tangents[0], tangents[1])
+    mean = _unit(np.stack([np.bincount(fan, flat[:, k], len(fan)) for k in range(3)], axis=1))
+    is_corner = np.zeros(len(fan), bool)
+    is_corner[fan] = ((cage.corner > 0) | (number > 2))[cage.vertex]
+    scale = np.linalg.norm(tangents[0], axis=1) * np.linalg.norm(tangents[1], axis=1)
+    unusable = is_corner | ~(np.linalg.norm(normal, axis=1) > 1e-9 * scale)
+    return np.where(unusable[:, None], mean, _unit(normal))[fan]
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -1,0 +1,394 @@
+"""Shapes of scenes made elsewhere: what is drawn of meshes, solids, instancers and skeletons, in each frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom
+from stage_text import head
+
+from pipeline.limits import VARIABLE
+from pipeline.scene.load import load
+from pipeline.scene.usd.meshes import drawn, is_animated
+
+DATASET = """
+def PlenDataset "Scene"
+{
+    rel plen:cameras = </Scene/Rig/Camera>
+    rel plen:occluders = </Scene/Things>
+    rel plen:targets = </Scene/Board>
+
+    def "Rig" (
+        prepend references = @rigs/conventional_100mm.usda@
+    )
+    {
+    }
+
+    def "Board" (
+        prepend references = @targets/checkerboard_4x7.usda@
+    )
+    {
+        double3 xformOp:translate = (0, 0, -500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Xform "Things"
+    {
+        double3 xformOp:translate = (0, 0, -450)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+%s
+    }
+}
+"""
+CUBE = (
+    [4] * 6,
+    [0, 4, 6, 2, 0, 1, 5, 4, 4, 5, 7, 6, 3, 7, 5, 1, 6, 7, 3, 2, 2, 3, 1, 0],
+    [(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)],
+)
+
+
+def mesh(counts, indices, points, scheme="catmullClark", path="/M", stage=None) -> UsdGeom.Mesh:
+    stage = stage or Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 0.001)
+    made = UsdGeom.Mesh.Define(stage, path)
+    made.CreateFaceVertexCountsAttr(counts)
+    made.CreateFaceVertexIndicesAttr(indices)
+    made.CreatePointsAttr([Gf.Vec3f(*map(float, point)) for point in points])
+    made.CreateSubdivisionSchemeAttr(scheme)
+    STAGES.append(stage)
+    return made
+
+
+STAGES: list[Usd.Stage] = []
+"""Prims live as long as their stages."""
+
+
+def volume(shape) -> float:
+    corners = shape.points[shape.triangles]
+    return float(np.sum(corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
+def test_usds_fallback_is_a_catmull_clark_surface_and_none_its_polygons():
+    made = mesh(*CUBE)
+    made.GetSubdivisionSchemeAttr().Clear()
+    smooth = drawn(made.GetPrim())
+    assert np.abs(smooth.points).max() == pytest.approx(68 / 81, abs=1e-12)
+    made.GetSubdivisionSchemeAttr().Set("none")
+    polygons = drawn(made.GetPrim())
+    assert (len(smooth.triangles), len(polygons.triangles)) == (12288, 12) and volume(polygons) == pytest.approx(8)
+    made.GetSubdivisionSchemeAttr().Set("bilinear")
+    assert volume(drawn(made.GetPrim())) == pytest.approx(8)
+
+
+def test_a_tolerance_in_mm_decides_how_fine_it_is():
+    made = mesh(*CUBE)
+    made.GetPrim().ApplyAPI("PlenOccluderAPI")
+    counts = []
+    for tolerance in (0.2, 0.02, 0.002):
+        made.GetPrim().GetAttribute("plen:tolerance").Set(tolerance)
+        counts.append(len(drawn(made.GetPrim()).triangles))
+    assert counts == [48, 768, 12288]
+
+
+def test_left_handed_faces_are_turned_with_their_normals():
+    made = mesh(*CUBE)
+    right = drawn(made.GetPrim())
+    made.CreateOrientationAttr("leftHanded")
+    left = drawn(made.GetPrim())
+    assert volume(left) == pytest.approx(-volume(right)) and np.array_equal(left.normals, -right.normals)
+
+
+def test_holes_support_their_neighbours_and_open_boundaries_only_support():
+    n = 5
+    faces = [(n * i + j, n * (i + 1) + j, n * (i + 1) + j + 1, n * i + j + 1) for i in range(4) for j in range(4)]
+    points = [(i, j, i * j % 3) for i in range(n) for j in range(n)]
+    made = mesh([4] * 16, [v for face in faces for v in face], points)
+    whole = drawn(made.GetPrim())
+    made.CreateHoleIndicesAttr([5])
+    with_hole = drawn(made.GetPrim())
+    assert np.array_equal(with_hole.points, whole.points)
+    assert set(with_hole.faces.tolist()) == set(range(16)) - {5}
+    made.CreateInterpolateBoundaryAttr("none")
+    assert set(drawn(made.GetPrim()).faces.tolist()) == {6, 9, 10}
+
+
+@pytest.mark.parametrize("scheme", ["catmullClark", "bilinear", "loop", "none"])
+@pytest.mark.parametrize("interpolation", ["vertex", "varying", "faceVarying", "uniform", "constant"])
+def test_primvars_that_are_linear_in_space_stay_so_where_the_surface_is_flat(scheme: str, interpolation: str):
+    """A flat regular patch inside a boundary: B-splines and box splines reproduce linear functions."""
+    n = 7
+    quads = [(n * i + j, n * (i + 1) + j, n * (i + 1) + j + 1, n * i + j + 1) for i in range(6) for j in range(6)]
+    faces = [part for a, b, c, d in quads for part in ((a, b, d), (b, c, d))] if scheme == "loop" else quads
+    points = [(i, j, 0) for i in range(n) for j in range(n)]
+    indices = [v for face in faces for v in face]
+    made = mesh([len(face) for face in faces], indices, points, scheme)
+    made.GetPrim().ApplyAPI("PlenOccluderAPI")
+    shape, xy = drawn(made.GetPrim()), np.array(points)[:, :2].astype(float)
+    values = {"uniform": np.arange(len(faces))[:, None], "constant": np.array([[3.0]]), "faceVarying": xy[indices]}
+    carried = shape.at_corners(values.get(interpolation, xy), interpolation, np.array(indices))
+    corners = shape.points[shape.triangles][:, :, :2]
+    inside = ((corners > 1.01) & (corners < 4.99)).all(axis=(1, 2))
+    if interpolation == "uniform":
+        assert np.array_equal(carried[..., 0], np.repeat(shape.faces[:, None], 3, axis=1))
+    elif interpolation == "constant":
+        assert (carried == 3).all()
+    else:
+        np.testing.assert_allclose(carried[inside], corners[inside], rtol=0, atol=1e-12)
+
+
+def test_face_varying_values_keep_their_seams_and_follow_the_vertices_elsewhere():
+    """With one value for each vertex they are vertex values; without indices each face is a sheet of its own."""
+    made = mesh(*CUBE)
+    shape, values = drawn(made.GetPrim()), np.arange(8.0)[:, None]
+    indices = np.array(CUBE[1])
+    joined = shape.at_corners(values[indices], "faceVarying", indices)
+    np.testing.assert_allclose(joined, shape.at_corners(values, "vertex"), rtol=0, atol=1e-12)
+    alone = shape.at_corners(values[indices], "faceVarying")
+    assert (alone.min(), alone.max()) == (0, 7) and joined.max() < 6.5
+    made.CreateFaceVaryingLinearInterpolationAttr("all")
+    linear = drawn(made.GetPrim()).at_corners(values[indices], "faceVarying", indices)
+    np.testing.assert_allclose(linear, drawn(made.GetPrim()).at_corners(values, "varying"), rtol=0, atol=1e-12)
+
+
+def test_creases_of_the_stage_are_sharp():
+    made = mesh(*CUBE)
+    made.CreateCreaseIndicesAttr([4, 5, 7, 6, 4])
+    made.CreateCreaseLengthsAttr([5])
+    made.CreateCreaseSharpnessesAttr([10.0])
+    made.CreateCornerIndicesAttr([0])
+    made.CreateCornerSharpnessesAttr([10.0])
+    points = drawn(made.GetPrim()).points
+    assert points[:, 2].max() == pytest.approx(1, abs=1e-12) and np.linalg.norm(points + 1, axis=1).min() < 1e-12
+    rim = points[points[:, 2] > 1 - 1e-12]  # a closed cubic B-spline of four vertices, and what it encloses
+    assert np.abs(rim[:, :2]).max() == pytest.approx(44 / 48, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("counts", "indices", "triangles", "word"),
+    [
+        ([4, 4], [0, 1, 2, 3, 0], 2, "name 8 corners"),
+        ([3, 3], [0, 1, 2, 0, 1, 9], 1, "not among"),
+        ([3, 2], [0, 1, 2, 0, 1], 1, "fewer than three"),
+        ([3, 4], [0, 1, 2, 0, 0, 2, 3], 2, ""),
+        ([], [], 0, "nothing is drawn"),
+    ],
+)
+def test_faces_that_cannot_be_drawn_are_named_and_the_others_are_drawn(counts, indices, triangles, word):
+    shape = drawn(mesh(counts, indices, [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], "none").GetPrim())
+    assert len(shape.triangles) == triangles and word in " ".join(shape.flaws) and bool(shape.flaws) == bool(word)
+
+
+@pytest.mark.parametrize("scheme", ["catmullClark", "loop"])
+def test_what_has_no_rule_is_drawn_as_its_polygons(scheme: str):
+    shape = drawn(mesh([3, 3, 4], [0, 1, 2, 0, 1, 3, 1, 0, 4, 5], np.eye(6, 3), scheme).GetPrim())
+    assert len(shape.triangles) == 4 and "not subdivided" in shape.flaws[0]
+
+
+@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
+@pytest.mark.parametrize("kind", ["Sphere", "Cube", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane"])
+def test_solids_fill_the_extent_that_usd_computes(kind: str, axis: str):
+    stage = Usd.Stage.CreateInMemory()
+    prim = stage.DefinePrim("/P", kind)
+    for name, value in {"radius": 1.5, "radiusTop": 0.5, "radiusBottom": 1.25, "height": 3.0, "size": 2.5}.items():
+        if prim.HasAttribute(name):
+            prim.GetAttribute(name).Set(value)
+    if prim.HasAttribute("axis"):
+        prim.GetAttribute("axis").Set(axis)
+    shape = drawn(prim)
+    low, high = UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), Usd.TimeCode.Default())
+    extent = np.array([low, high])
+    if kind != "Capsule_1":  # of which USD takes the larger radius at both ends
+        np.testing.assert_allclose([shape.points.min(axis=0), shape.points.max(axis=0)], extent, rtol=0, atol=6e-3)
+    top = shape.points[np.argmax(shape.points[:, "XYZ".index(axis)])]
+    if kind == "Cone":
+        np.testing.assert_allclose(np.delete(top, "XYZ".index(axis)), 0, atol=1e-12)
+    assert shape.st is not None and shape.st.min() == 0 and shape.st.max() == 1
+
+
+def scene(folder, content: str, end: int = 1, lit: bool = False):
+    path = folder / "scene.usda"
+    sun = '        def DistantLight "Sun"\n        {\n        }\n' if lit else ""
+    path.write_text(head("Scene", end=end) + DATASET % (sun + content), encoding="utf-8")
+    return path
+
+
+MANY = """
+        def PointInstancer "Many"
+        {
+            rel prototypes = [</Scene/Things/Many/Protos/Plate>, </Scene/Things/Many/Box>]
+            int[] protoIndices = [0, 1, 0, 1]
+            point3f[] positions.timeSamples = {
+                1: [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)],
+                2: [(0, 0, 5), (1, 0, 5), (2, 0, 5), (3, 0, 5)],
+            }
+            float3[] scales = [(1, 1, 1), (2, 1, 1), (1, 1, 1), (1, 1, 3)]
+            quath[] orientations = [(1, 0, 0, 0), (1, 0, 0, 0), (0.70710678, 0, 0, 0.70710678), (1, 0, 0, 0)]
+            int64[] ids = [5, 6, 7, 8]
+            int64[] invisibleIds.timeSamples = {
+                1: [],
+                2: [7],
+            }
+
+            def Scope "Protos"
+            {
+                def Plane "Plate"
+                {
+                    double width = 4
+                }
+            }
+
+            def Cube "Box"
+            {
+                double size = 1
+                double3 xformOp:translate = (10, 0, 0)
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+            }
+        }
+"""
+
+
+def test_instances_are_prims_where_usd_puts_them_in_the_frames_in_which_they_are_there(tmp_path):
+    loaded = load(scene(tmp_path, MANY, 2))
+    assert loaded.problems == []
+    dataset = loaded.dataset
+    assert [len(list(dataset.occluders_in(frame))) for frame in dataset.frames] == [4, 3]
+    boxes = []
+    for frame in dataset.frames:
+        for entry in dataset.occluders_in(frame):
+            corners = entry.occluder.corners_mm().reshape(-1, 3)
+            pose = np.array(frame.world_from_occluder[entry.prim_path])
+            boxes.append(np.ptp(corners @ pose[:3, :3].T, axis=0).round(3).tolist())
+    assert boxes == [[4, 2, 0], [2, 1, 1], [2, 4, 0], [1, 1, 3], [4, 2, 0], [2, 1, 1], [1, 1, 3]]
+    second = dataset.frames[1].world_from_occluder["/Scene/Things/Many/Instance_1/Shape"]
+    np.testing.assert_allclose(np.array(second)[:3, 3], (1 + 2 * 10, 0, -450 + 5), rtol=0, atol=1e-12)
+
+
+def test_instances_have_a_limit_and_wrong_ones_a_warning(tmp_path, monkeypatch):
+    wrong = MANY.replace("protoIndices = [0, 1, 0, 1]", "protoIndices = [0, 1, 0, 9]")
+    (warning,) = load(scene(tmp_path, wrong, 2)).problems
+    assert (warning.code, warning.at) == ("not-drawn", "/Scene/Things/Many")
+    monkeypatch.setenv(VARIABLE, "instances=3")
+    (error,) = load(scene(tmp_path, MANY, 2)).errors
+    assert error.code == "over-limit" and "instances=4" in error.hint
+
+
+ARM = """
+        def SkelRoot "Hero" (
+            prepend apiSchemas = ["SkelBindingAPI"]
+        )
+        {
+            rel skel:animationSource = </Scene/Things/Hero/Moves>
+            rel skel:skeleton = </Scene/Things/Hero/Bones>
+
+            def Skeleton "Bones" (
+                prepend apiSchemas = ["SkelBindingAPI"]
+            )
+            {
+                uniform token[] joints = ["Root", "Root/Elbow"]
+                uniform matrix4d[] bindTransforms = [( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ),
+                    ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (10,0,0,1) )]
+                uniform matrix4d[] restTransforms = [( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ),
+                    ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (10,0,0,1) )]
+            }
+
+            def SkelAnimation "Moves"
+            {
+                uniform token[] joints = ["Root", "Root/Elbow"]
+                uniform token[] blendShapes = ["Thick"]
+                float[] blendShapeWeights.timeSamples = {
+                    0.5: [0],
+                    4.5: [1],
+                }
+                quatf[] rotations.timeSamples = {
+                    0.5: [(1, 0, 0, 0), (1, 0, 0, 0)],
+                    4.5: [(1, 0, 0, 0), (0.70710678, 0, 0, 0.70710678)],
+                }
+                half3[] scales = [(1, 1, 1), (1, 1, 1)]
+                float3[] translations = [(0, 0, 0), (10, 0, 0)]
+            }
+
+            def Mesh "Skin" (
+                prepend apiSchemas = ["SkelBindingAPI"]
+            )
+            {
+                int[] faceVertexCounts = [3]
+                int[] faceVertexIndices = [0, 1, 2]
+                point3f[] points = [(0, 0, 0), (20, 0, 0), (20, 2, 0)]
+                normal3f[] primvars:normals = [(0, 1, 0), (0, 1, 0), (0, 1, 0)] (
+                    interpolation = "vertex"
+                )
+                int[] primvars:skel:jointIndices = [0, 1, 1] (
+                    elementSize = 1
+                    interpolation = "vertex"
+                )
+                float[] primvars:skel:jointWeights = [1, 1, 1] (
+                    elementSize = 1
+                    interpolation = "vertex"
+                )
+                uniform token[] skel:blendShapes = ["Thick"]
+                rel skel:blendShapeTargets = </Scene/Things/Hero/Skin/Thick>
+                uniform token subdivisionScheme = "none"
+
+                def BlendShape "Thick"
+                {
+                    uniform vector3f[] offsets = [(0, 0, 4)]
+                    uniform int[] pointIndices = [0]
+                }
+            }
+        }
+"""
+
+
+def test_a_skeleton_moves_points_and_normals_and_blend_shapes_add_to_them_at_each_frame(tmp_path):
+    """The elbow at (10, 0, 0) turns about z by 90 degrees from 0.5 to 4.5, and the shape grows; in closed form."""
+    loaded = load(scene(tmp_path, ARM, 4, lit=True))
+    assert loaded.problems == [] or {problem.code for problem in loaded.problems} <= {"unlit"}
+    for frame in loaded.dataset.frames:
+        (entry,) = loaded.dataset.occluders_in(frame)
+        share = (frame.number - 0.5) / 4
+        c, s = np.cos(share * np.pi / 2), np.sin(share * np.pi / 2)
+        expected = [(0, 0, 4 * share), (10 + 10 * c, 10 * s, 0), (10 + 10 * c - 2 * s, 10 * s + 2 * c, 0)]
+        np.testing.assert_allclose(entry.occluder.vertices_mm, expected, rtol=0, atol=2e-6)
+        np.testing.assert_allclose(entry.finish.normals[0], (0, 1, 0, -s, c, 0, -s, c, 0), rtol=0, atol=2e-6)
+
+
+def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path):
+    moving = """
+        def Mesh "Flag"
+        {
+            int[] faceVertexCounts = [3]
+            int[] faceVertexIndices = [0, 1, 2]
+            point3f[] points.timeSamples = {
+                1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+                2: [(0, 0, 0), (1, 0, 0), (0, 2, 0)],
+                3: [(0, 0, 0), (1, 0, 0), (0, 3, 0)],
+            }
+        }
+
+        def Sphere "Ball"
+        {
+            double radius = 3
+        }
+"""
+    before = load(scene(tmp_path, moving, 3)).dataset.occluders
+    after = load(scene(tmp_path, moving.replace("(0, 2, 0)", "(0, 2.5, 0)"), 3)).dataset.occluders
+    assert [entry.frame for entry in before] == [1, 2, 3, None]
+    assert [a == b for a, b in zip(before, after, strict=True)] == [True, False, True, True]
+    assert replace(before[0], frame=2).occluder != before[1].occluder
+
+
+def test_what_is_not_drawn_is_named_prim_by_prim(tmp_path):
+    kinds = ["BasisCurves", "Points", "NurbsPatch", "TetMesh", "HermiteCurves", "Volume"]
+    content = "".join(f'        def {kind} "{kind}{n}"\n        {{\n        }}\n' for kind in kinds for n in (1, 2))
+    problems = load(scene(tmp_path, content)).problems
+    assert {(problem.severity, problem.code) for problem in problems} == {("warning", "not-drawn")}
+    assert [problem.at for problem in problems] == [f"/Scene/Things/{kind}{n}" for kind in kinds for n in (1, 2)]
+
+
+def test_an_animated_radius_is_that_of_the_frame():
+    stage = Usd.Stage.CreateInMemory()
+    ball = UsdGeom.Sphere.Define(stage, "/Ball")
+    for time in (1.0, 2.0):
+        ball.GetRadiusAttr().Set(3 * time, time)
+    assert is_animated(ball.GetPrim(), with_primvars=False)
+    assert [np.abs(drawn(ball.GetPrim(), time).points).max() for time in (1.0, 2.0)] == [3.0, 6.0]
