@@ -1,6 +1,6 @@
 """Assets of others beside a board: what is built, what is refused, what is warned of, and a contact sheet.
 
-    python benchmarks/assets.py FOLDER [--out build/assets] [--only WORD]
+    python benchmarks/assets.py FOLDER [--out build/assets] [--only WORD] [--without WORD]
 
 Every .usd, .usda, .usdc and .usdz file below FOLDER that no other file there uses is referenced beside a ChArUco board,
 below a sky and a round lamp (`assets.usda`), converted into millimetres, and scaled to a width of 30 mm; a lens camera
@@ -43,9 +43,13 @@ def assets(folder: Path) -> list[Path]:
 def write_stage(file: Path, path: Path) -> float:
     """A stage with an asset beside the board; the size of the asset by its own units [m]."""
     asset = Usd.Stage.Open(str(file))
+    asset.SetEditTarget(asset.GetSessionLayer())
     tops = [prim for prim in asset.GetPseudoRoot().GetChildren() if prim.IsDefined() and not prim.IsAbstract()]
     tops = [asset.GetDefaultPrim()] if asset.GetDefaultPrim() else tops
     cache = UsdGeom.BBoxCache(Usd.TimeCode(1.0), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
+    for extent in (prim.GetAttribute("extent") for prim in asset.TraverseAll()):
+        if extent and extent.HasAuthoredValue():  # some are wrong
+            extent.Block()
     box = Gf.Range3d()
     for prim in tops:
         box.UnionWith(cache.ComputeWorldBound(prim).ComputeAlignedRange())
@@ -110,11 +114,12 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("build/assets"))
     parser.add_argument("--only", default="", help="only files with this in their path")
+    parser.add_argument("--without", help="no file with this in its path")
     options = parser.parse_args()
     folder, rows, tiles = options.folder.resolve(), [], []
     for file in assets(folder):
         name = file.relative_to(folder).as_posix().replace("/", ".").replace(" ", "_")
-        if options.only in str(file):
+        if options.only in str(file) and not (options.without and options.without in str(file)):
             row, tile = row_of(name, file, folder, options.out.resolve())
             rows.append(row)
             tiles.append((name, tile))

@@ -315,6 +315,12 @@ def test_what_the_stage_misspells_is_an_error(tmp_path, line, code):
         ("body", "rel material:binding = </Man/Nothing>", "missing-target"),
         ("own", 'uniform token[] xformOpOrder = ["xformOp:gone"]', "missing-xform-op"),
         ("own", 'double3 xformOp:scale = (nan, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]', "not-finite"),
+        (
+            "own",
+            "matrix4d xformOp:transform = ((1, 0, 0, 2), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))\n"
+            'uniform token[] xformOpOrder = ["xformOp:transform"]',
+            "not-affine",
+        ),
         ("meta", "prepend references = @gone.usda@", "usd-invalid-asset-path"),
         ("meta", "prepend payload = @./asset.usda@</Gone>", "usd-unresolved-prim-path"),
         ("meta", 'variants = {\nstring look = "red"\n}\nprepend variantSets = "look"', "unknown-variant"),

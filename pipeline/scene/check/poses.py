@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from pipeline.scene.lamps import lamp_prims
 from pipeline.scene.lens import prescription_of
@@ -87,6 +87,10 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
     if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
         message = f'"{attribute.GetName()}" has no value at time code {number}'
         yield problem(attribute, "no-pose-sample", message)
+    elif op.GetOpType() == UsdGeom.XformOp.TypeTransform and Gf.Matrix4d(value).GetColumn(3) != Gf.Vec4d(0, 0, 0, 1):
+        message = f'"{attribute.GetName()}" is no affine matrix: its last column is {value.GetColumn(3)}'
+        hint = "it counts as (0, 0, 0, 1)"
+        yield problem(attribute, "not-affine", message, hint=hint, severity="warning", time=sample)
     elif is_orient(op):
         parts = quaternion(op, float(number)) or (math.nan,)
         off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)

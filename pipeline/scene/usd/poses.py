@@ -97,6 +97,7 @@ def _op_matrix(op: UsdGeom.XformOp, time: float, mm_per_unit: float) -> np.ndarr
         # USD's matrices act on row vectors. Only their translation has a unit.
         matrix = np.array(op.GetOpTransform(time), dtype=np.float64).T
         matrix[:3, 3] *= mm_per_unit
+        matrix[3] = 0.0, 0.0, 0.0, 1.0  # a projective part would mix with the transforms above
         return matrix
     real, *imaginary = quaternion(op, time) or (1.0, 0.0, 0.0, 0.0)
     sign = -1.0 if op.IsInverseOp() else 1.0
