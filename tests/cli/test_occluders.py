@@ -113,3 +113,33 @@ def test_verify_finds_the_visibility_again_and_disbelieves_another(built, tmp_pa
     rows = len(table_of(out, 1).columns["x_px"])
     assert "correspondences.csv" in altered
     assert f"frame 1: 1 of {rows} rows of Board state another visibility" in wrong
+
+
+BENDING = SCREEN.replace(
+    """        point3f[] points = [(0, -50, 0), (80, -50, 0), (80, 50, 0), (0, 50, 0)]
+""",
+    """        point3f[] points.timeSamples = {
+            1: [(0.01, -50, -425), (80.01, -50, -425), (80.01, 50, -425), (0.01, 50, -425)],
+            2: [(40, -50, -425), (120, -50, -425), (120, 50, -425), (40, 50, -425)],
+        }
+""",
+).replace(SCREEN[SCREEN.index("        double3 xformOp") : SCREEN.rindex("    }")], "")
+
+
+def test_points_that_move_hide_and_show_like_a_mesh_that_moves_and_an_edit_of_a_frame_builds_that_frame(
+    built, tmp_path
+):
+    text, store = tiny_text("conventional").rstrip().removesuffix("}"), built[1].parents[1] / "store"
+    stage = tmp_path / "dataset.usda"
+    stage.write_text(f"{text}{BENDING}}}\n", encoding="utf-8")
+    made(stage, tmp_path / "out", store)
+    for frame in (1, 2):
+        here, there = table_of(tmp_path / "out", frame), table_of(built[1], frame)
+        assert here.columns["point_id"] == there.columns["point_id"]
+        np.testing.assert_allclose(here.numbers("visibility"), there.numbers("visibility"), rtol=0, atol=1e-6)
+    edited = BENDING.replace("(40, ", "(0.01, ")
+    stage.write_text(f"{text}{edited}}}\n", encoding="utf-8")
+    tasks = [task.name for task in made(stage, tmp_path / "out", store).tasks if task.state == "executed"]
+    assert {name.split("/")[0] for name in tasks} == {"image", "truth", "certificate"}
+    assert all("/0001" not in name for name in tasks)
+    assert len(table_of(tmp_path / "out", 2).columns["x_px"]) < 6

@@ -182,7 +182,7 @@ def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
     whole = number >= CORNERS
     kept &= whole[face]
     if not kept.any():
-        flaws.append("it has no faces, so nothing is drawn")
+        flaws = [", ".join([*flaws, "it has no faces"]) + ": nothing is drawn"]
     return Polygons(
         points=points,
         vertex=indices[kept],
