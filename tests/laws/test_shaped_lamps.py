@@ -85,7 +85,7 @@ def profiled(content: bytes, **more) -> tuple:
     line = np.zeros(COLUMNS)
     line[18:21], line[21:] = (1.0, 0.0, 0.0), shape_of(Lamp(kind="sphere", radiance=(1.0, 0.0, 0.0), shaping=shape))
     line[PROFILE] = 0
-    return emitting_of([lamp("sphere", (1.0, 0.0), shaping=shape)], {"it": read_ies(content)}), line
+    return emitting_of([lamp("sphere", (1.0, 0.0), shaping=shape)], {"it": read_ies(content)}).numbers, line
 
 
 def towards_light(polar: float, around: float) -> tuple[float, float, float]:

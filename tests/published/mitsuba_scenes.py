@@ -33,7 +33,7 @@ class Both:
         self.theirs[f"plate{len(self.things)}"] = {
             "type": "rectangle",
             "to_world": shape,
-            "bsdf": {"type": "twosided", "bsdf": bsdf},
+            "bsdf": bsdf if bsdf["type"] == "mask" else {"type": "twosided", "bsdf": bsdf},
         }
 
     def lamp(self, kind: str, size: tuple[float, float], pose: np.ndarray, radiance: float) -> None:

@@ -35,10 +35,11 @@ def room():
     return both
 
 
-def agree(both, bounces: int) -> None:
+def agree(both, bounces: int, theirs: int | None = None) -> None:
+    """Ask for the same picture with so many bounces, of which Mitsuba may need others."""
     from published.mitsuba_scenes import our_pictures
 
-    pictures = our_pictures(both.ours(bounces), SAMPLES, SEEDS), both.reference(bounces, SAMPLES, SEEDS)
+    pictures = our_pictures(both.ours(bounces), SAMPLES, SEEDS), both.reference(theirs or bounces, SAMPLES, SEEDS)
     one, other = (picture.mean(axis=0) for picture in pictures)
     errors = np.sqrt(sum(picture.var(axis=0, ddof=1) / SEEDS for picture in pictures))
     assert other.mean() > 0.01
@@ -91,3 +92,23 @@ def test_a_smooth_metal_looks_alike(roughness):
     both.lamp("rect", (60.0, 40.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
     both.lamp("dome", (0.0, 0.0), np.eye(4), 0.3)
     agree(both, 1)
+
+
+def test_sheets_that_are_there_in_part_look_alike():
+    """Two of them before the walls and the lamp, beside each other and one behind the other.
+
+    Mitsuba counts what passes a sheet as a bounce: all walls are dark, so that nothing is left after those that are
+    allowed here and there.
+    """
+    from published.mitsuba_scenes import Both
+
+    both = Both()
+    both.plate(at(0, 0, 500), 500.0, matt(0.3), grey(0.3))
+    both.plate(at(0, 120, 300, (0.0, -1.0, 0.0)), 400.0, matt(0.2), grey(0.2))
+    for opacity, pose in ((0.4, at(-30, 10, 420)), (0.7, at(10, 30, 400, (-0.3, 0.1, -0.9)))):
+        sheet = Material(diffuse_color=Input(value=(0.3,) * 3), ior=1.0, opacity=Input(value=(opacity,)))
+        mask = {"type": "mask", "opacity": opacity, "bsdf": {"type": "twosided", "bsdf": grey(0.3)}}
+        both.plate(pose, 60.0, sheet, mask)
+    both.lamp("rect", (90.0, 70.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
+    both.lamp("dome", (0.0, 0.0), np.eye(4), 0.2)
+    agree(both, 8, 24)

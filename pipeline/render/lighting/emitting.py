@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Num
 from pipeline.render.lighting.records import Lamp, PlacedLamp
@@ -17,26 +17,21 @@ PART, TINT = 18, 21
 axis."""
 EVEN, FOCUS, CONE, FADING, PROFILE, ANGLE_SCALE, PICTURE = range(24, 31)
 """Columns: whether a lamp has neither a shape nor a picture; power of the cosine from the axis; largest angle from it,
-and that from which light fades out [rad]; row of the profile, -1: none; scale of its angles; row of the picture of a
-rect, -1: none, and of a dome 0."""
+and that from which light fades out [rad]; place of the profile, -1: none; scale of its angles; place of the picture
+of a rect, -1: none, and of a dome 0."""
 COLUMNS = 31
 """Number of columns of the table of lamps."""
-_BEFORE_LAST = 1.0 - 1e-12
-"""Factor of the last angle of a profile, to stay before it [1]."""
 
 
 class Emitting(NamedTuple):
-    """Profiles of luminaires, padded to the same size, and pictures on rects."""
+    """Profiles of luminaires and pictures on rects, one behind the other, and where those of each lamp begin."""
 
-    polar: np.ndarray  # (p, v), ascending angles from the axis [rad]
-    around: np.ndarray  # (p, h), ascending angles about it [rad]
-    factors: np.ndarray  # (p, h, v)
-    pictures: np.ndarray  # (k, 3) int64, first texel, width and height of each picture
-    texels: np.ndarray  # (n, 4) float32
+    numbers: np.ndarray  # (n,), one array, because kernels count the users of each that they hand on
+    places: list[tuple[int, int]]  # of the profile and the picture of each lamp, -1: none; of a dome with a picture 0
 
 
-@inline
-def shaped(emitting, line, way, u, v):
+@unit
+def shaped(numbers, line, way, u, v):
     """Radiance of a line of the table towards the start of a direction, in its frame, that meets it at a point."""
     focus = abs(way[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
     off, factor = math.acos(min(max(way[2], -1.0), 1.0)), 1.0
@@ -47,10 +42,10 @@ def shaped(emitting, line, way, u, v):
         factor = 1.0 - x * x * (3.0 - 2.0 * x)
     if line[PROFILE] >= 0.0:
         polar = _scaled(off, line[ANGLE_SCALE])
-        factor *= _of_profile(emitting, int(line[PROFILE]), polar, math.atan2(-way[1], -way[0]))
+        factor *= _of_profile(numbers, int(line[PROFILE]), polar, math.atan2(-way[1], -way[0]))
     red, green, blue = 1.0, 1.0, 1.0
     if line[PICTURE] >= 0.0:
-        red, green, blue = _of_picture(emitting, int(line[PICTURE]), u, v)
+        red, green, blue = _of_picture(numbers, int(line[PICTURE]), u, v)
     red *= line[PART] * (line[TINT] + focus * (1.0 - line[TINT]))
     green *= line[PART + 1] * (line[TINT + 1] + focus * (1.0 - line[TINT + 1]))
     blue *= line[PART + 2] * (line[TINT + 2] + focus * (1.0 - line[TINT + 2]))
@@ -66,19 +61,20 @@ def _scaled(polar, scale):
 
 
 @inline
-def _of_profile(emitting, p, polar, around):
+def _of_profile(numbers, at, polar, around):
     """Factor of a profile, linear between its angles; 0 beyond its polar ones."""
-    angles, turns = emitting.polar[p], emitting.around[p]
+    wide, tall = int(numbers[at]), int(numbers[at + 1])
+    turns, table = numbers[at + 2 + wide : at + 2 + wide + tall], at + 2 + wide + tall
+    angles = numbers[at + 2 : at + 2 + wide]
     if not angles[0] <= polar <= angles[-1]:
         return 0.0
-    # Padding repeats the last angle: nothing may lie on it.
-    around = min(around + 2.0 * math.pi if around < 0.0 else around, turns[-1] * _BEFORE_LAST)
-    polar = min(polar, angles[-1] * _BEFORE_LAST)
+    around = around + 2.0 * math.pi if around < 0.0 else around
     i, j = _below(turns, around), _below(angles, polar)
-    a = (around - turns[i]) / (turns[i + 1] - turns[i])
+    a = min((around - turns[i]) / (turns[i + 1] - turns[i]), 1.0)
     b = (polar - angles[j]) / (angles[j + 1] - angles[j])
-    low, high = emitting.factors[p, i], emitting.factors[p, i + 1]
-    return (1.0 - a) * ((1.0 - b) * low[j] + b * low[j + 1]) + a * ((1.0 - b) * high[j] + b * high[j + 1])
+    low, high = table + i * wide + j, table + (i + 1) * wide + j
+    lower = (1.0 - b) * numbers[low] + b * numbers[low + 1]
+    return (1.0 - a) * lower + a * ((1.0 - b) * numbers[high] + b * numbers[high + 1])
 
 
 @inline
@@ -88,28 +84,28 @@ def _below(angles, angle):
 
 
 @inline
-def _of_picture(emitting, row, u, v):
+def _of_picture(numbers, at, u, v):
     """Red, green and blue of the picture of a rect at a point, from -1 to 1 on both axes, between four texels.
 
     Its first row is at +y and its first column at +x: upright, seen from the bright side.
     """
-    first, width, height = emitting.pictures[row]
+    width, height = int(numbers[at]), int(numbers[at + 1])
     x = min(max((0.5 - 0.5 * u) * width - 0.5, 0.0), width - 1.0)
     y = min(max((0.5 - 0.5 * v) * height - 0.5, 0.0), height - 1.0)
     i, j = int(x), int(y)
-    a, b, right, down = x - i, y - j, min(i + 1, width - 1), min(j + 1, height - 1)
-    one, two = emitting.texels[first + j * width + i], emitting.texels[first + j * width + right]
-    three, four = emitting.texels[first + down * width + i], emitting.texels[first + down * width + right]
+    a, b = x - i, y - j
+    step, upper = 3 * (min(i + 1, width - 1) - i), at + 2 + 3 * (j * width + i)
+    lower = upper + 3 * width * (min(j + 1, height - 1) - j)
     p, q, r, s = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
     return (
-        p * one[0] + q * two[0] + r * three[0] + s * four[0],
-        p * one[1] + q * two[1] + r * three[1] + s * four[1],
-        p * one[2] + q * two[2] + r * three[2] + s * four[2],
+        p * numbers[upper] + q * numbers[upper + step] + r * numbers[lower] + s * numbers[lower + step],
+        p * numbers[upper + 1] + q * numbers[upper + step + 1] + r * numbers[lower + 1] + s * numbers[lower + step + 1],
+        p * numbers[upper + 2] + q * numbers[upper + step + 2] + r * numbers[lower + 2] + s * numbers[lower + step + 2],
     )
 
 
 def shape_of(lamp: Lamp) -> tuple[float, ...]:
-    """Columns of a lamp from `TINT` on, still without rows of profiles and pictures."""
+    """Columns of a lamp from `TINT` on, still without places of profiles and pictures."""
     shaping = lamp.shaping
     if shaping is None:
         return (
@@ -129,32 +125,24 @@ def shape_of(lamp: Lamp) -> tuple[float, ...]:
     return *shaping.focus_tint, *shape
 
 
-def rows_of(placed: Sequence[PlacedLamp]) -> list[tuple[int, int]]:
-    """Rows of the profile and of the picture of each lamp; -1: none."""
-    rows, profiles, pictures = list[tuple[int, int]](), 0, 0
-    for entry in placed:
-        shaping, kind, texture = entry.lamp.get("shaping"), entry.lamp["kind"], entry.lamp["texture"]
-        has_profile, has_picture = bool(shaping and shaping["profile"]), bool(texture and kind == "rect")
-        dome = 0 if texture and kind == "dome" else -1
-        rows.append((profiles if has_profile else -1, pictures if has_picture else dome))
-        profiles, pictures = profiles + has_profile, pictures + has_picture
-    return rows
-
-
 def emitting_of(placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> Emitting:
     """Profiles and pictures of all lamps but the sky, in their order."""
-    lamps = [from_plain(Lamp, entry.lamp) for entry in placed]
-    shapes = [lamp.shaping for lamp in lamps if lamp.shaping and lamp.shaping.profile]
-    tables = [np.asarray(pictures[shape.profile], float) for shape in shapes]
-    count, tall, wide = (len(tables), *(max([2, *(table.shape[k] for table in tables)]) for k in (0, 1)))
-    polar, around, factors = np.zeros((count, wide)), np.zeros((count, tall)), np.zeros((count, tall, wide))
-    for p, (table, shape) in enumerate(zip(tables, shapes, strict=True)):
-        edge = (0, tall - len(table)), (0, wide - len(table[0]))
-        scale = table[0, 0, 3] if shape.is_normalized and table[0, 0, 3] > 0 else 1.0
-        factors[p] = np.pad(table[..., 0], edge) / scale
-        polar[p], around[p] = np.pad(table[0, :, 1], edge[1], mode="edge"), np.pad(table[:, 0, 2], edge[0], mode="edge")
-    shown = [np.asarray(pictures[lamp.texture], np.float32) for lamp in lamps if lamp.texture and lamp.kind == "rect"]
-    first = np.cumsum([0, *(picture.shape[0] * picture.shape[1] for picture in shown)])
-    places = [(start, picture.shape[1], picture.shape[0]) for start, picture in zip(first, shown, strict=False)]
-    texels = np.concatenate([np.zeros((0, 4), np.float32), *(picture.reshape(-1, 4) for picture in shown)])
-    return Emitting(polar, around, factors, np.array(places, np.int64).reshape(-1, 3), texels)
+    parts, count, places = list[np.ndarray](), 0, list[tuple[int, int]]()
+
+    def added(*arrays: np.ndarray) -> int:
+        nonlocal count
+        parts.extend(array.astype(float).ravel() for array in arrays)
+        count, first = sum(len(part) for part in parts), count
+        return first
+
+    for lamp in (from_plain(Lamp, entry.lamp) for entry in placed):
+        profile, picture, shaping = -1, 0 if lamp.texture and lamp.kind == "dome" else -1, lamp.shaping
+        if shaping and shaping.profile:
+            table = np.asarray(pictures[shaping.profile], float)
+            factors = table[..., 0] / (table[0, 0, 3] if shaping.is_normalized and table[0, 0, 3] > 0 else 1.0)
+            profile = added(np.array(table.shape[1::-1]), table[0, :, 1], table[:, 0, 2], factors)
+        if lamp.texture and lamp.kind == "rect":
+            shown = np.asarray(pictures[lamp.texture])
+            picture = added(np.array(shown.shape[1::-1]), shown[..., :3])
+        places.append((profile, picture))
+    return Emitting(np.concatenate([np.zeros(0), *parts]), places)

@@ -11,25 +11,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.emitting import (
     COLUMNS,
-    EVEN,
     PART,
     PICTURE,
     PROFILE,
     TINT,
     Emitting,
-    rows_of,
     shape_of,
     shaped,
 )
 from pipeline.render.lighting.records import Lamp, PlacedLamp
 from pipeline.render.lighting.shapes import Glow
 from pipeline.render.lighting.skies import Dome, dome_density, dome_sample, dome_texel
-from pipeline.targets.vectors import across, along, dot, minus, times, unit, world
+from pipeline.targets.vectors import across, along, dot, minus, times, world
+from pipeline.targets.vectors import unit as of_length_one
 
 KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
 """Kinds of lamps, by their number in kernels."""
@@ -50,7 +49,7 @@ class Lamps(NamedTuple):
     """All lamps of a scene, with surfaces that shine by themselves."""
 
     table: np.ndarray
-    emitting: Emitting
+    emitting: np.ndarray  # `Emitting.numbers`
     dome: Dome  # the picture of the textured dome; without texels there is none
     background: float  # radiance that the camera sees where nothing is, if there is no dome
     glow: Glow
@@ -101,15 +100,13 @@ def _nearer_root(a, b, c, low, high):
     return far if far > 0.0 and low <= far <= high else math.inf
 
 
-@inline
+@unit
 def radiance_of(lamps, k, origin, way, t):
-    """Radiance of a lamp of finite size along a direction that meets it after a path."""
-    table, line = lamps.table, lamps.table[k]
-    if line[EVEN] > 0.0:
-        return line[RADIANCE]
+    """Radiance of a lamp of finite size that is not even, along a direction that meets it after a path."""
+    table = lamps.table
     x, y, p = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), minus(origin, _triple(table, k, CENTRE))
     p, in_lamp = along(p, t, way), (dot(way, x), dot(way, y), dot(way, _triple(table, k, AXIS_Z)))
-    return shaped(lamps.emitting, line, in_lamp, dot(p, x) / line[SIZE_A], dot(p, y) / line[SIZE_B])
+    return shaped(lamps.emitting, table[k], in_lamp, dot(p, x) / table[k, SIZE_A], dot(p, y) / table[k, SIZE_B])
 
 
 @inline
@@ -131,6 +128,7 @@ def _cap(table, k, origin):
 @inline
 def sample_lamp(lamps, k, origin, normal, pair):
     """A direction towards a lamp: unit vector, path to it, radiance, density [1/sr]; density 0: no light comes.
+    The radiance is that of an even lamp.
 
     A distant lamp without extent has an infinite density; its `radiance` is then the irradiance across its light.
     """
@@ -147,11 +145,10 @@ def sample_lamp(lamps, k, origin, normal, pair):
         if cap == math.inf:
             return z, math.inf, 0.0, 0.0
         off = minus(_triple(table, k, CENTRE), origin)
-        direction = _in_cap(unit(off), cap, pair)
+        direction = _in_cap(of_length_one(off), cap, pair)
         t, cosine = meet_lamp(table, k, origin, direction)
         # A direction at the rim may miss the sphere by rounding; it counts as touching.
-        t = math.sqrt(dot(off, off)) if t == math.inf else t
-        return direction, t, radiance_of(lamps, k, origin, direction, t), 1.0 / cap
+        return direction, (math.sqrt(dot(off, off)) if t == math.inf else t), radiance, 1.0 / cap
     off = minus(_point_on(table, k, pair), origin)
     t = math.sqrt(dot(off, off))
     direction = times(1.0 / t, off)
@@ -161,7 +158,7 @@ def sample_lamp(lamps, k, origin, normal, pair):
         cosine = -(math.cos(turn) * dot(direction, _triple(table, k, AXIS_Y)) + math.sin(turn) * cosine)
     if not cosine > 0.0:
         return direction, t, 0.0, 0.0
-    return direction, t, radiance_of(lamps, k, origin, direction, t), t * t / (cosine * table[k, AREA])
+    return direction, t, radiance, t * t / (cosine * table[k, AREA])
 
 
 @inline
@@ -267,10 +264,9 @@ def lamps_of(
     table[:, CHANCE] = chance[: len(table)]
     of_glow = float(chance[len(table) :].sum())
     glow = shining[0]._replace(chance=of_glow, per_mm2=of_glow * shining[0].per_mm2)
-    rows = rows_of(placed)
-    for k, (profile, picture) in enumerate(rows):
+    for k, (profile, picture) in enumerate(emitting.places):
         table[k, PROFILE], table[k, PICTURE] = profile, picture
-    return Lamps(table, emitting, sky._replace(raised=raised), background, glow)
+    return Lamps(table, emitting.numbers, sky._replace(raised=raised), background, glow)
 
 
 def _seen(kind: str, area: float, distance_mm: float) -> float:

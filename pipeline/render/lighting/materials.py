@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.shapes import Float64, Num
 from pipeline.render.lighting.records import Coat, Input, Material
 from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint, let_through
@@ -67,8 +67,8 @@ class Spot(NamedTuple):
 @inline
 def primvar_at(spot, column):
     """One number of the primvars at a place."""
-    corners, w = spot.primvars[spot.triangle], spot.weights
-    return w[0] * corners[0, column] + w[1] * corners[1, column] + w[2] * corners[2, column]
+    values, t, w = spot.primvars, spot.triangle, spot.weights
+    return w[0] * values[t, 0, column] + w[1] * values[t, 1, column] + w[2] * values[t, 2, column]
 
 
 @inline
@@ -129,7 +129,7 @@ def _share(x):
     return min(max(x, 0.0), 1.0)
 
 
-@inline
+@unit
 def passing(layers, materials, m, spot, cosine):
     """Share of light that passes a surface straight on, for the cosine of its angle to the triangle."""
     flags = materials.flags[m]
@@ -141,11 +141,9 @@ def passing(layers, materials, m, spot, cosine):
     return clear * let_through(layers, paint_at(materials, m, spot), abs(cosine)) if flags[VEIL] == GLASS else clear
 
 
-@inline
+@unit
 def veiled(layers, materials, m, spot, cosine, paint):
-    """What meets a surface by chance where it does not pass: its paint, and the factor of its light."""
-    if materials.flags[m, VEIL] != GLASS:
-        return paint, 1.0
+    """What meets clear glass by chance where it does not pass it: its paint, and the factor of its light."""
     passed = passing(layers, materials, m, spot, cosine)
     opacity = _share(input_at(materials, m, OPACITY, spot))
     faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha)
@@ -164,18 +162,18 @@ def presence_at(materials, m, spot):
 @inline
 def paint_at(materials, m, spot):
     """The paint of a surface at a place."""
-    colour, flags = _share(input_at(materials, m, DIFFUSE, spot)), materials.flags[m]
+    colour = _share(input_at(materials, m, DIFFUSE, spot))
     coat, coat_alpha, facing, alpha = 0.0, LEAST_ALPHA, 0.0, 0.0
-    if flags[COATED] > 0.0:
+    if materials.flags[m, COATED] > 0.0:
         coat = _share(input_at(materials, m, COAT, spot))
         coat_alpha = max(LEAST_ALPHA, _share(input_at(materials, m, COAT_ROUGHNESS, spot)) ** 2)
-    if flags[LAYER] > 0.0:
+    if materials.flags[m, LAYER] > 0.0:
         alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, spot)) ** 2)
-        if flags[WORKFLOW] > 0.0:
+        if materials.flags[m, WORKFLOW] > 0.0:
             facing = _share(input_at(materials, m, SPECULAR, spot))
         else:
             metal = _share(input_at(materials, m, METALLIC, spot))
-            facing = (1.0 - metal) * flags[FACING] + metal * colour
+            facing = (1.0 - metal) * materials.flags[m, FACING] + metal * colour
             colour *= 1.0 - metal
     return Paint(colour, facing, alpha, coat, coat_alpha)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
 from pipeline.render.lighting import draws
+from pipeline.render.lighting.emitting import EVEN
 from pipeline.render.lighting.lamps import (
     CHANCE,
     DOME,
@@ -25,7 +26,8 @@ from pipeline.render.lighting.lamps import (
     radiance_of,
     sample_lamp,
 )
-from pipeline.render.lighting.materials import EMISSION, Spot, input_at, paint_at, veiled
+from pipeline.render.lighting.lamps import RADIANCE as OF_LAMP
+from pipeline.render.lighting.materials import EMISSION, GLASS, VEIL, Spot, input_at, paint_at, veiled
 from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, reflected_as, scattered, seen_along
 from pipeline.render.lighting.shapes import (
     glow_density,
@@ -115,8 +117,10 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
         shading = shading if dot(shading, way) < 0.0 else flat
-        paint, more = veiled(layers, materials, m, spot, dot(flat, way), paint_at(materials, m, spot))
-        paths.power[i] *= more
+        paint = paint_at(materials, m, spot)
+        if materials.flags[m, VEIL] == GLASS:
+            paint, more = veiled(layers, materials, m, spot, dot(flat, way), paint)
+            paths.power[i] *= more
         if not math.isnan(albedo[i]):
             front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha)
             paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha)
@@ -146,7 +150,9 @@ def gather(lamps, asked, paths, hits, light):
             hits.distance[i] = math.inf
             if bright > 0.0:
                 chance = asked * lamps.table[lamp, CHANCE] * density(lamps.table, lamp, start, nearest, bright)
-                sent = radiance_of(lamps, lamp, start, way, nearest)
+                sent = lamps.table[lamp, OF_LAMP]
+                if lamps.table[lamp, EVEN] == 0.0:
+                    sent = radiance_of(lamps, lamp, start, way, nearest)
                 light[paths.ray[i]] += paths.power[i] * sent * _share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
@@ -175,8 +181,7 @@ def _from_far(lamps, asked, paths, i, way):
 
 @inline
 def _paint(hits, i):
-    paint = hits.paint[i]
-    return Paint(paint[0], paint[1], paint[2], paint[3], paint[4])
+    return Paint(hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2], hits.paint[i, 3], hits.paint[i, 4])
 
 
 @inline
@@ -274,6 +279,8 @@ def _candidate(lamps, layers, asked, place, paint, pair):
         chance = lamps.table[k, CHANCE]
         spot = min(u / chance, 1.0 - 1e-16), pair[1]
         way, end, radiance, by_lamp = sample_lamp(lamps, k, place.point, place.normal, spot)
+        if radiance > 0.0 and lamps.table[k, EVEN] == 0.0:
+            radiance = radiance_of(lamps, k, place.point, way, end)
     if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, place.flat) > 0.0):
         return k, way, end, 0.0
     value, by_surface = reflected_as(layers, paint, place.seen, local(way, place.x, place.y, place.normal))

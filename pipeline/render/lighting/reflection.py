@@ -20,8 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline, kernel
-from pipeline.targets.vectors import dot, unit
+from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.targets.vectors import dot
+from pipeline.targets.vectors import unit as of_length_one
 
 NODES = 64
 """Nodes of the tables along each axis [1]: with them a white furnace is white to 0.0003."""
@@ -36,7 +37,7 @@ _STAYING = 0.77
 _DRAWS = 128, 24
 """Points along both axes of the square that facets are drawn from: the tables are then accurate to 0.0002."""
 _ROOT = 0.72, -1.045, 0.29, -0.026
-"""Coefficients of the root in `Layers.sums` [1]: of the mean Schlick term g of light that first facets send to others,
+"""Coefficients of the root in `Layers.pairs` [1]: of the mean Schlick term g of light that first facets send to others,
 of the same times roughness, of the root of g, and of the cosine. Fitted to walks over all roughnesses and angles, as in
 tests/laws/microfacet_walk.py: light of all reflections together is right to 0.7 %.
 """
@@ -45,13 +46,11 @@ tests/laws/microfacet_walk.py: light of all reflections together is right to 0.7
 class Layers(NamedTuple):
     """Tables of the specular layer, from `tabled_layers`."""
 
-    # (NODES, NODES, 3), by the roots of alpha and of the cosine: light that single reflections return where the Fresnel
-    # term is 1, and where it is (1 - cos)^5; and the root of the share of other light that returns if facets reflect
-    # (1 - cos)^5
-    sums: np.ndarray
-    # (NODES, NODES, 2), means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of alpha and
-    # by `Paint.facing`
-    means: np.ndarray
+    # (NODES, NODES, 5), one array, because kernels count the users of each that they hand on. By the roots of alpha and
+    # of the cosine: light that single reflections return where the Fresnel term is 1, and where it is (1 - cos)^5; and
+    # the root of the share of other light that returns if facets reflect (1 - cos)^5. By the root of alpha and by
+    # `Paint.facing`: means over a hemisphere, weighted by the cosine, of both parts of `Layer`
+    pairs: np.ndarray
     # (COARSE, COARSE, COARSE, 2), means of the light that a coat returns times both parts of `Layer`, by the roots of
     # the coat's alpha and of alpha, and by `Paint.facing`
     coated: np.ndarray
@@ -108,8 +107,8 @@ def _layer(layers, paint, cosine):
     """The layer in a direction; see `Layer`."""
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(math.sqrt(max(cosine, 0.0)))
-    whole, grazing = _between(layers.sums, i, a, j, b, 0), _between(layers.sums, i, a, j, b, 1)
-    many = _many(paint.facing, 1.0 - whole, _between(layers.sums, i, a, j, b, 2))
+    whole, grazing = _between(layers.pairs, i, a, j, b, 0), _between(layers.pairs, i, a, j, b, 1)
+    many = _many(paint.facing, 1.0 - whole, _between(layers.pairs, i, a, j, b, 2))
     return Layer(many, paint.facing * (whole - grazing) + grazing + many)
 
 
@@ -153,27 +152,37 @@ def reflected(layers, paint, seen, lit):
 @inline
 def seen_along(layers, paint, seen):
     """The surface as it is seen along a direction."""
-    layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
+    bare = Layer(0.0, 0.0)
+    if paint.coat > 0.0:
+        return _coated_along(layers, paint, seen)
+    if paint.alpha == 0.0:
+        return SeenSurface(seen, bare, 1.0, 1.0, 0.0, bare, 1.0, 0.0)
+    layer = _layer(layers, paint, seen[2])
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(paint.facing)
+    many = max(_between(layers.pairs, i, a, j, b, 3), 1e-12)
+    kept = max(1.0 - _between(layers.pairs, i, a, j, b, 4), 1e-9)
+    return SeenSurface(seen, layer, many, kept, specular_chance(paint, layer), bare, 1.0, 0.0)
+
+
+@unit
+def _coated_along(layers, paint, seen):
+    """A surface below a clear coat as it is seen along a direction."""
+    layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
     if paint.alpha > 0.0:
         layer = _layer(layers, paint, seen[2])
-        many = _between(layers.means, i, a, j, b, 0)
-        kept = 1.0 - _between(layers.means, i, a, j, b, 1)
+        i, a = _at(math.sqrt(paint.alpha))
+        j, b = _at(paint.facing)
+        many = _between(layers.pairs, i, a, j, b, 3) - paint.coat * _both_means(layers, paint, 0)
+        kept = 1.0 - _between(layers.pairs, i, a, j, b, 4) + paint.coat * _both_means(layers, paint, 1)
         chance = specular_chance(paint, layer)
-    if paint.coat == 0.0:
-        return SeenSurface(seen, layer, max(many, 1e-12), max(kept, 1e-9), chance, Layer(0.0, 0.0), 1.0, 0.0)
-    k, c = _at(math.sqrt(paint.coat_alpha))
+    i, a = _at(math.sqrt(paint.coat_alpha))
     j, b = _at(_COAT)
-    coat, coat_mean = _coat(layers, paint, seen[2]), paint.coat * _between(layers.means, k, c, j, b, 1)
-    coat_many = max(paint.coat * _between(layers.means, k, c, j, b, 0), 1e-12)
-    if paint.alpha > 0.0:
-        many -= paint.coat * _both_means(layers, paint, 0)
-        kept += paint.coat * _both_means(layers, paint, 1)
-    many, kept = max(many, 1e-12), max(kept - coat_mean, 1e-9)
+    coat, coat_many = _coat(layers, paint, seen[2]), paint.coat * _between(layers.pairs, i, a, j, b, 3)
+    kept -= paint.coat * _between(layers.pairs, i, a, j, b, 4)
     under = (1.0 - coat.returned) * (layer.returned + paint.diffuse * (1.0 - layer.returned))
     follow = min(0.95, max(0.05, coat.returned / (coat.returned + under + 1e-12)))
-    return SeenSurface(seen, layer, many, kept, chance, coat, coat_many, follow)
+    return SeenSurface(seen, layer, max(many, 1e-12), max(kept, 1e-9), chance, coat, max(coat_many, 1e-12), follow)
 
 
 @inline
@@ -196,7 +205,7 @@ def _both_means(layers, paint, part):
     return total
 
 
-@inline
+@unit
 def let_through(layers, paint, cosine):
     """Share of light that no layer of a surface returns, in a direction."""
     through = 1.0
@@ -208,38 +217,43 @@ def let_through(layers, paint, cosine):
 @inline
 def reflected_as(layers, paint, as_seen, lit):
     """Values of `reflected`, for many directions of light."""
-    seen = as_seen.direction
-    if not (seen[2] > 0.0 and lit[2] > 0.0):
+    if not (as_seen.direction[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
-    if paint.coat == 0.0:
-        return _below(layers, paint, as_seen, lit, Layer(0.0, 0.0))
-    coat = _coat(layers, paint, lit[2])
-    value, density = _below(layers, paint, as_seen, lit, coat)
-    once, facets = _once(_COAT, paint.coat_alpha, seen, lit)
-    many = as_seen.coat.many * coat.many / as_seen.coat_many
-    value += paint.coat * once + many * lit[2] / math.pi
-    return value, as_seen.coat_chance * facets + (1.0 - as_seen.coat_chance) * density
+    if paint.coat > 0.0:
+        return _reflected_by_coat(layers, paint, as_seen, lit)
+    if paint.alpha == 0.0:
+        return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
+    once, around, density = _of_layers(layers, paint, as_seen, lit)
+    return once + around * lit[2] / math.pi, density
 
 
 @inline
-def _below(layers, paint, as_seen, lit, coat):
-    """Values of `reflected` of all that is below a coat, which is given in the direction of the light."""
-    seen, layer = as_seen.direction, as_seen.layer
-    through = (1.0 - as_seen.coat.returned) * (1.0 - coat.returned)
-    if paint.alpha == 0.0:
-        return paint.diffuse * lit[2] / math.pi * (through / as_seen.kept), lit[2] / math.pi
-    other = _layer(layers, paint, lit[2])
-    many = layer.many * other.many / as_seen.many * through
-    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept * through
-    once, single = _once(paint.facing, paint.alpha, seen, lit)
-    density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
-    return once * (1.0 - max(as_seen.coat.returned, coat.returned)) + (many + below) * lit[2] / math.pi, density
+def _of_layers(layers, paint, as_seen, lit):
+    """Light of single facets, times its cosine, that of all others and of the paint, and the density."""
+    layer, other = as_seen.layer, _layer(layers, paint, lit[2])
+    many = layer.many * other.many / as_seen.many
+    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept
+    once, single = _once(paint.facing, paint.alpha, as_seen.direction, lit)
+    return once, many + below, as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
+
+
+@unit
+def _reflected_by_coat(layers, paint, as_seen, lit):
+    """Values of `reflected` with a clear coat."""
+    coat, seen = _coat(layers, paint, lit[2]), as_seen.coat
+    once, around, density = 0.0, paint.diffuse / as_seen.kept, lit[2] / math.pi
+    if paint.alpha > 0.0:
+        once, around, density = _of_layers(layers, paint, as_seen, lit)
+    mirrored, facets = _once(_COAT, paint.coat_alpha, as_seen.direction, lit)
+    around = around * (1.0 - seen.returned) * (1.0 - coat.returned) + seen.many * coat.many / as_seen.coat_many
+    value = once * (1.0 - max(seen.returned, coat.returned)) + paint.coat * mirrored + around * lit[2] / math.pi
+    return value, as_seen.coat_chance * facets + (1.0 - as_seen.coat_chance) * density
 
 
 @inline
 def _once(facing, alpha, seen, lit):
     """Light that single facets reflect times its cosine, and the density with which facets are chosen."""
-    half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
+    half = of_length_one((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
     # Density of facets with this normal, times their visible part.
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
@@ -285,11 +299,11 @@ def _mirrored(alpha, seen, u, v):
 def _visible_facet(alpha, seen, u, v):
     """Normal of a facet, by the visible area of facets."""
     # Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
-    x, y, z = unit((alpha * seen[0], alpha * seen[1], seen[2]))
+    x, y, z = of_length_one((alpha * seen[0], alpha * seen[1], seen[2]))
     height, turn = (1.0 - u) * (1.0 + z) - z, 2.0 * math.pi * v
     radius = math.sqrt(max(0.0, 1.0 - height * height))
     cap = radius * math.cos(turn) + x, radius * math.sin(turn) + y, height + z
-    return unit((alpha * cap[0], alpha * cap[1], max(1e-12, cap[2])))
+    return of_length_one((alpha * cap[0], alpha * cap[1], max(1e-12, cap[2])))
 
 
 @functools.cache
@@ -308,7 +322,8 @@ def tabled_layers() -> Layers:
     coat = _COAT * (whole - grazing) + grazing + _many.function(_COAT, 1.0 - whole, sums[:, :, 2])
     step = (NODES - 1) // (COARSE - 1)
     coated = np.einsum("ac,bfck,c->abfk", coat[::step], both[::step, ::step], weights)
-    return Layers(sums, *map(np.ascontiguousarray, (np.einsum("aick,c->aik", both, weights), coated)))
+    pairs = np.concatenate([sums, np.einsum("aick,c->aik", both, weights)], axis=2)
+    return Layers(np.ascontiguousarray(pairs), np.ascontiguousarray(coated))
 
 
 def _weights(root: np.ndarray) -> np.ndarray:
@@ -322,7 +337,7 @@ def _weights(root: np.ndarray) -> np.ndarray:
 
 @kernel
 def fill_sums(sums, steps, turns):
-    """Write two entries of `Layers.sums`, and the Schlick term of light that first facets send to others.
+    """Write the first two entries of `Layers.pairs`, and the Schlick term of light that first facets send to others.
 
     Nodes are equally spaced in the root of alpha and in the root of the cosine. Most facets of a smooth surface lie
     flat. The few steep ones, whose light goes below the horizon, are the last hundredth of the first number that facets

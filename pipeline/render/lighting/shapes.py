@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.jit.decorators import inline, kernel
+from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting import materials as column
 from pipeline.render.lighting.draws import draw
@@ -17,7 +17,8 @@ from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares
 from pipeline.targets.surfaces import CYLINDER, HEIGHTS, Patch
-from pipeline.targets.vectors import along, cross, dot, minus, row, times, unit
+from pipeline.targets.vectors import along, cross, dot, minus, row, times
+from pipeline.targets.vectors import unit as of_length_one
 
 
 class Shapes(NamedTuple):
@@ -68,9 +69,14 @@ def sample_glow(glow, origin, pair):
     off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
     length = math.sqrt(dot(off, off))
     way = times(1.0 / length, off)
+    return way, length, _radiance_at(glow, t, w), glow_density(glow, t, way, length)
+
+
+@unit
+def _radiance_at(glow, t, w):
+    """Radiance of a triangle that shines, as far as it is present."""
     m, spot = glow.shapes.material[t], Spot(glow.shapes.primvars, t, w)
-    radiance = input_at(glow.materials, m, column.EMISSION, spot) * presence_at(glow.materials, m, spot)
-    return way, length, radiance, glow_density(glow, t, way, length)
+    return input_at(glow.materials, m, column.EMISSION, spot) * presence_at(glow.materials, m, spot)
 
 
 @inline
@@ -99,7 +105,7 @@ def shading_normal(shapes, materials, t, w, flat):
     smooth = along(smooth, w[2], row(normals[t], 2))
     # Normals may point inwards, and a mirrored mesh turns its corners round: both sides are alike.
     up = dot(smooth, flat)
-    smooth = unit(times(math.copysign(1.0, up), smooth)) if abs(up) > 0.0 else flat
+    smooth = of_length_one(times(math.copysign(1.0, up), smooth)) if abs(up) > 0.0 else flat
     m = shapes.material[t]
     if materials.flags[m, column.BUMPY] == 0.0:
         return smooth
@@ -107,14 +113,14 @@ def shading_normal(shapes, materials, t, w, flat):
     s_axis = along(s_axis, -dot(s_axis, smooth), smooth)
     if not dot(s_axis, s_axis) > 1e-24:
         return smooth
-    s_axis = unit(s_axis)
+    s_axis = of_length_one(s_axis)
     across = cross(smooth, s_axis)
     side = math.copysign(1.0, dot(across, t_axis))
     spot = Spot(shapes.primvars, t, w)
     x, y = input_at(materials, m, column.NORMAL_X, spot), input_at(materials, m, column.NORMAL_Y, spot)
     bent = along(times(x, s_axis), side * y, across)
     bent = along(bent, input_at(materials, m, column.NORMAL_Z, spot), smooth)
-    return unit(bent) if dot(bent, flat) > 1e-6 else smooth
+    return of_length_one(bent) if dot(bent, flat) > 1e-6 else smooth
 
 
 @inline
@@ -142,7 +148,7 @@ def _met(surfaces, t, start, way):
     shapes, materials, layers = surfaces
     path, normal = path_to(shapes.corners[t], start, way)
     w, m = weights(shapes.corners[t], normal, along(start, path, way)), shapes.material[t]
-    cosine = dot(unit(normal), way)
+    cosine = dot(of_length_one(normal), way)
     return path, passing(layers, materials, m, Spot(shapes.primvars, t, w), cosine)
 
 
