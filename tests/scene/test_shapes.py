@@ -352,6 +352,17 @@ def test_a_skeleton_moves_points_and_normals_and_blend_shapes_add_to_them_at_eac
         np.testing.assert_allclose(entry.finish.normals[0], (0, 1, 0, -s, c, 0, -s, c, 0), rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize("content", [MANY, ARM])
+def test_the_stage_of_a_build_has_the_same_shapes(content: str, tmp_path):
+    """What was written out is in it, and is not written out again."""
+    loaded = load(scene(tmp_path, content, 2))
+    copy = tmp_path / "copy.usda"
+    copy.write_text(loaded.flattened, encoding="utf-8")
+    again = load(copy)
+    assert again.errors == [] and again.dataset.occluders == loaded.dataset.occluders
+    assert again.dataset.frames == loaded.dataset.frames
+
+
 def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path):
     moving = """
         def Mesh "Flag"

@@ -25,6 +25,8 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     while waiting := [prim for prim in _instancers(stage) if prim.GetPath() not in done]:
         prim = waiting[0]
         done.add(prim.GetPath())
+        if _is_written_out(prim):
+            continue  # the dataset.usda of a build has the instances already
         try:
             instances = _instances(UsdGeom.PointInstancer(prim), frames)
         except (Tf.ErrorException, ValueError, IndexError):
@@ -52,8 +54,12 @@ def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
         if not prim.IsA(UsdGeom.PointInstancer):
             continue
         yield prim
-        if not any(child.GetName().startswith(_INSTANCE) for child in prim.GetChildren()):
+        if not _is_written_out(prim):
             prims.PruneChildren()
+
+
+def _is_written_out(prim: Usd.Prim) -> bool:
+    return any(child.GetName().startswith(_INSTANCE) for child in prim.GetChildren())
 
 
 class _Instance:
