@@ -18,6 +18,8 @@ CORNER_PX = np.array([10.0, 7.0])
 """The pixel on whose centre the left camera sees point 0 in frame 1."""
 HIDDEN = {("Left", 2, 3), ("Left", 2, 5), ("Right", 2, 0)}
 """Camera, frame and id of points that have no row."""
+DIM = {("Right", 3, 4): 0.3, ("Right", 3, 5): 0.7}
+"""Visibility of points that are hidden in part."""
 
 
 def same(found, expected, atol: float) -> None:
@@ -159,5 +161,6 @@ def _write_view(folder: Path, scene: Scene, name: str, frame: int) -> None:
     columns = {"frame": [frame] * len(ids), "camera": [name] * len(ids), "target": ["Board"] * len(ids)}
     columns |= {"point_id": ids, "microlens_k": [""] * len(ids), "microlens_l": [""] * len(ids)}
     columns |= {"microlens_type": [""] * len(ids), "x_px": pixels[:, 0], "y_px": pixels[:, 1]}
+    columns["visibility"] = [DIM.get((name, frame, point), 1.0) for point in ids]
     columns |= {"rho_px": np.full(len(ids), 0.1), "method": ["direct"] * len(ids)}
     write_table(folder / "correspondences.csv", ["by a pinhole"], columns)

@@ -131,6 +131,27 @@ def check_colmap(folder: Path, scene: Scene) -> None:
     assert model.points3D[1].track.length() == 8
 
 
+def check_coco(folder: Path, scene: Scene) -> None:
+    """As pycocotools indexes it: images, categories, annotations by id; keypoints from the top left corner."""
+    data = json.loads((folder / "coco.json").read_text())
+    images, (category,) = {image["id"]: image for image in data["images"]}, data["categories"]
+    assert (len(images), len(data["annotations"])) == (9, 9)
+    assert (category["name"], category["keypoints"]) == ("Board", [str(i) for i in range(COLUMNS * ROWS)])
+    for annotation in data["annotations"]:
+        image = images[annotation["image_id"]]
+        _, number, name, _ = image["file_name"].split("/")
+        assert (image["width"], image["height"]) == SIZE_PX and annotation["category_id"] == category["id"]
+        x, y, flag = np.array(annotation["keypoints"]).reshape(-1, 3).T
+        ids = scene.ids(name, int(number))
+        assert np.flatnonzero(flag).tolist() == ids and annotation["num_keypoints"] == len(ids)
+        expected = scene.pixels(name, int(number))[ids] + 0.5
+        same(np.stack([x, y], axis=1)[ids], expected, PRINTED_PX)
+        left, top, width, height = annotation["bbox"]
+        same([left, top, left + width, top + height], [*expected.min(axis=0), *expected.max(axis=0)], PRINTED_PX)
+        assert annotation["area"] == width * height and annotation["iscrowd"] == 0
+        assert np.flatnonzero(flag == 1).tolist() == ([4] if (name, number) == ("Right", "0003") else [])
+
+
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -175,6 +196,7 @@ def check_vision_calibration(folder: Path, scene: Scene) -> None:
 CHECKS = {
     "opencv": check_opencv,
     "opencv-multiview": check_opencv_multiview,
+    "coco": check_coco,
     "colmap": check_colmap,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,
