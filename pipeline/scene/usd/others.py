@@ -63,7 +63,7 @@ class Others:
         for each in problems:
             thing = self._stage.GetObjectAtPath(each.at) if each.at else None
             instead = next((text for code, text in _INSTEAD.items() if each.code.startswith(code)), None)
-            if not each.is_error or each.file not in self._files:
+            if each.file not in self._files or not (each.is_error or each.code in _SILENT):
                 yield each
             elif each.code in _BLOCKED and isinstance(thing, Usd.Attribute):
                 yield from self._blocked(each, thing)
