@@ -40,7 +40,7 @@ from pipeline.targets.vectors import across, along, dot, local, minus, row, time
 
 _GAP = 2e-6
 """Gap between a surface and rays that leave it, a part of the coordinates [1]: single precision moves them by 6e-8."""
-_CANDIDATES = 8
+_CANDIDATES = 4
 """Points of lamps of which a surface that the camera sees asks one [1]."""
 _WHOLE = 3
 """Surfaces after which no path ends by chance [1]: few from dark surfaces to a mirror and a lamp would be fireflies."""
