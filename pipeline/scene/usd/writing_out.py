@@ -48,10 +48,15 @@ def _over(name: str, count: int, what: str, prim: Usd.Prim) -> list[Problem]:
 
 
 def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """Point instancers that are drawn: none of a prototype, which its instances repeat."""
+    """Point instancers that are drawn: none of a prototype, which its instances repeat, and none for viewers alone, as
+    the microlenses in the dataset.usda of a build are.
+    """
     prims = iter(Usd.PrimRange(stage.GetPseudoRoot()))
     for prim in prims:
         if not prim.IsA(UsdGeom.PointInstancer):
+            continue
+        if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
+            prims.PruneChildren()
             continue
         yield prim
         if not _is_written_out(prim):
