@@ -51,12 +51,12 @@ def _carried(
     try:
         normals = _normals(prim, shape, time)
     except UnreadableValue as error:
-        flaws.append(error)
+        flaws.append(error.with_traceback(None))  # whose frames hold the list, and the stage
     for name, each in sorted(wanted.items()):
         try:
             primvars[name] = _primvar(prim, shape, each, time)
         except UnreadableValue as error:
-            flaws.append(error)
+            flaws.append(error.with_traceback(None))  # whose frames hold the list, and the stage
             primvars[name] = (each.fallback * 3,) * len(shape.corners)
     return normals, primvars, flaws
 

@@ -130,7 +130,7 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
         try:
             return read_material(material)
         except NotSupported as error:
-            reason = reason or (material, error)
+            reason = reason or (material, error.with_traceback(None))  # whose frames would hold the stage
     colours = _display_colours(mesh)
     if reason is None:
         return colours

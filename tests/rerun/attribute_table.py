@@ -7,7 +7,7 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
-LABELS = {"labels", "labels_tile"}
+LABELS = {"labels"}
 IN_PASSES = {"image_pass", "white_pass", "noise_level", "noise_check"} | IMAGES
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
