@@ -43,22 +43,28 @@ def read_finish(prim: Usd.Prim, frame: int | None = None) -> Finish:
 @read_once
 def _carried(
     prim: Usd.Prim, frame: int | None
-) -> tuple[tuple[Numbers, ...], dict[str, tuple[Numbers, ...]], list[UnreadableValue]]:
+) -> tuple[tuple[Numbers, ...], dict[str, tuple[Numbers, ...]], list[Problem]]:
     """Normals and primvars at the corners of all triangles, and what of them does not fit the shape and is left out."""
     shape, time = drawn(prim, frame), Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
     wanted = {each.name: each for shade in shades(prim)[0] for each in shade.primvars}
-    flaws, primvars, normals = list[UnreadableValue](), dict[str, tuple[Numbers, ...]](), tuple[Numbers, ...]()
+    flaws, primvars, normals = list[Problem](), dict[str, tuple[Numbers, ...]](), tuple[Numbers, ...]()
     try:
         normals = _normals(prim, shape, time)
     except UnreadableValue as error:
-        flaws.append(error.with_traceback(None))  # whose frames hold the list, and the stage
+        flaws.append(_ignored(error))
     for name, each in sorted(wanted.items()):
         try:
             primvars[name] = _primvar(prim, shape, each, time)
         except UnreadableValue as error:
-            flaws.append(error.with_traceback(None))  # whose frames hold the list, and the stage
+            flaws.append(_ignored(error))
             primvars[name] = (each.fallback * 3,) * len(shape.corners)
     return normals, primvars, flaws
+
+
+def _ignored(error: UnreadableValue) -> Problem:
+    # Not the error itself: its frames would hold the stage after an edit.
+    hint = "faces are drawn flat without normals, and plain without values"
+    return problem(error.thing, "not-drawn", f"{error.what}: it is ignored", hint=hint, severity="warning")
 
 
 def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers, ...]:
@@ -134,10 +140,7 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
             read_finish(prim)
             remarks |= dict.fromkeys(remarks_on(prim))
             for flaw in _carried(prim, None)[2]:
-                hint = "faces are drawn flat without normals, and plain without values"
-                remarks[
-                    problem(flaw.thing, "not-drawn", f"{flaw.what}: it is ignored", hint=hint, severity="warning")
-                ] = None
+                remarks[flaw] = None
         except UnreadableValue as error:
             yield problem(error.thing, error.code, error.what, hint=error.hint)
     yield from remarks
