@@ -55,10 +55,17 @@ def preview_faces(target: Target) -> PreviewFaces:
     )
 
 
+_WIDEST_PX = 1 << 14
+"""Most pixels along the picture of all patches [px]: viewers show no wider texture, and stairs may have thousands."""
+
+
 def preview_picture(target: Target, size_px: int) -> np.ndarray:
-    """Relative radiance of all patches side by side, (size_px, size_px * patches); the first row is the top."""
-    pictures = []
-    for patch in target.patches():
+    """Relative radiance of all patches side by side, (size_px, size_px * patches), or smaller for many; the first row
+    is the top.
+    """
+    pictures, patches = [], target.patches()
+    size_px = max(1, min(size_px, _WIDEST_PX // len(patches)))
+    for patch in patches:
         black, white = patch.colours
         share = (np.arange(size_px) + 0.5) / size_px
         x, y = ((2 * share - 1) * half for half in (patch.drawing.half_x_mm, patch.drawing.half_y_mm))
