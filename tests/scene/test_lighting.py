@@ -1,5 +1,6 @@
 """Lamps, meshes and materials as they are read from stages, and what is said about those that cannot be read."""
 
+import gc
 import hashlib
 import math
 from base64 import b64decode
@@ -535,3 +536,35 @@ def test_what_the_check_says_is_what_an_image_shows(kind: str, z: tuple, centre:
     places, fronts = np.array([SPOT]), pose[None, :3, 2]
     is_reached = shines(from_plain(Lamp, placed.lamp), np.array(placed.vision_from_lamp), places, fronts)
     assert is_reached == is_lit
+
+
+@pytest.mark.parametrize(
+    ("flaw", "mended"),
+    [
+        ("normal3f[] normals = [(0, 0, 1), (0, 1, 0)]", "normal3f[] normals = []"),
+        ("rel material:binding = </Scene/Paper>", "rel material:binding = </Scene/Board>"),
+    ],
+)
+def test_a_file_that_was_mended_is_read_again_in_the_same_process(tmp_path, flaw, mended):
+    """USD shares what is open: a flaw that held its stage would be there for ever."""
+    other = """
+    def Material "Paper"
+    {
+        token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "Other"
+            token outputs:surface
+        }
+    }
+    """
+    path, codes = tmp_path / "dataset.usda", []
+    gc.disable()
+    try:
+        for line in (flaw, mended):
+            path.write_text(head("Scene") + DATASET % (SUN + other + WALL % line), encoding="utf-8")
+            codes.append([each.code for each in load(path, look=True).problems])
+    finally:
+        gc.enable()
+    assert "not-drawn" in codes[0] and "not-drawn" not in codes[1]

@@ -251,6 +251,12 @@ def test_the_picture_has_the_colour_of_every_face_where_the_face_lies(surface):
     assert (picture[512 - 1 - row, column] == faces.radiance).all()
 
 
+def test_the_picture_of_very_many_faces_has_a_width_that_viewers_show():
+    target = Target(SMALL, Stairs(steps=3000, depth_mm=0.1))
+    picture = preview_picture(target, 1024)
+    assert picture.shape[1] == picture.shape[0] * len(target.patches()) <= 1 << 14
+
+
 def test_the_first_square_of_a_board_is_black_at_the_top_left_of_its_picture():
     picture = preview_picture(Target(SMALL), 7 * 100)  # four columns of corners make five squares and two margins
     assert picture[7 * 100 // 6 + 10, 100 + 10] == 0.1

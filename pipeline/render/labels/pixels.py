@@ -41,7 +41,7 @@ class Asked:
 
 
 class _Seen:
-    """What some pixels see along their rays."""
+    """Some pixels, with the things that their rays meet."""
 
     def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: SightLines | None) -> None:
         self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces

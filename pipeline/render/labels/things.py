@@ -25,14 +25,14 @@ _STEPS = 5
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """Where things are in the next frame, in its vision frame."""
+    """Places of the things in the next frame, in its vision frame."""
 
     targets: Sequence[np.ndarray]  # vision_from_target of each target
     occluders: Sequence[tuple[Occluder, np.ndarray] | None]  # each occluder; None: it is not there
 
 
 class Met(NamedTuple):
-    """What those rays meet first that meet anything."""
+    """First hits, of those rays that meet anything."""
 
     ray: np.ndarray  # (n,), their places among all
     thing: np.ndarray  # (n,), targets in their order, then occluders
@@ -75,7 +75,7 @@ class Things:
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])  # targets move by their poses
 
     def met(self, of_pixels: PixelRays) -> Met:
-        """What rays meet first."""
+        """First hits of rays."""
         rays = of_pixels.leaving
         triangle = self._lit.first_seen(of_pixels) if self._lit else self._embree.first_hit(rays.origin, rays.direction)
         ray = np.flatnonzero(triangle >= 0)
@@ -97,7 +97,7 @@ class Things:
 def _on_planes(
     corners: Float64[np.ndarray, "n 3 3"], origin: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where rays meet the planes of triangles: points, unit normals, and shares (n, 3) of the corners."""
+    """Hits of rays on the planes of triangles: points, unit normals, and shares (n, 3) of the corners."""
     a, first, second = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
     area = np.einsum("ni,ni->n", normal, normal)

@@ -1,4 +1,4 @@
-"""How lamps shine that do not do so evenly: with shapes of UsdLux, profiles of luminaires, and pictures on rects."""
+"""Lamps that do not shine evenly: with shapes of UsdLux, profiles of luminaires, and pictures on rects."""
 
 import math
 from collections.abc import Mapping, Sequence

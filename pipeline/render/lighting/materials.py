@@ -143,7 +143,7 @@ def passing(layers, materials, m, spot, cosine):
 
 @unit
 def veiled(layers, materials, m, spot, cosine, paint):
-    """What meets clear glass by chance where it does not pass it: its paint, and the factor of its light."""
+    """Clear glass for rays that happen not to pass it: its paint, and the factor of its light."""
     passed = passing(layers, materials, m, spot, cosine)
     opacity = _share(input_at(materials, m, OPACITY, spot))
     faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha)

@@ -11,7 +11,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shaping:
-    """How the radiance of a lamp depends on the direction, as the ShapingAPI of UsdLux says."""
+    """Radiance of a lamp by direction, as the ShapingAPI of UsdLux has it."""
 
     focus: float = 0.0  # power of the cosine from the axis
     focus_tint: Rgb = (0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What others wrote: layers that a stage references, or has as payloads, and in which nothing of ours is defined.
+"""Layers of others: those that a stage references, or has as payloads, and in which nothing of ours is defined.
 
 Only their authors could mend them, and USD composes them as they are. So what is an error in a file of ours is nothing
 here, or a warning that says what is drawn instead; and a value that cannot be used is blocked in the session layer, so

@@ -1,5 +1,5 @@
-"""What USD derives from a stage as prims of their own, written into its session layer, so that no file changes: the
-instances of point instancers, and in each frame the points that skeletons and blend shapes move.
+"""Instances of point instancers as prims of their own, and points that skeletons and blend shapes move in each frame,
+written into the session layer of a stage, so that no file changes.
 """
 
 from collections.abc import Iterator, Sequence

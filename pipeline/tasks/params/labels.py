@@ -10,7 +10,7 @@ LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
-    """What is asked for; names of targets with shares, and of all things by matte, targets first."""
+    """Channels that are asked for; names of targets with shares, and of all things by matte, targets first."""
 
     tokens: tuple[str, ...]
     targets: tuple[str, ...]
