@@ -1,6 +1,6 @@
 """Run the arena: detectors and calibrations of other programs, judged against the exact truth of simulated cameras.
 
-    python examples/06_arena/arena.py [conventional] [plenoptic] [--out build/arena] [--small] [--only NAME ...]
+    python examples/06_arena/arena.py [conventional | plenoptic] [--out build/arena] [--small] [--only NAME ...]
         [--snapshots FOLDER] [--rigs NAME ...] [--flaws NAME ...] [--quick]
 
 It builds the stages, makes an environment for every contestant, lets them work, and writes results.json and tables.txt
@@ -34,6 +34,7 @@ from environments import CONTESTANTS, Contestant, Failed, called, contestants, i
 from page import write_page  # noqa: E402
 
 Results = dict[str, Any]
+HALVES = ["conventional", "plenoptic"]
 REPEATS, NOISY = 3, 6
 """Images of every view, each with noise of its own; repeats of the calibration with noise."""
 SMALL = ("sharp", "noise")
@@ -41,9 +42,8 @@ SMALL = ("sharp", "noise")
 
 def arguments() -> argparse.Namespace:
     """What the command line asks for."""
-    halves = ["conventional", "plenoptic"]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("halves", nargs="*", choices=halves, default=halves, help="which cameras")
+    parser.add_argument("half", nargs="?", choices=HALVES, help="which cameras; without it both")
     parser.add_argument("--out", type=Path, default=Path("build/arena"), help="folder that keeps everything")
     parser.add_argument("--small", action="store_true", help="whether all of it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="contestants whose names contain one of these words")
@@ -61,9 +61,10 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     everybody = contestants()
     names = chosen(asked, [one.name for one in everybody if one.kind != "painter"] + [*compete.CONTESTANTS])
-    if "conventional" in asked.halves:
+    halves = [asked.half] if asked.half else HALVES
+    if "conventional" in halves:
         conventional(asked, everybody, [one for one in everybody if one.name in names], out)
-    if "plenoptic" in asked.halves:
+    if "plenoptic" in halves:
         plenoptic(asked, [name for name in names if name in compete.CONTESTANTS], out)
 
 
