@@ -19,6 +19,8 @@ from importlib.metadata import EntryPoint, entry_points
 from itertools import combinations
 from types import ModuleType
 
+import numpy as np
+
 from pipeline.channel_names import body_and_channel
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
@@ -71,6 +73,10 @@ class Origin(StrEnum):
     """Shares of width and height, from a corner: half a pixel of them."""
 
 
+_FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
+"""Number of the centre of the top-left pixel [px]; of other origins it depends on the image."""
+
+
 class ImageAxes(StrEnum):
     """Order and direction of image coordinates."""
 
@@ -104,6 +110,8 @@ class Centre(StrEnum):
     PINHOLE = "equivalent pinhole"
     ROWS = "pinhole of the rows"
     """Of the exported rows, as export.json states it; the equivalent pinhole where these determine none."""
+    CENTRAL = "central model of the image"
+    """The equivalent pinhole, or what export.json states: one of `Format.models` that leaves less."""
     PRINCIPAL_POINT = "front principal point"
 
 
@@ -153,6 +161,18 @@ class Convention:
         """A millimetre in the unit."""
         return 1e-3 if self.unit is Unit.M else 1.0
 
+    def positions(self, places_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+        """Image positions of ours as it counts them, (..., 2) [px, or 1]."""
+        upwards = self.axes is ImageAxes.X_UP
+        if self.origin is Origin.SHARE:
+            shares = (places_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
+            shifted = np.stack([shares[..., 0], 1 - shares[..., 1]], axis=-1) if upwards else shares
+        elif self.origin is Origin.IMAGE_CENTRE:
+            shifted = (places_px - (np.array(size_px) - 1) / 2) * (1, -1 if upwards else 1)
+        else:
+            shifted = (places_px + _FIRST_PIXEL[self.origin]) * (1, -1 if upwards else 1)
+        return shifted[..., ::-1] if self.axes is ImageAxes.Y_X else shifted
+
 
 OURS = Convention(origin=Origin.ZERO, board=Board.OURS, unit=Unit.MM, microlenses=Microlenses.AXIAL)
 """Our own conventions."""
@@ -170,6 +190,7 @@ class Format(Convention):
     cameras: Cameras
     targets: Targets = Targets.ANY
     reads: frozenset[Reads] = frozenset({Reads.CORNERS})
+    models: tuple[str, ...] = ()  # models of `pipeline fit` that it knows besides the pinhole, the simplest first
     least_cameras: int = 1  # fewest cameras, or channels of one, that it relates to each other
 
     def takes(self, is_plenoptic: bool) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline import formats
-from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose, positions
+from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose
 from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import write_json
@@ -35,13 +35,16 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     """
     module = formats.module_of(name)
     record: Format = module.FORMAT
+    material = with_central_models(material, record)
     module.write(converted(material, record), folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
+    if record.centre is Centre.CENTRAL:
+        facts["central_models"] = {camera.name: asdict(camera.image_model) for camera in material.cameras}
     noisy = None if noise.is_none else asdict(noise)
-    others = ("cameras", "least_cameras", "targets", "reads", "files")
+    others = ("cameras", "least_cameras", "targets", "reads", "files", "models")
     conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
     write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
     stated = record.paths({camera.name: camera.built.is_plenoptic for camera in material.cameras}, material.frames)
@@ -58,6 +61,26 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
             record["residual_px"] = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
         pinholes[camera.name] = record
     return pinholes
+
+
+def with_central_models(material: Material, record: Format) -> Material:
+    """A material with the central models of its cameras, and with poses to their centres, if a format states these.
+
+    Raises ExportError: none fits a camera.
+    """
+    if record.centre is not Centre.CENTRAL:
+        return material
+    from pipeline.exports.central import central_model  # loads the tracer
+
+    models = {camera.name: central_model(camera, record.models) for camera in material.cameras}
+    views = []
+    for view in material.views:
+        to_centre, poses = rigid(np.eye(3), -models[view.camera].centre_mm), view.built.poses
+        from_target = to_centre @ poses.camera_from_target[view.target]
+        world = to_centre @ poses.camera_from_world
+        views.append(replace(view, camera_from_target=from_target, camera_from_world=world))
+    cameras = tuple(replace(camera, central=models[camera.name]) for camera in material.cameras)
+    return replace(material, cameras=cameras, views=tuple(views))
 
 
 def converted(material: Material, convention: Convention) -> Material:
@@ -166,15 +189,17 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
-    pinhole, images = camera.pinhole, camera.micro_images
+    pinhole, model, images = camera.pinhole, camera.central, camera.micro_images
     if pinhole is not None:
-        pinhole = replace(pinhole, principal_point_px=positions(pinhole.principal_point_px, convention, camera.size_px))
-    axis = positions(camera.axis, convention, camera.size_px)
-    camera = replace(camera, pinhole=pinhole, axis=axis, rays=replace(camera.rays, convention=convention))
+        pinhole = replace(pinhole, principal_point_px=convention.positions(pinhole.principal_point_px, camera.size_px))
+    if model is not None:
+        model = replace(model, principal_point_px=convention.positions(model.principal_point_px, camera.size_px))
+    axis, rays = convention.positions(camera.axis, camera.size_px), replace(camera.rays, convention=convention)
+    camera = replace(camera, pinhole=pinhole, central=model, axis=axis, rays=rays)
     if images is None or grid is None:
         return camera
     central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())
-    images = replace(images, centres=positions(images.centres, convention, camera.size_px))
+    images = replace(images, centres=convention.positions(images.centres, camera.size_px))
     mesh = grid.mesh(images, central)
     if convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         images = grid.renumbered(images)
@@ -213,7 +238,7 @@ def _view(
 ) -> ExportView:
     """A view with positions, microlenses and poses as the format counts them; `frame` is `board_from_target`."""
     scale, observations = convention.scale, view.observations
-    observations = replace(observations, positions=positions(observations.positions, convention, camera.size_px))
+    observations = replace(observations, positions=convention.positions(observations.positions, camera.size_px))
     if grid and observations.microlenses is not None and convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         observations = replace(observations, microlenses=grid.cells(observations.microlenses))
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)

@@ -27,6 +27,12 @@ def yaml_text(remarks: Iterable[str], values: Mapping[str, Any]) -> str:
     return storage.releaseAndGetString()
 
 
+def yaml_real(value: float) -> str:
+    """A number that YAML takes for real: not 1e-05, which has no point."""
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
+
+
 def xml_text(name: str, values: Mapping[str, Any]) -> str:
     """Numbers, and lists of numbers, below one node of XML."""
     import cv2

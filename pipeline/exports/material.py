@@ -13,27 +13,13 @@ import numpy as np
 
 from pipeline.exports.micro_images import GridMesh, MicroImages
 from pipeline.exports.ray_patches import Sight, rows_of_rays
-from pipeline.formats import Convention, ExportError, ImageAxes, Origin
+from pipeline.fits.thin_lens import ThinLens, thin_lens
+from pipeline.formats import Convention, ExportError
 from pipeline.frames import apply, inverse
 from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
-_FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
-"""Number of the centre of the top-left pixel [px]; of other origins it depends on the image."""
-
-
-def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int, int]) -> np.ndarray:
-    """Image positions of ours as a format counts them, (..., 2) [px, or 1]."""
-    upwards = convention.axes is ImageAxes.X_UP
-    if convention.origin is Origin.SHARE:
-        shares = (places_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
-        shifted = np.stack([shares[..., 0], 1 - shares[..., 1]], axis=-1) if upwards else shares
-    elif convention.origin is Origin.IMAGE_CENTRE:
-        shifted = (places_px - (np.array(size_px) - 1) / 2) * (1, -1 if upwards else 1)
-    else:
-        shifted = (places_px + _FIRST_PIXEL[convention.origin]) * (1, -1 if upwards else 1)
-    return shifted[..., ::-1] if convention.axes is ImageAxes.Y_X else shifted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +58,7 @@ class CameraRays:
 
     def positions(self, places_px: np.ndarray) -> np.ndarray:
         """Image positions (..., 2) of ours as the format counts them."""
-        return positions(places_px, self.convention, self.built.size_px)
+        return self.convention.positions(places_px, self.built.size_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +72,20 @@ class StatedPose:
     def numbers(self) -> list[float]:
         """Rotation, row by row, then translation."""
         return [*self.rotation.ravel().tolist(), *self.translation.tolist()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentralModel:
+    """A projection through one centre that stands for the whole image of a camera; `central` makes it."""
+
+    name: str  # brown, fisheye or rational, as `pipeline fit` has them
+    centre_mm: np.ndarray  # (3,), centre of projection, vision frame
+    focal_px: np.ndarray  # (2,), fx and fy
+    principal_point_px: np.ndarray  # (2,)
+    coefficients: np.ndarray  # 5, 4 or 8, in OpenCV's order
+    # Residual of the rays of the image
+    rms_px: float
+    max_px: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +104,7 @@ class ExportCamera:
     row_pinhole: BuiltPinhole | None = None  # None where rows determine none, and behind microlenses
     mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
     pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
+    central: CentralModel | None = None  # of formats that state one; None before the conversion
 
     @property
     def model(self) -> BuiltPinhole:
@@ -122,10 +123,21 @@ class ExportCamera:
         return [f, f, *self.model.principal_point_px.tolist(), *self.model.distortion.tolist()]
 
     @property
+    def image_model(self) -> CentralModel:
+        """The central model, of formats that state one."""
+        assert self.central is not None
+        return self.central
+
+    @property
     def array(self) -> tuple[MicroImages, GridMesh]:
         """Micro-images and the mesh through them, of formats for plenoptic cameras."""
         assert self.micro_images is not None and self.mesh is not None
         return self.micro_images, self.mesh
+
+    @property
+    def thin_lens(self) -> ThinLens:
+        """The thin-lens camera; focal lengths in the order of its types."""
+        return thin_lens(self.built.record, self.array[0].focal_lengths_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -74,23 +74,32 @@ def field_rays(camera: ReadyCamera) -> FieldRays:
     tracer, rig = camera.rig.tracer, camera.rig
     bare = Tracer(replace(tracer.camera, microlenses=None), tracer.seed)
     seen = replace(camera, rig=Rig.of(bare, rig.square_px))
-    sensor = seen.camera.sensor
-    across, down = (
-        np.linspace(-0.5, size - 0.5, count) for size, count in ((sensor.width_px, COLUMNS), (sensor.height_px, ROWS))
-    )
-    x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    rays = seen.rays(*x_px.T, accuracy_px=_ACCURACY_PX)
+    size_px = seen.camera.sensor.width_px, seen.camera.sensor.height_px
+    rays = seen.rays(*positions_px(size_px).T, accuracy_px=_ACCURACY_PX)
+    return lit_field(camera.name, rays, seen.planes_mm, size_px, paraxial_pinhole(seen.camera))
+
+
+def positions_px(size_px: tuple[int, int]) -> np.ndarray:
+    """Image positions on a grid from corner to corner of an image, (n, 2)."""
+    across, down = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(size_px, (COLUMNS, ROWS), strict=True))
+    return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+
+
+def lit_field(
+    name: str, rays: PixelRays, planes_mm: tuple[float, float], size_px: tuple[int, int], start: np.ndarray
+) -> FieldRays:
+    """The field of a camera of that name, of rays at `positions_px`; the others are fields of it.
+
+    Raises FitError: light reaches too little of the image.
+    """
     lit = np.isfinite(rays.direction).all(axis=1)
     if lit.sum() < _LEAST_RAYS:
-        raise FitError(f"light reaches {lit.sum()} of {len(lit)} positions of {camera.name or 'the image'}")
-    some = {name: getattr(rays, name)[lit] for name in ("x_px", "y_px", "origin_mm", "direction", "error_px")}
+        raise FitError(f"light reaches {lit.sum()} of {len(lit)} positions of {name or 'the image'}")
+    columns = ("x_px", "y_px", "origin_mm", "direction", "error_px", "hit_fraction")
+    lit_rays = PixelRays(**{column: getattr(rays, column)[lit] for column in columns}, microlens=None)
+    x_px = np.stack([lit_rays.x_px, lit_rays.y_px], axis=1)
     return FieldRays(
-        x_px=x_px[lit],
-        rays=PixelRays(**some, hit_fraction=rays.hit_fraction[lit], microlens=None),
-        planes_mm=seen.planes_mm,
-        size_px=(sensor.width_px, sensor.height_px),
-        lit_share=float(lit.mean()),
-        start=paraxial_pinhole(seen.camera),
+        x_px=x_px, rays=lit_rays, planes_mm=planes_mm, size_px=size_px, lit_share=float(lit.mean()), start=start
     )
 
 

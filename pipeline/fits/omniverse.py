@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.material import positions
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera
@@ -71,7 +70,7 @@ def _schema(fit: Fit, camera: FittedCamera) -> AppliedSchema:
     middle, word = _NAMES[fit.model.name]
     values = fit.values
     width, height = camera.field.size_px
-    cx, cy = positions(np.array([values["cx"], values["cy"]]), _PIXELS, (width, height)).tolist()
+    cx, cy = _PIXELS.positions(np.array([values["cx"], values["cy"]]), (width, height)).tolist()
     attributes: list[tuple[str, str, Any]]
     if word.startswith("opencv"):
         names = _PINHOLE if word == "opencvPinhole" else ("k1", "k2", "k3", "k4")

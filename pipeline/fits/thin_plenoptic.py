@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.exports.thin_lens import thin_lens
 from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import least, rms
+from pipeline.fits.thin_lens import thin_lens
 from pipeline.results.ready_camera import ReadyCamera
 
 PARAMETERS = (

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pycolmap
 import vision_calibration
+import yaml
 from exports.pretended import (
     CENTRE_PX,
     COLUMNS,
@@ -152,6 +153,21 @@ def check_coco(folder: Path, scene: Scene) -> None:
         assert np.flatnonzero(flag == 1).tolist() == ([4] if (name, number) == ("Right", "0003") else [])
 
 
+def check_ros(folder: Path, scene: Scene) -> None:
+    """As camera_calibration_parsers reads it; image_proc rectifies by OpenCV, to the camera of P."""
+    for name in scene.rig:
+        info = yaml.safe_load((folder / f"{name}.yaml").read_text())
+        assert (info["image_width"], info["image_height"]) == SIZE_PX and info["camera_name"] == name
+        keys = ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
+        assert all(type(number) is float for key in keys for number in info[key]["data"]), "1e-05 is a text in YAML 1.1"
+        k, d, r, p = (np.reshape(info[key]["data"], (info[key]["rows"], info[key]["cols"])) for key in keys)
+        assert info["distortion_model"] == "plumb_bob" and d.shape == (1, 5)
+        same(r, np.eye(3), 0), same(p, np.column_stack([k, np.zeros(3)]), 0)
+        pose = scene.camera_from_target(name, 2)
+        seen = cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], k, d)[0][:, 0]
+        same(seen, scene.pixels(name, 2), PRINTED_PX)
+
+
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -198,6 +214,7 @@ CHECKS = {
     "opencv-multiview": check_opencv_multiview,
     "coco": check_coco,
     "colmap": check_colmap,
+    "ros": check_ros,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,
     "npz": check_npz,

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from truth import Model, Truth
 
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.exports.thin_lens import thin_lens
+from pipeline.fits.thin_lens import thin_lens
 from pipeline.fits.thin_plenoptic import PARAMETERS, positions_mm
 
 _UNITS = np.array([0.1, 0.1, 0.1, 0.01, 1e-4, 0.01, 0.01, 0.01, 0.01, 1e-5, 1e-7, 1e-9])

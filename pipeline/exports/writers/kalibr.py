@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.exports.filestorage import yaml_real
 from pipeline.exports.material import ExportCamera, ExportTarget, Material
 from pipeline.files.tables import write_table
 from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
@@ -49,11 +50,11 @@ def _target(material: Material) -> Iterator[str]:
         yield f"# Kalibr wants {_LEAST} rows and columns of inner corners at least"
     if target.kind == "circle-grid":
         yield from ("target_type: 'circlegrid'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
-        yield from (f"spacingMeters: {_real(board.column_step)}", "asymmetricGrid: False")
+        yield from (f"spacingMeters: {yaml_real(board.column_step)}", "asymmetricGrid: False")
         return
     yield from ("target_type: 'checkerboard'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
-    yield f"rowSpacingMeters: {_real(board.row_step)}"
-    yield f"colSpacingMeters: {_real(board.column_step)}"
+    yield f"rowSpacingMeters: {yaml_real(board.row_step)}"
+    yield f"colSpacingMeters: {yaml_real(board.column_step)}"
 
 
 def _aprilgrid(target: ExportTarget) -> Iterator[str]:
@@ -61,8 +62,8 @@ def _aprilgrid(target: ExportTarget) -> Iterator[str]:
     across = np.linalg.norm(np.diff(target.nominal[:3], axis=0), axis=1)
     yield from ("target_type: 'aprilgrid'", f"tagCols: {target.parameters['columns']}")
     yield f"tagRows: {target.parameters['rows']}"
-    yield f"tagSize: {_real(across[0])}"
-    yield f"tagSpacing: {_real(across[1] / across[0])}"
+    yield f"tagSize: {yaml_real(across[0])}"
+    yield f"tagSpacing: {yaml_real(across[1] / across[0])}"
 
 
 def _chain(material: Material) -> Iterator[str]:
@@ -74,7 +75,7 @@ def _chain(material: Material) -> Iterator[str]:
         if number and camera.pose:
             yield "  T_cn_cnm1:"
             for turn, shift in zip(camera.pose.rotation.tolist(), camera.pose.translation.tolist(), strict=True):
-                yield f"  - [{', '.join(map(_real, [*turn, shift]))}]"
+                yield f"  - [{', '.join(map(yaml_real, [*turn, shift]))}]"
             yield "  - [0.0, 0.0, 0.0, 1.0]"
 
 
@@ -84,16 +85,10 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
     if k3:
         yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
     yield "distortion_model: radtan"
-    yield f"distortion_coeffs: [{', '.join(map(_real, [k1, k2, p1, p2]))}]"
-    yield f"intrinsics: [{', '.join(map(_real, intrinsics))}]"
+    yield f"distortion_coeffs: [{', '.join(map(yaml_real, [k1, k2, p1, p2]))}]"
+    yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
-
-
-def _real(value: float) -> str:
-    """A number that YAML takes for real: not 1e-05, which has no point."""
-    text = repr(float(value))
-    return text if "." in text else text.replace("e", ".0e")
 
 
 def _write_corners(material: Material, path: Path) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import GridMesh
-from pipeline.exports.thin_lens import ThinLens, thin_lens_of
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
+from pipeline.fits.thin_lens import ThinLens
 from pipeline.formats import Board, Cameras, Centre, Format, Microlenses, Origin, Pose, Rotation, Targets, Unit
 
 FORMAT = Format(
@@ -65,7 +65,7 @@ def write(material: Material, folder: Path) -> None:
         for name, rows in (("centers", centres), ("features", known)):
             columns = {column: rows[column] for column in rows.dtype.names or ()}
             write_table(place / f"{name}.csv", (), columns)
-        about, model = {"about": list(material.remarks)}, thin_lens_of(camera)
+        about, model = {"about": list(material.remarks)}, camera.thin_lens
         write_json(place / "camera.js", {**about, **_camera(camera, model)})
         write_json(place / "intrinsics.js", {**about, **_camera(camera, model), **_intrinsics(camera, model)})
         write_json(place / "params.js", {**about, **_parameters(camera, model)})

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from pipeline.exports.filestorage import xml_text
 from pipeline.exports.material import Material
-from pipeline.exports.thin_lens import thin_lens_of
 from pipeline.formats import Cameras, ExportError, Format, Origin, Unit
 
 FORMAT = Format(
@@ -21,7 +20,7 @@ FORMAT = Format(
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
-        (_, mesh), model = camera.array, thin_lens_of(camera)
+        (_, mesh), model = camera.array, camera.thin_lens
         if mesh.layout != "hexagonal":
             raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
         lens_pitch_px = camera.built.record["mla"]["pitch_mm"] / camera.pitch_mm

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import GridMesh
-from pipeline.exports.thin_lens import thin_lens_of
 from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Microlenses, Origin
 
 FORMAT = Format(
@@ -92,7 +91,7 @@ def _pair(name: str, units: str, values: Iterable[object], keys: tuple[str, str]
 
 def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     """Depth of field of each type as virtual depths; an end at the front focal point of the main lens is inf."""
-    record, model = camera.built.record, thin_lens_of(camera)
+    record, model = camera.built.record, camera.thin_lens
     lens, types = record["lens"], record["mla"]["types"]
     front, ends = lens["principal_planes_mm"][0], []
     for number in camera.array[0].own_types.tolist():

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera
-
 _INFINITE_MM = 1e8
 """Distance that libpleno takes for infinite [mm]."""
 _SAME = 1e-6
@@ -46,11 +44,6 @@ class ThinLens:
         image = self.main_lens_mm + {0: 0, 1: -2, 2: 2}[self.mode] * self.sensor_mm
         beyond = image - self.focal_mm
         return min(image**2 / beyond, _INFINITE_MM) if beyond > 0 else _INFINITE_MM
-
-
-def thin_lens_of(camera: ExportCamera) -> ThinLens:
-    """The thin-lens camera of an exported one; focal lengths in the order of its types."""
-    return thin_lens(camera.built.record, camera.array[0].focal_lengths_mm)
 
 
 def thin_lens(record: dict[str, Any], focal_lengths_mm: np.ndarray) -> ThinLens:

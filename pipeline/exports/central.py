@@ -1,0 +1,75 @@
+"""The central model of a camera's whole image, for programs that take intrinsics and see more than targets.
+
+It is the equivalent pinhole of camera.json, which has the coefficients of Brown. A wide lens bends more than these
+follow, or has no such pinhole; then others are fitted to the rays of its image.
+"""
+
+from collections.abc import Iterable
+from contextlib import suppress
+
+import numpy as np
+
+from pipeline.exports.material import CentralModel, ExportCamera
+from pipeline.fits.field import FieldRays, FitError, lit_field, positions_px
+from pipeline.fits.fitting import Fit, fitted
+from pipeline.formats import ExportError
+
+_ENOUGH_PX = 1e-3
+"""Residual of the pinhole up to which nothing else is tried, rms [px]: what rows of a table claim by default."""
+_WORTH_IT = 0.9
+"""Residual that a further model may leave, over that of the one before [1]: it is worth a gain of a tenth."""
+
+
+def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
+    """The central model of a conventional camera, in our conventions.
+
+    `others`: names of models of `pipeline fit` that may stand for it, the simplest first.
+    Raises ExportError: none fits.
+    """
+    models = [] if camera.pinhole is None else [_of_pinhole(camera)]
+    if not models or models[0].rms_px > _ENOUGH_PX:
+        field = _field(camera)
+        for name in others:
+            with suppress(FitError):
+                further = _of_fit(fitted(field, name))
+                if not models or further.rms_px < _WORTH_IT * models[-1].rms_px:
+                    models.append(further)
+    if not models:
+        raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(others)}")
+    return models[-1]
+
+
+def _of_pinhole(camera: ExportCamera) -> CentralModel:
+    pinhole = camera.model
+    return CentralModel(
+        name="brown",
+        centre_mm=pinhole.centre_mm,
+        focal_px=np.full(2, pinhole.principal_distance_px),
+        principal_point_px=pinhole.principal_point_px,
+        coefficients=pinhole.distortion,
+        rms_px=pinhole.rms_px,
+        max_px=pinhole.max_px,
+    )
+
+
+def _of_fit(fit: Fit) -> CentralModel:
+    """A model with the parameters of OpenCV's: centre, fx, fy, cx, cy, coefficients."""
+    centre_mm, focal_px, principal_point_px, coefficients = np.split(fit.parameters, [3, 5, 7])
+    return CentralModel(
+        name=fit.model.name,
+        centre_mm=centre_mm,
+        focal_px=focal_px,
+        principal_point_px=principal_point_px,
+        coefficients=coefficients,
+        rms_px=fit.rms_px,
+        max_px=fit.max_px,
+    )
+
+
+def _field(camera: ExportCamera) -> FieldRays:
+    record = camera.built.record
+    near_mm, far_mm = map(float, record["near_far_mm"])
+    pupil_mm = record["lens"]["entrance_pupil"]["z_mm"]
+    start = np.array([record["principal_distance_px"], *record["optical_axis_px"], pupil_mm])
+    rays = camera.rays.sight.rays(*positions_px(camera.size_px).T)
+    return lit_field(camera.name, rays, (near_mm, far_mm), camera.size_px, start)
