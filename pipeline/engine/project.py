@@ -8,9 +8,7 @@ from typing import Any
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.output.manifest import Head
-from pipeline.engine.planning import near
-from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.near import unpadded
+from pipeline.engine.planning.graph import TaskGraph, names_like, unpadded
 from pipeline.errors import UsageError
 
 
@@ -94,5 +92,5 @@ def _nothing_meant(project: Project, target: str, path: str) -> UsageError:
     if Path(target).is_file():
         hint = "another output folder is named by -o"
         return UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint)
-    hint = near.hint(path, project.graph, project.files)
+    hint = names_like(path, [*project.graph, *project.files])
     return UsageError(f"neither a task nor a file is named {target!r}", hint=hint)

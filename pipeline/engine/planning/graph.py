@@ -1,6 +1,7 @@
 """The graph of tasks. The only module that knows networkx."""
 
 import functools
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -8,13 +9,15 @@ from fnmatch import fnmatchcase
 import networkx as nx
 
 from pipeline.engine.digest import canonical
-from pipeline.engine.planning import near
-from pipeline.engine.planning.near import unpadded
 from pipeline.engine.planning.task_code import check_kind
 from pipeline.engine.records import Params
 from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
 
 TASKS = ("pipeline.tasks",)
+
+_MOST = 6
+"""Number of names in one hint: they fit into one line of a terminal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,5 +126,20 @@ class TaskGraph:
         if not names:
             names = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
         if not names:
-            raise UsageError(f"no task is named {pattern!r}", hint=near.hint(pattern, self, ()))
+            raise UsageError(f"no task is named {pattern!r}", hint=names_like(pattern, self))
         return names
+
+
+def unpadded(name: str) -> str:
+    """A name or path without leading zeros in its numbers, so that `truth/2` and `truth/0002` are equal."""
+    return re.sub(r"(?<![^/])0+(?=\d+(/|$))", "", name)
+
+
+def names_like(target: str, names: Iterable[str]) -> str:
+    """A hint for a name that matches nothing: names that begin with the same word, the word nearest to it, or all."""
+    word, names = target.split("/")[0], sorted(names)
+    words = sorted({name.split("/")[0] for name in names})
+    alike = [name for name in names if word in name.split("/")]
+    if alike:
+        return f"there {'is' if len(alike) == 1 else 'are'} {', '.join(alike[:_MOST])}{' …' if alike[_MOST:] else ''}"
+    return did_you_mean(word, words) or f"`pipeline graph` shows the tasks; their names begin with {', '.join(words)}"
