@@ -125,10 +125,6 @@ class Dask:
             done = {future for future in self._running if future.done()}
         return [reply for future in done if future in self._running for reply in self._replies(future)]
 
-    def drop_waiting(self) -> list[str]:
-        """Return nothing: the scheduler does not tell which tasks wait."""
-        return []
-
     def close(self) -> None:
         """Cancel unfinished tasks; the cluster goes on."""
         with contextlib.suppress(Exception):  # a dead scheduler has nothing to cancel

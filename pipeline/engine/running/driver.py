@@ -74,6 +74,7 @@ class _Driver:
         self._forced = set(options.force)
         self._specs = Specs(store)
         self._running: dict[str, Job] = {}  # with the company of each task
+        self._waiting: set[str] = set()  # first tasks of jobs that wait for another builder
         self._rebuilt: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
@@ -99,8 +100,7 @@ class _Driver:
             for reply in self.engine.wait(_TICK_S):
                 self._collect(reply)
             if interrupts.arrived:
-                for name in self.engine.drop_waiting():
-                    del self._running[name]
+                self._running = {name: job for name, job in self._running.items() if job[0].name not in self._waiting}
 
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
@@ -163,10 +163,17 @@ class _Driver:
     def _collect(self, reply: Reply) -> None:
         for text in reply.warnings:
             self.on_event(Warned(text=text))
-        if reply.state == "waiting":
-            return
         name = reply.name
-        job = self._running.pop(name)
+        if name not in self._running:  # it waited for another builder when Ctrl-C was pressed
+            return
+        job = self._running[name]
+        if reply.state == "waiting":
+            self._waiting.add(name)
+            return
+        if reply.state == "begun":
+            self._waiting.discard(name)
+            return
+        del self._running[name]
         spec = next(spec for spec in job if spec.name == name)
         if reply.damaged and name not in self._rebuilt:
             self._rebuild_inputs(name)

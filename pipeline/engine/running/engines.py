@@ -25,15 +25,14 @@ Job = tuple[Spec, ...]
 class Engine(Protocol):
     """An engine runs jobs. `free` is the number of jobs that it can take now.
 
-    `wait` returns replies of tasks, those of one job together; a task that waits for another builder replies with state
-    waiting. `drop_waiting` gives up such jobs, as far as the engine knows of them, and returns their tasks.
+    `wait` returns replies of tasks, those of one job together; a job that waits for another builder, or no longer does,
+    replies with state waiting or begun where the engine knows.
     """
 
     @property
     def free(self) -> int: ...
     def submit(self, job: Job) -> None: ...
     def wait(self, timeout_s: float) -> list[Reply]: ...
-    def drop_waiting(self) -> list[str]: ...
     def close(self) -> None: ...
 
 
@@ -57,10 +56,6 @@ class Inline:
         replies = [reply for job in self._waiting for reply in perform(job, self._store, self._packages)]
         self._waiting.clear()
         return replies
-
-    def drop_waiting(self) -> list[str]:
-        """Return nothing: a task that waits in this process is stopped by the signal itself."""
-        return []
 
     def close(self) -> None:
         """Do nothing: there is no worker to end."""
@@ -107,11 +102,10 @@ class Processes:
             *lines, worker.received = worker.received.split(b"\n")
             for line in lines:
                 arrived = [from_plain(Reply, plain) for plain in json.loads(line)]
+                replies += arrived
                 if arrived[0].state == "begun":
                     worker.since = time.monotonic()
-                    continue
-                replies += arrived
-                if arrived[0].state != "waiting":
+                elif arrived[0].state != "waiting":
                     worker.job = ()
             if not data:
                 replies += self._worker_died(worker)
@@ -130,16 +124,6 @@ class Processes:
                 text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
                 replies += [failed(spec, text, self._store, seconds) for spec in worker.job]
         return replies
-
-    def drop_waiting(self) -> list[str]:
-        """End workers whose job waits for another builder; the names of these tasks."""
-        names = []
-        for worker in list(self._workers):
-            if worker.job and worker.since is None:
-                names += [spec.name for spec in worker.job]
-                worker.process.kill()
-                self._forget(worker)
-        return names
 
     def close(self) -> None:
         """End all workers at once; unfinished tasks leave nothing behind."""
