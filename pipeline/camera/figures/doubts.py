@@ -12,11 +12,12 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.pupil.chief_ray import TOO_WIDE, chief_heights
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.optics.rays import GRID, front_grid, traced
-from pipeline.optics.table import VERTEX, motion_of, unbounded
+from pipeline.optics.table import motion_of, unbounded
 
 _PITCHES_MM = (2e-4, 0.5)
 """Pitches of pixels [mm]: wider than half a wavelength of light, and narrower than half a millimetre."""
@@ -29,9 +30,6 @@ _ZOOMS = 5
 """Grids, each 4 / `GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
 _HALVINGS = 12
 """Bisections of the way to a dark corner: to 1/4096 of it, and the message has four digits."""
-_CROSSINGS = 12_001
-"""Rays along a line through the rear vertex: about half as far apart as those that `camera.pupil.chief_ray` tries, over
-a longer way, so that no chief ray found there is missed here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +132,13 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
     what, traced_mm = "the farthest corner", far
     if camera.microlenses:
         what, traced_mm = "the farthest microlens", float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
-    if camera.prescription.is_centred and not _has_chief_ray(tracer, traced_mm):
-        raise CameraError(
-            f"no ray from {traced_mm:.4g} mm off the axis, {what}, reaches the centre of the aperture stop",
-            hint="the lens has no image so far out: is the pixel pitch in mm, and the sensor or array not too large?",
-        )
+    if camera.prescription.is_centred:
+        crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, np.array([traced_mm]))
+        if np.isnan(crossing[0]):
+            raise CameraError(
+                f"no ray from {traced_mm:.4g} mm off the axis, {what}, reaches the centre of the aperture stop",
+                hint=TOO_WIDE,
+            )
     if not _is_lit(tracer, corner):
         lit, _ = halved(
             lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
@@ -165,20 +165,6 @@ def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
         middle = grid[passed][np.argmin(away)]
         grid = middle + (grid - grid.mean(axis=0)) * (4 / GRID)
     return False
-
-
-def _has_chief_ray(tracer: Tracer, height_mm: float) -> bool:
-    """Whether a ray through the centre of the stop leaves from a height: some pass above it and some below."""
-    rear = unbounded(tracer.table[: tracer.stop_row + 1])
-    if np.isclose(rear[0, VERTEX], rear[-1, VERTEX]):
-        return True
-    reach = 3 * (height_mm + abs(rear[0, VERTEX] - tracer.film_z_mm))  # farther than `camera.pupil.chief_ray` looks
-    x = np.linspace(-reach, reach, _CROSSINGS)
-    start = np.array([height_mm, 0.0, tracer.film_z_mm])
-    way = np.column_stack([x, np.zeros(len(x)), np.full(len(x), rear[0, VERTEX])]) - start
-    place, _, passed = traced(rear, np.tile(start, (len(way), 1)), _unit(way))
-    side = np.where(passed, np.sign(place[:, 0]), 0.0)
-    return bool((side[1:] * side[:-1] < 0).any() or (passed & (side == 0)).any())
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -33,9 +33,7 @@ _TRIED = 4001
 _BISECTIONS = 60
 """Halvings between two of them: a double has 53 bits."""
 _NO_CHIEF_RAY = "no ray from {} mm off the axis reaches the centre of the aperture stop"
-_TOO_WIDE = (
-    "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
-)
+TOO_WIDE = "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
 
 
 def chief_slopes(
@@ -50,14 +48,14 @@ def chief_slopes(
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
             x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
-            raise CameraError(_NO_CHIEF_RAY.format(f"({x:.4g}, {y:.4g})"), hint=_TOO_WIDE)
+            raise CameraError(_NO_CHIEF_RAY.format(f"({x:.4g}, {y:.4g})"), hint=TOO_WIDE)
         return (crossing - across) / ahead
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
     unique, which = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
     crossing_at = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
     if np.isnan(crossing_at).any():
-        raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(crossing_at), 0].max():.4g}"), hint=_TOO_WIDE)
+        raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(crossing_at), 0].max():.4g}"), hint=TOO_WIDE)
     crossing = crossing_at[which.reshape(-1)]
     outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
     return (crossing - height)[:, None] * outward / ahead
