@@ -73,7 +73,6 @@ def project(
 
 
 def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
-    """The project of a loaded stage, or of its preview."""
     dataset = require_dataset(loaded, path)
     dataset = preview_of(dataset) if preview else dataset
     graph, files, certificates = graph_of(dataset)

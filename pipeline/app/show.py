@@ -50,7 +50,6 @@ class Shown:
     curves: FieldCurves | None
 
     def plain(self) -> dict[str, Any]:
-        """The document and the field curves."""
         return {**self.document, "field_curves": self.curves.to_plain() if self.curves else None}
 
     def page(self) -> list[str]:
@@ -60,7 +59,6 @@ class Shown:
         return text.lens_page(self.document, self.curves)
 
     def _drawing(self) -> str:
-        """The lens and its rays, as SVG."""
         if self.camera is None:
             hint = "without --plot its figures are printed"
             raise UsageError("a lens without a real image cannot be drawn", hint=hint)
@@ -121,7 +119,6 @@ class PointImages:
     pitch_mm: float
 
     def lines(self) -> list[str]:
-        """Lines for a terminal."""
         lines = list[str]()
         for entry, images in self.channels:
             head = [] if entry.channel is None else [f"channel {entry.channel.name}"]

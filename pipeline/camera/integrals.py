@@ -59,7 +59,6 @@ class Bundles:
         return replace(self, x_px=x_px, microlens=np.where(self.known, self.microlens, SKIP))
 
     def only(self, rows: Bool[np.ndarray, "n"] | slice) -> "Bundles":
-        """Some of them."""
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 

@@ -113,7 +113,6 @@ class Tracer:
 
     @cached_property
     def arrays(self) -> CameraArrays:
-        """The camera for the kernels."""
         return camera_arrays(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
 
     def positions_mm(self, x_px: Num[np.ndarray, "n"] | float, y_px: Num[np.ndarray, "n"] | float) -> np.ndarray:

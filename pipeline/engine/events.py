@@ -58,8 +58,6 @@ class Retried(Event):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done(Event):
-    """A task has ended."""
-
     name: ClassVar[str] = "done"
     result: TaskResult
 
@@ -129,13 +127,11 @@ class EventFile:
         self._stream: TextIO | None = None
 
     def __call__(self, event: Event) -> None:
-        """Append an event."""
         with chosen_place("write events to", self._path):
             self._stream = self._stream or self._path.open("w", encoding="utf-8", buffering=1)
             self._stream.write(json.dumps(event.to_dict(), sort_keys=True) + "\n")
 
     def close(self) -> None:
-        """Flush and close."""
         if self._stream is not None:
             with contextlib.suppress(OSError):  # reported when it was written
                 self._stream.close()

@@ -45,7 +45,6 @@ class Components:
 
     @property
     def key(self) -> str:
-        """The key of the task."""
         return key_of(KEY_DOMAIN, fields_of(self))
 
     def digests(self) -> list[str]:

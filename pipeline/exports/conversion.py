@@ -157,7 +157,6 @@ def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarra
 
 
 def stated(a_from_b: np.ndarray, rotation: Rotation) -> StatedPose:
-    """A pose with its rotation in a form."""
     return StatedPose(rotation=_FORMS[rotation](a_from_b), translation=a_from_b[:3, 3] + 0.0)
 
 

@@ -160,8 +160,6 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportTarget:
-    """A target."""
-
     name: str
     kind: str
     parameters: dict[str, Any]
@@ -182,7 +180,6 @@ class Observations:
     rho_px: np.ndarray  # (n,), signed blur radius, positive: the target lies beyond best focus
 
     def only(self, rows: np.ndarray) -> "Observations":
-        """Some of the rows."""
         columns = {name: values for name in self.__dataclass_fields__ if (values := getattr(self, name)) is not None}
         return replace(self, **{name: values[rows] for name, values in columns.items()})
 
@@ -212,8 +209,6 @@ class Scene(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """All that is exported at once."""
-
     stage: str
     remarks: tuple[str, ...]  # for every file that allows comments: what the numbers mean, and that noise was added
     cameras: tuple[ExportCamera, ...]
@@ -227,11 +222,9 @@ class Material:
         path.write_text("\n".join([*(f"# {line}" for line in self.remarks), *lines, ""]), encoding="utf-8")
 
     def of(self, camera: ExportCamera) -> tuple[ExportView, ...]:
-        """Views of a camera."""
         return tuple(view for view in self.views if view.camera == camera.name)
 
     def target(self, name: str) -> ExportTarget:
-        """Target of a name."""
         return next(target for target in self.targets if target.name == name)
 
     def residuals_px(self, view: ExportView) -> np.ndarray:

@@ -50,7 +50,6 @@ class Patch:
 
     @property
     def quarters(self) -> list["Patch"]:
-        """Its quarters."""
         left, upper = (self.width + 1) // 2, (self.height + 1) // 2
         across = [(self.x, left), (self.x + left, self.width - left)]
         down = [(self.y, upper), (self.y + upper, self.height - upper)]

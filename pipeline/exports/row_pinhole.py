@@ -71,7 +71,6 @@ class _Adjusted:
 
     @property
     def together(self) -> Sightings:
-        """All rows."""
         names = ("x_px", "places_mm")
         return Sightings(*(np.concatenate([getattr(target, name) for target in self.seen]) for name in names))
 

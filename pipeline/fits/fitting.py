@@ -29,8 +29,6 @@ _INVERTED = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """A projection model."""
-
     name: str
     consumer: str  # who has it, and under which name
     parameters: tuple[str, ...]  # `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians
@@ -179,7 +177,6 @@ class Fit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters by name."""
         return dict(zip(self.model.parameters, self.parameters.tolist(), strict=True))
 
     @property

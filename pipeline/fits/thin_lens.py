@@ -17,8 +17,6 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThinLens:
-    """Thin lens and array."""
-
     focal_mm: float  # of the main lens
     f_number: float
     main_lens_mm: float  # distance of the array from the main lens, D

@@ -56,7 +56,6 @@ class ThinPlenopticFit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters by name."""
         return dict(zip(PARAMETERS, self.parameters.tolist(), strict=True))
 
     @property

@@ -65,7 +65,6 @@ def _greater(a, b):  # type: ignore[no-untyped-def]
 
 
 def _less(a, b):  # type: ignore[no-untyped-def]
-    """The less of two numbers."""
     return b if b < a else a
 
 

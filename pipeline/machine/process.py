@@ -17,7 +17,6 @@ class Stderr(io.TextIOWrapper):
     """A stream of messages for people. Writing to it never fails; what cannot be written is lost."""
 
     def write(self, text: str) -> int:
-        """Write the text if possible."""
         try:
             return super().write(text)
         except OSError:

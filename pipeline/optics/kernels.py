@@ -57,7 +57,6 @@ class Packet(NamedTuple):
 
 @buffers
 def new_packet():
-    """Buffers of a packet."""
     return Packet(
         np.empty(PACKET),
         np.empty(PACKET),

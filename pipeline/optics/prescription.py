@@ -266,7 +266,6 @@ class Prescription:
 
     @property
     def stop(self) -> Surface:
-        """The aperture stop."""
         return self.surfaces[self.stop_index]
 
     @property

@@ -31,8 +31,6 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coating:
-    """A coating at one wavelength: reflectances, or films."""
-
     reflectance: tuple[float, ...] = ()  # at each angle; without angles a single one, for all of them
     angles_deg: tuple[float, ...] = ()  # of incidence in the medium of the lower index, ascending
     films: tuple[Film, ...] = ()  # in the order in which light from the scene meets them; in place of reflectances

@@ -40,7 +40,6 @@ class Sizes(enum.Enum):
     FINITE = "that is finite"
 
     def hold(self, value: float) -> bool:
-        """Whether a number has such a size."""
         if self is Sizes.FINITE:
             return math.isfinite(value)
         return abs(value) <= _LARGEST or (self is Sizes.OR_INFINITE and math.isinf(value))

@@ -46,7 +46,6 @@ def to_plain(record: Any) -> Any:
 
 @functools.cache
 def _hints(cls: type) -> dict[str, Any]:
-    """Types of the fields of a type of records, by name."""
     if not dataclasses.is_dataclass(cls):
         raise TypeError(f"a record cannot hold a {cls.__name__}")
     hints = typing.get_type_hints(cls)

@@ -52,7 +52,6 @@ class ReadyCamera:
 
     @property
     def camera(self) -> Camera:
-        """The record of the camera."""
         return self.rig.tracer.camera
 
     @property

@@ -190,7 +190,6 @@ class BuiltView:
 
     @cached_property
     def poses(self) -> BuiltPoses:
-        """Poses of the view, from poses.json."""
         record = self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json")
         targets, pinhole = record["targets"], record["pinhole"]
         from_target = {name: pose["pinhole"] for name, pose in targets.items() if pose["pinhole"]}
@@ -240,7 +239,6 @@ class BuiltCamera:
 
     @cached_property
     def correspondences(self) -> CorrespondenceRows:
-        """Rows of all frames."""
         return joined([view.correspondences for view in self.views])
 
     @property
@@ -320,7 +318,6 @@ class BuiltTarget:
 
 
 def target(name: str, record: Json) -> BuiltTarget:
-    """A target from its JSON file."""
     points = record["points"]
     return BuiltTarget(
         name=name,

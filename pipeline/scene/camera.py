@@ -51,7 +51,6 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
 
 @read_once
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
-    """The entry of one camera with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
     sensor = target(prim, "plen:camera:sensor", "PlenSensor")
     name, model = need(lens, "plen:name") or lens.GetName(), need(prim, _MODEL)

@@ -59,7 +59,6 @@ def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
 
 @read_once
 def read_target_entry(prim: Usd.Prim) -> TargetEntry:
-    """A target with its name."""
     roughness = read(prim, "plen:coat:roughness")
     coat = None if roughness is None else Coat(roughness=roughness, ior=need(prim, "plen:coat:ior"))
     return TargetEntry(

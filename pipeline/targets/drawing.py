@@ -223,8 +223,6 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disc:
-    """A disc."""
-
     x: float
     y: float
     radius: float

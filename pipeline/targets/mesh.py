@@ -68,7 +68,6 @@ class MeshTarget:
 
     @property
     def kind(self) -> str:
-        """Name of the kind of target."""
         return self.KIND
 
     def corners_mm(self) -> np.ndarray:
@@ -76,7 +75,6 @@ class MeshTarget:
         return np.array(self.vertices_mm, float)[np.array(self.triangles)]
 
     def patches(self) -> list[Patch]:
-        """The mesh as one piece."""
         blank = Drawing(0.0, 0.0)
         corners, albedo = self.corners_mm(), np.array(self.albedo, float)
         return [Patch(MESH, np.eye(4), blank, (0.0, 1.0), triangles=corners, albedo=albedo)]

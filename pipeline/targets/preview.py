@@ -41,7 +41,6 @@ class PreviewFaces:
 
 
 def preview_faces(target: Target) -> PreviewFaces:
-    """Faces of all patches of a target."""
     patches = target.patches()
     pieces = [_faces(patch) for patch in patches]
     first = np.cumsum([0, *(len(piece.points_mm) for piece in pieces)])

@@ -83,7 +83,6 @@ def _turned(parts: list[np.ndarray], tolerance: float) -> Solid:
 
 
 def sphere(radius: float, tolerance: float) -> Solid:
-    """A sphere."""
     return _turned([_arc(radius, 0.0, -math.pi / 2, math.pi / 2, tolerance)], tolerance)
 
 
@@ -116,7 +115,6 @@ def plane(width: float, length: float) -> Solid:
 
 
 def cube(size: float) -> Solid:
-    """A cube."""
     sheet = plane(size, size)
     sides = []
     for axis in "XYZ":

@@ -77,7 +77,6 @@ class Cage:
 
     @cached_property
     def faces_at_edge(self) -> np.ndarray:
-        """Number of faces at each edge."""
         return np.bincount(self.edge, minlength=len(self.ends))
 
     @cached_property
@@ -260,7 +259,6 @@ class Levels:
         self._origin = [np.arange(len(cage.count))]
 
     def cage(self, level: int) -> Cage:
-        """The cage of a level."""
         while len(self._cages) <= level:
             cage, origin = self._cages[-1], self._origin[-1]
             rules = _Rules(cage, self.scheme)

@@ -47,11 +47,9 @@ class Target:
 
     @property
     def kind(self) -> str:
-        """Name of the pattern."""
         return self.pattern.KIND
 
     def patches(self) -> list[Patch]:
-        """Patches of the surface, for images."""
         return [patch for patch, _ in self.surface.patches(self.pattern)]
 
     def points(self) -> TargetPoints:
@@ -102,7 +100,6 @@ def plain_from_target(target: AnyTarget) -> dict[str, Any]:
 
 
 def target_from_plain(plain: dict[str, Any]) -> AnyTarget:
-    """The target written by `plain_from_target`."""
     if plain["kind"] == MeshTarget.KIND:
         return from_plain(MeshTarget, plain["mesh"])
     surface = dict(plain["surface"])

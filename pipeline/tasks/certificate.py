@@ -65,7 +65,6 @@ def certificate(
 
 
 def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[Rows]:
-    """Rows of each target of a table."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
     x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)

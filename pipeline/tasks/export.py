@@ -60,7 +60,6 @@ class BuiltParts(BuiltFolder):
         return self.places.get(name)
 
     def record(self, name: str) -> Json:
-        """Content of a JSON file."""
         if name not in self.records:
             return BuiltFolder.record(self, name)
         content: Json = self.records[name]

@@ -29,7 +29,6 @@ def frame_poses(params: FramePoses, inputs: Inputs, out: Path) -> None:
 
 
 def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> Json:
-    """The content of poses.json."""
     camera_from_world = np.array(frame.camera_from_world)
     targets: dict[str, Json] = {
         name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame.targets.items()

@@ -42,7 +42,6 @@ class PointBundles(NamedTuple):
     planes: np.ndarray
 
     def only(self, rows: np.ndarray) -> "PointBundles":
-        """The bundles of some rows."""
         return PointBundles(*(part[rows] for part in self))
 
 

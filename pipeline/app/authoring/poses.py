@@ -131,7 +131,6 @@ class CameraField:
 
     @property
     def middle_px(self) -> np.ndarray:
-        """Middle of the image."""
         return (np.array([self.camera.sensor.width_px, self.camera.sensor.height_px]) - 1) / 2
 
     @cached_property

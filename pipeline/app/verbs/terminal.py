@@ -49,7 +49,6 @@ def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None) -> Any:
-    """The project of a stage."""
     from pipeline.app.build import project
 
     return project(stage, out, tuple(allow_root or ()))

@@ -38,8 +38,6 @@ _SPOT = 1.2
 
 @dataclass(frozen=True, slots=True)
 class PointImage:
-    """The image of one point."""
-
     place: str  # in words
     x_px: Float64[np.ndarray, "2"]  # image position that the point has by geometry: the mean of its rays
     # Vision z of the point; inf: infinitely far

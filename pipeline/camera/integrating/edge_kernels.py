@@ -44,8 +44,6 @@ class Rule(NamedTuple):
 
 
 class SingleHits(NamedTuple):
-    """Hits of single rays on planes."""
-
     on_plane: np.ndarray  # (m, 2) float64, coordinates on the plane [mm]
     density: np.ndarray  # (m,) float64, weight per area of the sampling plane
     passes: np.ndarray  # (m,) bool, whether the ray leaves the camera

@@ -30,8 +30,6 @@ _AT_ONCE = 2
 
 
 class Blocks(NamedTuple):
-    """Blocks of the sensor."""
-
     microlens: np.ndarray  # (b,) int64, microlens of each block, or `NO_MICROLENS`
     centre_mm: np.ndarray  # (b, 2) float64, vision frame
     step_mm: np.ndarray  # (b,) float64, distance of the nodes, which lie around the centre
@@ -47,7 +45,6 @@ class Beams(NamedTuple):
 
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
-    """Trace the beams of some blocks."""
     shape = len(blocks.microlens), NODES * NODES, RAYS, 3
     beams = Beams(np.empty(shape), np.empty(shape), np.zeros(shape[0], bool))
     _trace(camera._replace(table=unbounded(camera.table)), blocks, beams)

@@ -96,7 +96,6 @@ class Starts(NamedTuple):
     microlens: np.ndarray  # (n,) int64, microlens of each position, `NO_MICROLENS` or `SKIP`
 
     def part(self, some: slice) -> "Starts":
-        """Some of them."""
         return Starts(*(array[some] for array in self))
 
 
@@ -128,7 +127,6 @@ class Leaving(NamedTuple):
     owner: np.ndarray  # (n,) int64, s times the row of the square plus the place of the microlens among its strata
 
     def first(self, count: int) -> "Leaving":
-        """The first rays."""
         return Leaving(*(array[:count] for array in self))
 
 

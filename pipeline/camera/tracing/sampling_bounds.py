@@ -40,7 +40,6 @@ class Fan(NamedTuple):
 
 @buffers
 def new_region():
-    """Buffers of a region."""
     shape = MAX_VERTICES, 2
     return Region(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES))
 

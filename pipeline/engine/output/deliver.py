@@ -119,7 +119,6 @@ class _Goal:
         return {**self.digests, manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
 
     def write(self, path: str, target: Path) -> None:
-        """Write the bytes of a file to a new one."""
         source = self.contents.files[path]
         if isinstance(source, bytes):
             target.write_bytes(source)

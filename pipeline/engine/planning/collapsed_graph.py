@@ -23,7 +23,6 @@ class Node:
 
     @property
     def count(self) -> int:
-        """Number of tasks."""
         return self.states.total()
 
     @property

@@ -64,7 +64,6 @@ def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
 
 
 def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[PlannedTask]]:
-    """Tasks by state, kind and reasons."""
     groups: dict[tuple[str, str, str], list[PlannedTask]] = {}
     for task in planned:
         groups.setdefault((task.state, task.kind, _cause(task)), []).append(task)

@@ -94,11 +94,9 @@ class TaskGraph:
         return iter(self._order)
 
     def sources(self, name: str) -> list[str]:
-        """Tasks that `name` reads."""
         return sorted(self._graph.predecessors(name))
 
     def readers(self, name: str) -> list[str]:
-        """Tasks that read `name`."""
         return sorted(self._graph.successors(name))
 
     def priorities(self) -> dict[str, int]:

@@ -166,7 +166,6 @@ class Dask:
         return replies
 
     def _threads(self) -> list[int]:
-        """Number of threads of each worker."""
         try:
             workers = self._client.scheduler_info(n_workers=-1)["workers"]
         except (OSError, KeyError):

@@ -38,7 +38,6 @@ class Result:
     checked: tuple[str, ...] = ()
 
     def count(self, state: str) -> int:
-        """Number of tasks that ended in a state."""
         return sum(task.state == state for task in self.tasks)
 
     @property
@@ -63,7 +62,6 @@ class Result:
 
     @property
     def failures(self) -> tuple[TaskResult, ...]:
-        """The tasks that failed."""
         return tuple(task for task in self.tasks if task.state == "failed")
 
     @property
@@ -118,8 +116,6 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended(Event):
-    """A build has ended."""
-
     name: ClassVar[str] = "end"
     result: Result
 

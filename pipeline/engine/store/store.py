@@ -223,7 +223,6 @@ class Store(StoreFolder):
             return None
 
     def notes(self, folder: str) -> list[str]:
-        """Names of all notes in a folder."""
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
 

@@ -178,7 +178,6 @@ class Medium:
         return self.dispersion.index(wavelength_nm / 1000.0)
 
     def holds(self, wavelength_nm: float) -> bool:
-        """Whether the formula holds at a wavelength."""
         return self.min_nm <= wavelength_nm <= self.max_nm
 
     @property

@@ -76,7 +76,6 @@ class Scripts:
         return place
 
     def remove_others(self) -> None:
-        """Remove scripts that this report does not have."""
         for path in (self.report / "data").glob("*.js"):
             if f"data/{path.name}" not in self.written:
                 path.unlink()
@@ -103,7 +102,6 @@ class ReportedBuild:
 
     @property
     def report(self) -> Path:
-        """Folder of the report."""
         return self.scripts.report
 
 

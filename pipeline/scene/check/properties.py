@@ -66,7 +66,6 @@ class Condition:
 
 
 def conditions_in(documentation: str) -> list[Condition]:
-    """The conditions stated in a documentation."""
     stated = _LINE.findall(documentation)
     return [
         Condition(kind=kind, name=name, tokens=tuple(filter(None, tokens.split(", ")))) for kind, name, tokens in stated

@@ -96,7 +96,6 @@ class Polygons:
 
 
 def is_drawn(prim: Usd.Prim) -> bool:
-    """Whether a prim has a type of shape that is drawn."""
     return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in _SOLIDS
 
 

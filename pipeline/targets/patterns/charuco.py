@@ -50,7 +50,6 @@ class Charuco(Pattern):
 
     @property
     def tags(self) -> int:
-        """Number of tags."""
         return (self.columns + 1) * (self.rows + 1) // 2
 
     def _tag_centres(self) -> np.ndarray:

@@ -52,11 +52,9 @@ class Pattern:
 
     @property
     def drawing(self) -> Drawing:
-        """Its artwork."""
         raise NotImplementedError
 
     def marks(self) -> Marks:
-        """Its points."""
         raise NotImplementedError
 
     def title(self) -> str:

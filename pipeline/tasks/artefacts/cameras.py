@@ -46,7 +46,6 @@ def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
 
 
 def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
-    """Tracer of the focused camera."""
     return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
 
 

@@ -12,12 +12,10 @@ from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget
 
 
 def placed_target(entry: PlacedTarget) -> tuple[AnyTarget, np.ndarray]:
-    """A target with its pose vision_from_target."""
     return target_from_plain(entry.target), np.array(entry.vision_from_target)
 
 
 def placed_occluder(entry: PlacedOccluder) -> tuple[Occluder, np.ndarray]:
-    """An occluder with its pose vision_from_occluder."""
     return from_plain(Occluder, entry.occluder), np.array(entry.vision_from_occluder)
 
 

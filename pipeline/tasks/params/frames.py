@@ -134,8 +134,6 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedFrame:
-    """Targets of a frame."""
-
     number: int
     targets: tuple[PlacedTarget, ...]
 

@@ -123,7 +123,6 @@ class SetNote:
         return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
 
     def joined(self, other: "SetNote") -> "SetNote":
-        """The counts of the rows of both."""
         errors = [note.error_px for note in (self, other) if note.error_px is not None]
         return SetNote(
             name=self.name,
@@ -142,7 +141,6 @@ class ColumnSet:
 
 
 def column_names(name: str) -> tuple[str, str]:
-    """Names of the columns of a set."""
     return f"{name}_x_px", f"{name}_y_px"
 
 
