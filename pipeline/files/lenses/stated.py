@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.optics.first_order import FirstOrder, first_order
-from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, prescription_of
-from pipeline.records.shapes import Float64
+from pipeline.optics.prescription import Prescription, PrescriptionError
+from pipeline.optics.printed import Lost, PrintedLens, prescription_of
+from pipeline.optics.rays import traced
+from pipeline.optics.table import VERTEX, towards_sensor, unbounded
 
 _NEAR_FOCUS = 0.01
 """Share of the focal length by which focal length and back focal distance may differ: names are round, and a film
@@ -29,10 +30,8 @@ _RAYS = 24
 
 def figures(lens: PrintedLens) -> FirstOrder | None:
     """First-order figures, whatever the semi-diameters of all surfaces but the stop; None for an afocal lens."""
-    small = tuple(s if s.is_stop else replace(s, semi_diameter_mm=1e-9) for s in lens.surfaces)
-    forward = tuple(replace(s, thickness_mm=max(s.thickness_mm, 0.0)) for s in small[-1:])
     try:
-        return first_order(prescription_of(replace(lens, surfaces=(*small[:-1], *forward))))
+        return first_order(_of_any_width(lens))
     except (PrescriptionError, ArithmeticError):
         return None
 
@@ -78,41 +77,22 @@ def remarks(
 
 
 def axial_blur_mm(lens: PrintedLens, computed: FirstOrder) -> float:
-    """Rms radius of the image of an infinitely distant point on the axis, where it is smallest; inf if rays fail. [mm]
-
-    Spheres and planes only, which a format without aspheres has.
-    """
-    rim = computed.entrance_pupil.diameter_mm / 2
-    heights = rim * np.sqrt((np.arange(_RAYS) + 0.5) / _RAYS)
-    crossed = _through_spheres(lens.surfaces, heights)
-    if crossed is None:
+    """Least rms radius of the image of an infinitely distant point on the axis; inf if rays fail. [mm]"""
+    table = unbounded(towards_sensor(_of_any_width(lens)))
+    start = np.zeros((_RAYS, 3))
+    start[:, 1] = computed.entrance_pupil.diameter_mm / 2 * np.sqrt((np.arange(_RAYS) + 0.5) / _RAYS)
+    start[:, 2] = table[0, VERTEX]
+    rays = traced(table, start, np.tile([0.0, 0.0, 1.0], (_RAYS, 1)))
+    if not rays.passes.all():
         return math.inf
-    height, slope = crossed
+    slope = rays.direction[:, 1] / rays.direction[:, 2]
+    height = rays.position[:, 1] - rays.position[:, 2] * slope
     depth = -float(height @ slope) / float(slope @ slope)
     return float(np.sqrt(np.mean((height + slope * depth) ** 2)))
 
 
-def _through_spheres(
-    surfaces: tuple[PrintedSurface, ...], heights_mm: Float64[np.ndarray, "rays"]
-) -> tuple[Float64[np.ndarray, "rays"], Float64[np.ndarray, "rays"]] | None:
-    """Heights and slopes at the last vertex of rays parallel to the axis; None if one misses or is reflected."""
-    # Snell's law in the plane: Spencer and Murty, J. Opt. Soc. Am. 52 (1962) 672.
-    y, z, dy, dz = heights_mm.copy(), np.zeros(len(heights_mm)), np.zeros(len(heights_mm)), np.ones(len(heights_mm))
-    index, step_mm = 1.0, 0.0
-    for surface in surfaces:
-        c = 0.0 if math.isinf(surface.radius_mm) else 1 / surface.radius_mm
-        y = y + (step_mm - z) / dz * dy
-        cosine = (dz - c * y * dy) ** 2 - (c * y) ** 2
-        if not np.all(cosine > 0):
-            return None
-        cosine = np.sqrt(cosine)
-        path = c * y**2 / (dz - c * y * dy + cosine)
-        y, z = y + path * dy, path * dz
-        ratio = index / surface.index
-        behind = 1 - ratio**2 * (1 - cosine**2)
-        if not np.all(behind > 0):
-            return None
-        bend = np.sqrt(behind) - ratio * cosine
-        dy, dz = ratio * dy - bend * c * y, ratio * dz + bend * (1 - c * z)
-        index, step_mm = surface.index, surface.thickness_mm
-    return y - z / dz * dy, dy / dz
+def _of_any_width(lens: PrintedLens) -> Prescription:
+    """The lens for first-order figures and unbounded rays, whatever the semi-diameters of all surfaces but the stop."""
+    small = tuple(s if s.is_stop else replace(s, semi_diameter_mm=1e-9) for s in lens.surfaces)
+    forward = tuple(replace(s, thickness_mm=max(s.thickness_mm, 0.0)) for s in small[-1:])
+    return prescription_of(replace(lens, surfaces=(*small[:-1], *forward)))
