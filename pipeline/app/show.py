@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.app.stages import chosen, lacking, sound
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -17,7 +16,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
-from pipeline.files.jsonfile import json_bytes
+from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
 from pipeline.report import point_images as point_report
@@ -45,11 +44,11 @@ class Shown:
 
     entry: CameraEntry | LensEntry
     warnings: list[Problem]
-    document: dict[str, Any]
+    document: Json
     camera: Camera | None
     curves: FieldCurves | None
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Json:
         return {**self.document, "field_curves": self.curves.to_plain() if self.curves else None}
 
     def page(self) -> list[str]:
@@ -125,7 +124,7 @@ class PointImages:
             lines += ["", *head, *point_report.lines(images, self.pitch_mm)]
         return lines
 
-    def plain(self) -> list[dict[str, Any]]:
+    def plain(self) -> list[Json]:
         """Plain values, as in `show --json`."""
         names = [({"channel": entry.channel.name} if entry.channel else {}, images) for entry, images in self.channels]
         return [{**channel, **image.to_plain()} for channel, images in names for image in images]

@@ -29,7 +29,7 @@ from pipeline.engine.records import Blob
 from pipeline.errors import PipelineError, UsageError
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_exr
-from pipeline.files.jsonfile import read_json
+from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.png import read_png
 from pipeline.files.tables import Table, read_table
 from pipeline.files.tiff import read_tiff
@@ -62,14 +62,14 @@ class Verdict:
     """Findings about files, contracts and rows, and by name of the camera the certificate of the new sample."""
 
     problems: list[str]
-    cameras: dict[str, dict[str, Any]] = field(default_factory=dict)
+    cameras: dict[str, Json] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
         """Whether no check contradicts the build."""
         return not self.problems and all(judged["passed"] is not False for judged in self.cameras.values())
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The verdict as plain data, as `verify --json` prints it."""
         return {"agrees": self.agrees, "problems": self.problems, "cameras": self.cameras}
 

@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, TextIO
+from typing import ClassVar, TextIO
 
 from pipeline.engine.files import chosen_place
 from pipeline.engine.records import TaskResult, fields_of
 from pipeline.errors import UsageError
+from pipeline.records.plain import Json
 
 _HEAD = b'{"event": "'
 
@@ -23,7 +24,7 @@ class Event:
     name: ClassVar[str]
     time: float = field(default_factory=lambda: round(time.time(), 3))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The event as a line of an event file."""
         return {"event": self.name, **fields_of(self)}
 
@@ -76,7 +77,7 @@ class Done(Event):
         """Words of the task for people; often none."""
         return self.result.made_by.news if self.result.made_by else ""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The event as a line of an event file."""
         facts = {"event": self.name, "time": self.time, "task": self.result.name, **self.result.to_dict()}
         return {**facts, "peak_bytes": self.peak_bytes}

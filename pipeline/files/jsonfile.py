@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.files.damaged import DamagedFile
-
-Json = dict[str, Any]
-"""An object of a JSON file, as `json` reads it; docs/outputs.md says what its keys mean."""
+from pipeline.records.plain import Json as Json
 
 _WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 

@@ -25,6 +25,7 @@ from tifffile import DATATYPE, PHOTOMETRIC, TIFF
 
 from pipeline.channel_names import COLOURS, colour_of
 from pipeline.files.damaged import DamagedFile
+from pipeline.records.plain import Json
 
 CRC = "content_crc32"
 """Key of the checksum in the description."""
@@ -51,7 +52,7 @@ def write_tiff(
     path: str | Path,
     shape: tuple[int, int],
     rows: Rows,
-    about: dict[str, Any],
+    about: Json,
     photometric: int = PHOTOMETRIC.MINISBLACK,
     more: Sequence[Tag] = (),
 ) -> None:
@@ -95,11 +96,11 @@ def write_tiff(
         tags["PhotometricInterpretation"].overwrite(photometric)  # tifffile writes no linear raw of one plane
 
 
-def _text(about: dict[str, Any]) -> str:
+def _text(about: Json) -> str:
     return json.dumps(about, ensure_ascii=True, allow_nan=False)
 
 
-def read_tiff(path: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
+def read_tiff(path: str | Path) -> tuple[np.ndarray, Json]:
     """Digital numbers (h, w) uint16 and description of a file of this module; DamagedFile if it is none, or altered."""
     data = Path(path).read_bytes()
     try:
@@ -138,7 +139,7 @@ class Negative:
     from_xyz: dict[str, list[list[float]]] = field(default_factory=dict)
 
 
-def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[str, Any], negative: Negative) -> None:
+def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json, negative: Negative) -> None:
     """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG does not know."""
     maker, model = _MAKER, negative.model.encode("ascii", "backslashreplace").decode()
     tags = [

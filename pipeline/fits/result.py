@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
 from pipeline.fits.fitting import MODELS, Fit, fitted, rms
 from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
+from pipeline.records.plain import Json
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.spelling import did_you_mean
 
@@ -64,7 +64,7 @@ def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
     )
 
 
-def document(camera: FittedCamera) -> dict[str, Any]:
+def document(camera: FittedCamera) -> Json:
     """The result as plain data."""
     field = camera.field
     return {
@@ -102,7 +102,7 @@ def by_distance(fit: Fit, field: FieldRays) -> list[dict[str, float]]:
     return [{"z_mm": z, "rms_px": rms(off), "max_px": float(np.hypot(*off.T).max())} for z, off in residuals]
 
 
-def _model(fit: Fit, field: FieldRays) -> dict[str, Any]:
+def _model(fit: Fit, field: FieldRays) -> Json:
     return {
         "name": fit.model.name,
         "consumer": fit.model.consumer,
@@ -120,7 +120,7 @@ def _model(fit: Fit, field: FieldRays) -> dict[str, Any]:
     }
 
 
-def _thin(fit: ThinPlenopticFit) -> dict[str, Any]:
+def _thin(fit: ThinPlenopticFit) -> Json:
     return {
         "parameters": fit.values,
         "points": fit.points,

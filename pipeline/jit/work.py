@@ -10,7 +10,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Any
+
+from pipeline.records.plain import Json
 
 _local = threading.local()
 
@@ -49,7 +50,7 @@ class Work:
             difference.kernels[name] = KernelWork(**{key: value - earlier[key] for key, value in asdict(now).items()})
         return difference
 
-    def to_plain(self, share: float = 1.0) -> dict[str, Any]:
+    def to_plain(self, share: float = 1.0) -> Json:
         """Plain values for a record, of all or of a share of it: `kernels` that were called, and `loading_seconds`.
 
         Fields that are 0 are left out: half of them are, and a plan reads the records of all tasks.

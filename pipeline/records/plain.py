@@ -9,6 +9,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+Json = dict[str, Any]
+"""An object of JSON, as `json` reads it; docs/outputs.md says what the keys of our files mean."""
 
 
 class Shared(dict[str, Any]):
@@ -16,7 +18,7 @@ class Shared(dict[str, Any]):
 
     made: bytes | None = None
 
-    def once(self, make: Callable[[dict[str, Any]], bytes]) -> bytes:
+    def once(self, make: Callable[[Json], bytes]) -> bytes:
         """Bytes made from the dict, always by the same function, cached."""
         if self.made is None:
             self.made = make(self)

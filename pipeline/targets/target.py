@@ -3,12 +3,11 @@
 import dataclasses
 import reprlib
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.records.plain import from_plain, to_plain
+from pipeline.records.plain import Json, from_plain, to_plain
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
@@ -88,7 +87,7 @@ def bare(target: AnyTarget) -> AnyTarget:
     return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)
 
 
-def plain_from_target(target: AnyTarget) -> dict[str, Any]:
+def plain_from_target(target: AnyTarget) -> Json:
     """A target as JSON values."""
     if isinstance(target, MeshTarget):
         return {"kind": target.KIND, "mesh": to_plain(target)}
@@ -99,7 +98,7 @@ def plain_from_target(target: AnyTarget) -> dict[str, Any]:
     }
 
 
-def target_from_plain(plain: dict[str, Any]) -> AnyTarget:
+def target_from_plain(plain: Json) -> AnyTarget:
     if plain["kind"] == MeshTarget.KIND:
         return from_plain(MeshTarget, plain["mesh"])
     surface = dict(plain["surface"])

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import unbounded
+from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
@@ -49,7 +49,7 @@ class FieldCurves:
         """Whether the image circle ends before the corner."""
         return bool(self.corner_mm > self.height_mm[-1])
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> Json:
         """The rows as lists."""
         names = ("height_mm", "angle_deg", "relative_illumination", "distortion")
         head = {"object_mm": self.object_mm, "corner_mm": self.corner_mm}

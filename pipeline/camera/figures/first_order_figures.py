@@ -6,7 +6,6 @@ No ray is traced for them; `camera.figures.equivalent_pinhole` is fitted to real
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus
 from pipeline.camera.focusing.focus_request import matched_stop_mm
@@ -15,14 +14,15 @@ from pipeline.camera.parts.lattice import extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription
+from pipeline.records.plain import Json
 
 
-def report(camera: Camera) -> dict[str, Any]:
+def report(camera: Camera) -> Json:
     """Figures of a focused camera, as `depth_of_field.focused` makes it, in the order of camera.json."""
     lens, sensor, focus_of_types = first_order(camera.prescription), camera.sensor, foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
-    acceptance: dict[str, Any] = {"shape": sensor.acceptance}  # with the numbers that this shape has
+    acceptance: Json = {"shape": sensor.acceptance}  # with the numbers that this shape has
     if sensor.acceptance == "cosine":
         acceptance |= {"power": sensor.acceptance_power}
     if sensor.acceptance == "cone":
@@ -30,7 +30,7 @@ def report(camera: Camera) -> dict[str, Any]:
         acceptance |= angles
     depths = [focus.depth_of_field_mm for focus in focus_of_types]
     front_mm = -camera.prescription.vertices_from_stop_mm[0]  # a narrow stop sees sharply what stands in the lens, too
-    figures: dict[str, Any] = {
+    figures: Json = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
         "pixel_acceptance": acceptance,
@@ -52,7 +52,7 @@ def report(camera: Camera) -> dict[str, Any]:
     return figures
 
 
-def lens_report(prescription: Prescription) -> dict[str, Any]:
+def lens_report(prescription: Prescription) -> Json:
     """Figures of a lens for an object at infinity."""
     lens = first_order(prescription)
     entrance, exit_ = lens.entrance_pupil, lens.exit_pupil
@@ -95,7 +95,7 @@ def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
     return gaps
 
 
-def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
+def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
@@ -118,9 +118,7 @@ def _magnification(lens: FirstOrder, object_mm: float) -> float:
     return lens.magnification(object_mm) + 0.0
 
 
-def _array(
-    camera: Camera, array: MicrolensArray, lens: FirstOrder, focus_of_types: tuple[Focus, ...]
-) -> dict[str, Any]:
+def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, focus_of_types: tuple[Focus, ...]) -> Json:
     behind_mm, ahead_mm = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead_mm
     scale = 1 + behind_mm / to_array

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from pipeline.camera.wave.spread import (
     transfer_of_rays,
 )
 from pipeline.camera.wave.wavefront import View, wavefront
+from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
 FIELDS = (0.0, 0.7, 1.0)
@@ -68,7 +68,7 @@ class PointImage:
         )
         return float(tangential), float(sagittal)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> Json:
         """All figures and curves as plain values, without the picture; unknown is None."""
         names = [name for name in self.__slots__ if not name.startswith("picture")]
         plain = {name: np.asarray(getattr(self, name)).tolist() for name in names}

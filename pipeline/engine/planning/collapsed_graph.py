@@ -5,10 +5,10 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
+from pipeline.records.plain import Json
 
 _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
 
@@ -36,7 +36,7 @@ class Node:
         """Colour of the node: that of its least finished task."""
         return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Plain data, as in `graph --format json`."""
         return {"name": self.name, "tasks": self.count, "states": dict(self.states), "reads": self.reads}
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
 from pipeline.engine.records import Params, Run
 from pipeline.engine.store.store import Store
+from pipeline.records.plain import Json
 
 Size = Callable[[str, Params], float]
 """Function from kind and params of a task to a number to which its work is proportional; 0 if unknown."""
@@ -36,7 +36,7 @@ class Forecast:
     rays: float
     peak_bytes: int
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Plain data, as in `plan --json`."""
         return {**asdict(self), "cpu_seconds": round(self.cpu_seconds, 3), "rays": round(self.rays)}
 

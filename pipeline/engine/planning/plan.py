@@ -12,6 +12,7 @@ from pipeline.engine.planning.task_code import Modules, cached_parsing, code_of
 from pipeline.engine.records import KEY_DOMAIN, Components, Record, Spec, fields_of
 from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts_of_workers
+from pipeline.records.plain import Json
 
 _LONGEST = 72
 """Longest value in a text [characters]: with the words before it, one line of a terminal."""
@@ -73,7 +74,7 @@ class PlannedTask:
         """The edits behind all reasons, each once."""
         return tuple({(edit.what, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Plain data, as in `plan --json`."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
         return {**facts, "reasons": [asdict(reason) for reason in self.reasons]}

@@ -8,6 +8,7 @@ from pipeline.engine.events import Event
 from pipeline.engine.output.deliver import Delivery
 from pipeline.engine.records import TaskResult
 from pipeline.errors import Exit, PipelineError
+from pipeline.records.plain import Json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +104,7 @@ class Result:
         """Whether the output folder has a manifest that agrees with its files."""
         return self.delivery is not None and self.delivery.finished
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The result as plain data, as `build --json` prints it."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
@@ -119,6 +120,6 @@ class Ended(Event):
     name: ClassVar[str] = "end"
     result: Result
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The event as a line of an event file."""
         return {"event": self.name, "time": self.time, "summary": self.result.to_dict()}

@@ -16,6 +16,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import SIN_60, MicrolensArray
 from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.records.plain import Json
 
 _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
 _UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -47,7 +48,7 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
 
 
-def _camera(path: str | Path, file: dict[str, Any]) -> PrintedCamera:
+def _camera(path: str | Path, file: Json) -> PrintedCamera:
     lens, size = file["main_lens"], file["sensor"]
     focal_mm, pitch_mm = _finite(lens["f"]), _finite(size["scale"])
     width_px, height_px = int(size["width"]), int(size["height"])
@@ -71,9 +72,7 @@ def _camera(path: str | Path, file: dict[str, Any]) -> PrintedCamera:
     )
 
 
-def _array(
-    path: str | Path, file: dict[str, Any], centre: list[float], sensor_mm: float
-) -> tuple[MicrolensArray, list[Lost]]:
+def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) -> tuple[MicrolensArray, list[Lost]]:
     mesh, focal = file["mla"]["mesh"], [_finite(f) for f in file["mla"].get("focal_lengths", ())]
     layout = _LAYOUTS.get(int(mesh["geometry"]))
     if layout is None:
@@ -133,7 +132,7 @@ def _angles_deg(turn: list[list[float]]) -> tuple[float, float, float]:
     return tilt_x, tilt_y, math.degrees(c)
 
 
-def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str, Any]:
+def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
     """Focal lengths and, on a square lattice, the table of types.
 
     libpleno counts the types by micro-image, whose indices run against those of the microlenses, as ours do:
@@ -178,17 +177,17 @@ def _finite(text: Any) -> float:
     return value
 
 
-def _vector(pose: dict[str, Any]) -> list[float]:
+def _vector(pose: Json) -> list[float]:
     return [_finite(value) for value in pose["translation"][0]]
 
 
-def _rotation(pose: dict[str, Any]) -> list[list[float]]:
+def _rotation(pose: Json) -> list[list[float]]:
     """Rows of a rotation matrix, which the file lists by columns; the unit matrix if there is none."""
     columns = [[_finite(value) for value in column] for column in pose.get("rotation", _UPRIGHT)]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _lost(file: dict[str, Any]) -> list[Lost]:
+def _lost(file: Json) -> list[Lost]:
     brown = file.get("distortions", {})
     numbers = [
         _finite(value) for key in ("radial", "tangential", "depth") for row in brown.get(key, ()) for value in row

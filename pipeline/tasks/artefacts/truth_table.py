@@ -1,12 +1,12 @@
 """The table of correspondences: its header and notes, and the columns of one target."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
+from pipeline.files.jsonfile import Json
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.frames import TruthTable
@@ -69,9 +69,7 @@ class PosedPoints:
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
 
 
-def columns_of(
-    table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray
-) -> dict[str, Any]:
+def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:
     """Columns of one target, but those of the sets that the stage asks for besides."""
     solutions, lattice = truth.solutions, rig.tracer.lattice
     rows = len(solutions.point)
@@ -99,7 +97,7 @@ def columns_of(
         truth.rho_px,
         truth.method.tolist(),
     )
-    columns: dict[str, Any] = dict(zip(COLUMNS, values, strict=True))
+    columns: Json = dict(zip(COLUMNS, values, strict=True))
     channel = table.channel
     return columns if channel is None else {**columns, CHANNEL: [channel.name] * rows}
 
