@@ -23,6 +23,8 @@ class Figure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
+    """Some rows with a heading."""
+
     heading: str
     rows: tuple[Figure, ...]
 
