@@ -31,7 +31,7 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
         field = _field(camera)
         for name in others:
             with suppress(FitError):
-                further = _of_fit(fitted(field, name))
+                further = _of_fit(fitted(field, name), field)
                 if not models or further.rms_px < _WORTH_IT * models[-1].rms_px:
                     models.append(further)
     if not models:
@@ -52,7 +52,7 @@ def _of_pinhole(camera: ExportCamera) -> CentralModel:
     )
 
 
-def _of_fit(fit: Fit) -> CentralModel:
+def _of_fit(fit: Fit, field: FieldRays) -> CentralModel:
     """A model with the parameters of OpenCV's: centre, fx, fy, cx, cy, coefficients."""
     centre_mm, focal_px, principal_point_px, coefficients = np.split(fit.parameters, [3, 5, 7])
     return CentralModel(
@@ -63,6 +63,7 @@ def _of_fit(fit: Fit) -> CentralModel:
         coefficients=coefficients,
         rms_px=fit.rms_px,
         max_px=fit.max_px,
+        widest_deg=float(np.degrees(np.arccos(field.rays.direction[:, 2].min()))),
     )
 
 

@@ -86,6 +86,7 @@ class CentralModel:
     # Residual of the rays of the image
     rms_px: float
     max_px: float
+    widest_deg: float | None = None  # largest angle of these rays with the axis; None of a pinhole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -168,6 +168,22 @@ def check_ros(folder: Path, scene: Scene) -> None:
         same(seen, scene.pixels(name, 2), PRINTED_PX)
 
 
+def check_ncore(folder: Path, scene: Scene) -> None:
+    """By the formulas of its documentation, in single precision; the first pixel has its centre at (0.5, 0.5)."""
+    for name in scene.rig:
+        model = json.loads((folder / f"{name}.json").read_text())
+        own = model["camera_model_parameters"]
+        assert model["camera_model_type"] == "opencv-pinhole" and own["shutter_type"] == "GLOBAL"
+        assert own["resolution"] == list(SIZE_PX) and own["external_distortion_parameters"] is None
+        (k1, k2, k3, k4, k5, k6), (p1, p2) = own["radial_coeffs"], own["tangential_coeffs"]
+        k = [[own["focal_length"][0], 0, own["principal_point"][0]], [0, own["focal_length"][1], 0], [0, 0, 1]]
+        k[1][2] = own["principal_point"][1]
+        d = np.array([k1, k2, p1, p2, k3, k4, k5, k6, *own["thin_prism_coeffs"]])
+        pose = scene.camera_from_target(name, 2)
+        seen = cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], np.array(k), d)[0][:, 0]
+        same(seen, scene.pixels(name, 2) + 0.5, PRINTED_PX)
+
+
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -214,6 +230,7 @@ CHECKS = {
     "opencv-multiview": check_opencv_multiview,
     "coco": check_coco,
     "colmap": check_colmap,
+    "ncore": check_ncore,
     "ros": check_ros,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,

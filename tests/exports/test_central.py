@@ -1,7 +1,8 @@
 """Cameras that a pinhole with the coefficients of Brown does not describe: models fitted to the rays of the image."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,80 +13,112 @@ from exports.pretended import board_mm, same, write_manifest, write_target
 
 from pipeline.exports import export
 from pipeline.files.tables import write_table
-from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.frames import apply, rigid
 from pipeline.results.output import open_output
 
-SIZE_PX, MATRIX = (320, 240), np.array([[150.0, 0, 161.25], [0, 150.0, 118.5], [0, 0, 1]])
-BENT = np.array([0.05, -0.02, 0.01, -0.004])
+SIZE_PX, MATRIX = (320, 240), np.array([[200.0, 0, 161.25], [0, 200.0, 118.5], [0, 0, 1]])
 STOP_MM, WORLD_MM = np.array([0.0, 0.0, 7.0]), np.array([1.0, 2.0, 3.0])
 """Centre of projection in the vision frame; of the stop in the world."""
 POSE = rigid(cv2.Rodrigues(np.array([0.2, -0.35, 0.1]))[0] @ np.diag([1.0, -1.0, -1.0]), np.array([3.0, 5.0, 60.0]))
 """Target before the centre of projection."""
-FITTED_PX = 1e-6
-
-
-def pixels() -> np.ndarray:
-    """What cv2.fisheye projects of the board, (n, 2)."""
-    rvec, tvec = rotation_vector(POSE), POSE[:3, 3]
-    return cv2.fisheye.projectPoints(board_mm()[:, None], rvec, tvec, MATRIX, BENT)[0][:, 0]
+FITTED_PX = {"fisheye": 1e-6, "rational": 1e-4}
+"""Largest residual that fits may leave of a camera that is their model: coefficients are held near 0, and eight of them
+are hardly told from each other."""
+STOP = (cv2.TERM_CRITERIA_COUNT, 200, 0)
 
 
 @dataclass
-class FisheyeSight:
-    """The camera made ready: all rays meet in one centre, 76 degrees from the axis in the corners."""
+class Wide:
+    """A camera made ready, all of whose rays meet in one centre: 55 degrees from the axis in the corners."""
 
+    name: str
+    coefficients: np.ndarray
+    project: Callable
+    undistort: Callable
     asked: int = 0
 
     def rays(self, x_px, y_px):
         self.asked += 1
-        stop = (cv2.TERM_CRITERIA_COUNT, 60, 0)
-        places = np.column_stack([x_px, y_px])[:, None]
-        slopes = cv2.fisheye.undistortPoints(places, MATRIX, BENT, criteria=stop)[:, 0]
+        slopes = self.undistort(np.column_stack([x_px, y_px])[:, None], MATRIX, self.coefficients, criteria=STOP)[:, 0]
         ahead = np.column_stack([slopes, np.ones(len(slopes))])
         return maps.lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM - STOP_MM[2] * ahead, ahead)
 
+    def seen(self, matrix: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Positions of the points of the board by a camera of its kind, (n, 2)."""
+        before, none = apply(POSE, board_mm())[:, None], np.zeros(3)
+        return self.project(before, none, none, matrix, coefficients)[0][:, 0]
 
-@pytest.fixture(scope="module")
-def wide(tmp_path_factory):
-    """A camera in which no pinhole fits, as a build writes it."""
-    folder = tmp_path_factory.mktemp("wide") / "out"
-    camera, view = folder / "cameras/Wide", folder / "frames/0001/Wide"
-    camera.mkdir(parents=True), view.mkdir(parents=True)
-    lens = {"entrance_pupil": {"z_mm": 6.0}}
-    figures = {"principal_distance_px": 148.0, "optical_axis_px": [160.0, 119.0], "near_far_mm": [40.0, 90.0]}
-    record = {"resolution": SIZE_PX, "pixel_pitch_mm": 0.01, "pinhole": None, "lens": lens, **figures}
-    (camera / "camera.json").write_text(json.dumps(record))
-    to_stop = rigid(np.eye(3), STOP_MM)
-    targets = {"Board": {"camera_from_target": (to_stop @ POSE).tolist(), "pinhole": None}}
-    poses = {"camera_from_world": rigid(np.eye(3), WORLD_MM).tolist(), "pinhole": None, "targets": targets}
-    (view / "poses.json").write_text(json.dumps(poses))
-    places, count = pixels(), len(board_mm())
-    columns = {"frame": [1] * count, "camera": ["Wide"] * count, "target": ["Board"] * count}
-    columns |= {"point_id": list(range(count)), "microlens_k": [""] * count, "microlens_l": [""] * count}
-    columns |= {"microlens_type": [""] * count, "x_px": places[:, 0], "y_px": places[:, 1]}
-    columns |= {"visibility": [1.0] * count, "rho_px": [0.1] * count, "method": ["direct"] * count}
-    write_table(view / "correspondences.csv", ["by a fisheye"], columns)
-    write_target(folder, 10.0)
-    write_manifest(folder)
-    return open_output(folder)
+    @property
+    def pixels(self) -> np.ndarray:
+        return self.seen(MATRIX, self.coefficients)
+
+
+FISHEYE = Wide("fisheye", np.array([0.05, -0.02, 0.01, -0.004]), cv2.fisheye.projectPoints, cv2.fisheye.undistortPoints)
+RATIONAL = Wide(
+    "rational",
+    np.array([0.05, 0.01, 0.001, -0.002, 0.0, 0.2, 0.03, 0.01]),
+    cv2.projectPoints,
+    cv2.undistortPoints,
+)
+
+
+@pytest.fixture(params=[FISHEYE, RATIONAL], ids=lambda wide: wide.name)
+def wide(request):
+    return request.param
 
 
 @pytest.fixture
 def exported(wide, tmp_path, monkeypatch):
-    monkeypatch.setattr(export, "sight_of", lambda out, name: FisheyeSight())
-    return lambda name: export.export(wide, [name], tmp_path)[0]
+    """Folder of a format, of a build with a camera in which no pinhole fits."""
+    folder = tmp_path / "out"
+    camera, view = folder / "cameras/Wide", folder / "frames/0001/Wide"
+    camera.mkdir(parents=True), view.mkdir(parents=True)
+    lens = {"entrance_pupil": {"z_mm": 6.0}}
+    figures = {"principal_distance_px": 198.0, "optical_axis_px": [160.0, 119.0], "near_far_mm": [40.0, 90.0]}
+    record = {"resolution": SIZE_PX, "pixel_pitch_mm": 0.01, "pinhole": None, "lens": lens, **figures}
+    (camera / "camera.json").write_text(json.dumps(record))
+    targets = {"Board": {"camera_from_target": (rigid(np.eye(3), STOP_MM) @ POSE).tolist(), "pinhole": None}}
+    poses = {"camera_from_world": rigid(np.eye(3), WORLD_MM).tolist(), "pinhole": None, "targets": targets}
+    (view / "poses.json").write_text(json.dumps(poses))
+    count = len(board_mm())
+    columns = {"frame": [1] * count, "camera": ["Wide"] * count, "target": ["Board"] * count}
+    columns |= {"point_id": list(range(count)), "microlens_k": [""] * count, "microlens_l": [""] * count}
+    columns |= {"microlens_type": [""] * count, "x_px": wide.pixels[:, 0], "y_px": wide.pixels[:, 1]}
+    columns |= {"visibility": [1.0] * count, "rho_px": [0.1] * count, "method": ["direct"] * count}
+    write_table(view / "correspondences.csv", ["by a wide lens"], columns)
+    write_target(folder, 10.0)
+    write_manifest(folder)
+    monkeypatch.setattr(export, "sight_of", lambda out, name: wide)
+    return lambda name: export.export(open_output(folder), [name], tmp_path)[0]
 
 
-def test_ros_has_an_equidistant_camera_where_no_pinhole_fits(exported):
-    info = yaml.safe_load((exported("ros") / "Wide.yaml").read_text())
-    assert info["distortion_model"] == "equidistant" and info["distortion_coefficients"]["cols"] == 4
+def test_ros_has_the_model_that_explains_the_rays(exported, wide):
+    folder = exported("ros")
+    info = yaml.safe_load((folder / "Wide.yaml").read_text())
+    names = {"fisheye": "equidistant", "rational": "rational_polynomial"}
+    assert info["distortion_model"] == names[wide.name]
     k, d = np.reshape(info["camera_matrix"]["data"], (3, 3)), np.array(info["distortion_coefficients"]["data"])
-    before = apply(POSE, board_mm())[:, None]
-    same(cv2.fisheye.projectPoints(before, np.zeros(3), np.zeros(3), k, d)[0][:, 0], pixels(), FITTED_PX)
+    stated = json.loads((folder / "export.json").read_text())["central_models"]["Wide"]
+    assert stated["max_px"] < FITTED_PX[wide.name]
+    same(wide.seen(k, d), wide.pixels, FITTED_PX[wide.name])
+    same(stated["centre_mm"], STOP_MM, 1e-3)
+
+
+def test_ncore_has_it_too(exported, wide):
+    model = json.loads((exported("ncore") / "Wide.json").read_text())
+    own = model["camera_model_parameters"]
+    (fx, fy), (cx, cy), radial = own["focal_length"], own["principal_point"], own["radial_coeffs"]
+    if wide.name == "fisheye":
+        corner = wide.rays([-0.5], [-0.5]).direction[0]
+        assert 1 < own["max_angle"] / np.arccos(corner[2]) < 1.02, "rays of the corners are imaged"
+    coefficients = radial if wide.name == "fisheye" else [*radial[:2], *own["tangential_coeffs"], *radial[2:]]
+    matrix = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
+    assert model["camera_model_type"] == {"fisheye": "opencv-fisheye", "rational": "opencv-pinhole"}[wide.name]
+    same(wide.seen(matrix, np.array(coefficients)), wide.pixels, FITTED_PX[wide.name])
 
 
 def test_a_pinhole_that_leaves_next_to_nothing_asks_for_no_rays(output, tmp_path, monkeypatch):
-    sight = FisheyeSight()
+    sight = replace(FISHEYE, asked=0)
     monkeypatch.setattr(export, "sight_of", lambda out, name: sight)
     export.export(output, ["ros"], tmp_path)
     assert sight.asked == 0

@@ -127,6 +127,21 @@ def test_lensboy_loads_our_camera_and_projects_as_it(tmp_path):
         np.testing.assert_allclose(found, scene.pixels(name, 2), rtol=0, atol=1e-9)
 
 
+def test_ncore_decodes_our_cameras_and_projects_as_they_do(tmp_path):
+    """In single precision: a millionth of the size of an image."""
+    data = pytest.importorskip("ncore.data", reason="nvidia-ncore is not installed")
+    sensors, scene = importlib.import_module("ncore.sensors"), Scene()
+    folder = exported("ncore", tmp_path, scene)
+    for name in scene.rig:
+        model = json.loads((folder / f"{name}.json").read_text())
+        parameters = data.OpenCVPinholeCameraModelParameters.from_dict(model["camera_model_parameters"])
+        assert parameters.type() == model["camera_model_type"]
+        seen = apply(scene.camera_from_target(name, 2), board_mm()).astype(np.float32)
+        found = sensors.camera_model_from_parameters(parameters, device="cpu").camera_rays_to_image_points(seen)
+        assert found.valid_flag.all()
+        np.testing.assert_allclose(found.image_points.numpy(), scene.pixels(name, 2) + 0.5, rtol=0, atol=1e-3)
+
+
 def test_kalibrs_reader_accepts_target_and_chain(tmp_path, monkeypatch):
     place = clone("kalibr") / "aslam_offline_calibration/kalibr/python/kalibr_common"
     for name in ("aslam_cv", "aslam_cv_backend", "sm"):  # its compiled parts

@@ -1,0 +1,66 @@
+"""NCore of NVIDIA: the camera model of each camera as its stores of sequences have it, type and parameters, as JSON.
+
+NCore keeps poses and images in stores of its own, which its data converters write.
+"""
+
+import math
+from pathlib import Path
+
+from pipeline.exports.material import CentralModel, ExportCamera, Material
+from pipeline.files.jsonfile import Json, write_json
+from pipeline.formats import Cameras, Centre, Format, Origin, Reads
+
+FORMAT = Format(
+    consumer="NCore of NVIDIA: from_dict of its camera model parameters",
+    note="opencv-pinhole or opencv-fisheye, global shutter",
+    source="proof: nvidia-ncore 19.8.3",
+    cameras=Cameras.CONVENTIONAL,
+    reads=frozenset({Reads.RAYS}),
+    files=("<camera>.json",),
+    origin=Origin.HALF,
+    centre=Centre.CENTRAL,
+    models=("fisheye", "rational"),
+)
+
+_BEYOND = 1.01
+"""Largest angle that it projects, over that of the rays of the image [1]: the rays of its corners are to pass."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a file per camera."""
+    for camera in material.cameras:
+        kind, own = _own(camera.image_model)
+        write_json(
+            folder / f"{camera.name}.json",
+            {
+                "about": list(material.remarks),
+                "camera_model_type": kind,
+                "camera_model_parameters": {**_common(camera), **own},
+            },
+        )
+
+
+def _common(camera: ExportCamera) -> Json:
+    return {
+        "resolution": list(camera.size_px),
+        "shutter_type": "GLOBAL",
+        "external_distortion_parameters": None,
+        "principal_point": camera.image_model.principal_point_px,
+        "focal_length": camera.image_model.focal_px,
+    }
+
+
+def _own(model: CentralModel) -> tuple[str, Json]:
+    """The type of a model, and the parameters that others do not have."""
+    if model.name == "fisheye":
+        assert model.widest_deg is not None
+        return "opencv-fisheye", {
+            "radial_coeffs": model.coefficients,
+            "max_angle": math.radians(model.widest_deg) * _BEYOND,
+        }
+    k1, k2, p1, p2, k3, *rational = model.coefficients.tolist()
+    return "opencv-pinhole", {
+        "radial_coeffs": [k1, k2, k3, *(rational or [0.0] * 3)],
+        "tangential_coeffs": [p1, p2],
+        "thin_prism_coeffs": [0.0] * 4,
+    }
