@@ -7,7 +7,7 @@ from pathlib import Path
 
 from inserted import print_or_write
 
-from pipeline.formats import Format, Origin, Pose, format_of, names
+from pipeline.formats import CameraAxes, Format, Origin, Pose, format_of, names
 
 PAGE = Path(__file__).resolve().parent / "exports.md"
 HEAD = (
@@ -36,6 +36,8 @@ def _row(name: str, record: Format) -> tuple[str, ...]:
     origin, pose = record.origin, str(record.pose)
     if record.pose is not Pose.NONE:
         pose = f"{pose}, by the {record.centre}; {record.rotation}"
+        if record.camera_axes is not CameraAxes.VISION:
+            pose = f"{pose}; camera: {record.camera_axes}"
     return (
         f"`{name}`",
         record.consumer,

@@ -104,6 +104,13 @@ class Pose(StrEnum):
     NONE = "none"
 
 
+class CameraAxes(StrEnum):
+    """Axes of the camera to which, or from which, a stored pose leads."""
+
+    VISION = "x right, y down, z forward"
+    OPENGL = "x right, y up, z backward"
+
+
 class Centre(StrEnum):
     """Point of the camera that a pose leads to."""
 
@@ -153,6 +160,7 @@ class Convention:
     pose: Pose = Pose.NONE
     centre: Centre = Centre.PINHOLE
     rotation: Rotation = Rotation.NONE
+    camera_axes: CameraAxes = CameraAxes.VISION
     unit: Unit = Unit.NONE
     microlenses: Microlenses = Microlenses.NONE
 

@@ -15,7 +15,7 @@ from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Ma
 from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import write_json
-from pipeline.formats import Board, Centre, Convention, Format, Microlenses, Origin, Pose, Rotation, Unit
+from pipeline.formats import Board, CameraAxes, Centre, Convention, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
 _AXES = {
@@ -25,6 +25,8 @@ _AXES = {
     Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
 """Axes of the target frame of a format, by rows, in our target frame."""
+_CAMERA_AXES = {CameraAxes.VISION: np.eye(4), CameraAxes.OPENGL: np.diag([1.0, -1.0, -1.0, 1.0])}
+"""Axes of the camera of a format, by rows, in the vision frame."""
 
 
 def write_format(name: str, material: Material, folder: Path, position: str, noise: Noise) -> None:
@@ -141,6 +143,7 @@ def meaning(convention: Convention) -> tuple[str, ...]:
         lines.append(f"lengths in {convention.unit}; target points: {convention.board}")
     if convention.pose is not Pose.NONE:
         lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
+        lines.append(f"axes of cameras: {convention.camera_axes}")
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
     return tuple(lines)
@@ -216,8 +219,8 @@ def _from_other(material: Material, number: int, convention: Convention) -> Stat
     if convention.pose not in others:
         return None
     other = material.cameras[others[convention.pose]]
-    pose = _scaled(material.between(other, material.cameras[number]), convention.scale)
-    return stated(pose, convention.rotation)
+    turn, pose = _CAMERA_AXES[convention.camera_axes], material.between(other, material.cameras[number])
+    return stated(_scaled(turn @ pose @ turn.T, convention.scale), convention.rotation)
 
 
 def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> ExportTarget:
@@ -250,7 +253,8 @@ def _view(
     if camera_from_target is None:  # it is to a pinhole, and none fits
         return view
     pose = _scaled(camera_from_target @ inverse(frame), scale)
-    directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
+    turned = _CAMERA_AXES[convention.camera_axes] @ pose
+    directed = {Pose.CAMERA_FROM_TARGET: turned, Pose.TARGET_FROM_CAMERA: inverse(turned)}.get(convention.pose)
     stated_pose = None if directed is None else stated(directed, convention.rotation)
     return replace(view, camera_from_target=pose, pose=stated_pose)
 

@@ -14,6 +14,10 @@ NUMBERS = ("origin", "axes", "board", "unit")
 are of another shape, too, on which writer or reader may stumble."""
 
 
+OF_POSES = ("centre", "camera_axes")
+"""Fields that are no claim of a format without poses."""
+
+
 def flips(names: Iterable[str], unseen: Iterable[tuple[str, str]] = ()) -> Iterator[Any]:
     """Every other value of every field of the conventions of formats; "none" is no claim."""
     for name in names:
@@ -21,7 +25,7 @@ def flips(names: Iterable[str], unseen: Iterable[tuple[str, str]] = ()) -> Itera
         for field in fields(Convention):
             stated = getattr(record, field.name)
             is_seen = (name, field.name) not in unseen and ("*", field.name) not in unseen
-            if stated.name == "NONE" or not is_seen or (field.name == "centre" and record.pose is Pose.NONE):
+            if stated.name == "NONE" or not is_seen or (field.name in OF_POSES and record.pose is Pose.NONE):
                 continue
             for other in field.type:
                 if other is not stated and other.name != "NONE":

@@ -184,6 +184,29 @@ def check_ncore(folder: Path, scene: Scene) -> None:
         same(seen, scene.pixels(name, 2) + 0.5, PRINTED_PX)
 
 
+def seen_by_nerfstudio(frame: dict, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the world before a camera that looks along OpenCV's z, (n, 3), and its matrix; pixel centres at 0.5."""
+    world_from_camera = np.array(frame["transform_matrix"])
+    ahead = (points_m - world_from_camera[:3, 3]) @ world_from_camera[:3, :3]
+    matrix = np.array([[frame["fl_x"], 0, frame["cx"] - 0.5], [0, frame["fl_y"], frame["cy"] - 0.5], [0, 0, 1]])
+    return ahead * [1, -1, -1], matrix
+
+
+def check_nerfstudio(folder: Path, scene: Scene) -> None:
+    """As nerfstudio_dataparser and cameras.py: y up and -z ahead, rays through the centres of pixels at 0.5."""
+    data = json.loads((folder / "transforms.json").read_text())
+    assert data["camera_model"] == "OPENCV" and len(data["frames"]) == 9
+    assert not {"fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "p1"} & set(data), "they would hold for all frames"
+    for frame in data["frames"]:
+        _, number, name, _ = frame["file_path"].split("/")
+        assert (frame["w"], frame["h"]) == SIZE_PX and frame["k4"] == 0
+        bent = np.array([frame[key] for key in ("k1", "k2", "p1", "p2", "k3")])
+        ahead, matrix = seen_by_nerfstudio(frame, board_mm() / 1000)
+        assert (ahead[:, 2] > 0).all()
+        seen = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), matrix, bent)[0][:, 0]
+        same(seen, scene.pixels(name, int(number)), PRINTED_PX)
+
+
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -231,6 +254,7 @@ CHECKS = {
     "coco": check_coco,
     "colmap": check_colmap,
     "ncore": check_ncore,
+    "nerfstudio": check_nerfstudio,
     "ros": check_ros,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from exports import maps
 from exports.pretended import board_mm, same, write_manifest, write_target
+from exports.readers import seen_by_nerfstudio
 
 from pipeline.exports import export
 from pipeline.files.tables import write_table
@@ -115,6 +116,16 @@ def test_ncore_has_it_too(exported, wide):
     matrix = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
     assert model["camera_model_type"] == {"fisheye": "opencv-fisheye", "rational": "opencv-pinhole"}[wide.name]
     same(wide.seen(matrix, np.array(coefficients)), wide.pixels, FITTED_PX[wide.name])
+
+
+def test_nerfstudio_knows_the_fisheye_alone_and_poses_lead_to_its_centre(exported, wide):
+    data = json.loads((exported("nerfstudio") / "transforms.json").read_text())
+    (frame,) = data["frames"]
+    assert data["camera_model"] == "OPENCV_FISHEYE"
+    ahead, matrix = seen_by_nerfstudio(frame, board_mm() / 1000)
+    seen = FISHEYE.project(ahead[:, None], np.zeros(3), np.zeros(3), matrix, np.array([frame[f"k{i}"] for i in "1234"]))
+    if wide is FISHEYE:
+        same(seen[0][:, 0], wide.pixels, FITTED_PX[wide.name])
 
 
 def test_a_pinhole_that_leaves_next_to_nothing_asks_for_no_rays(output, tmp_path, monkeypatch):

@@ -1,0 +1,73 @@
+"""nerfstudio: transforms.json of all images. The target is the world, so that it may move before a camera that stands.
+
+Paths of images are those below the output folder of the build, into which the file is to be copied.
+"""
+
+from pathlib import Path
+
+from pipeline.exports.material import ExportCamera, ExportView, Material
+from pipeline.files.jsonfile import Json, write_json
+from pipeline.formats import (
+    Board,
+    CameraAxes,
+    Cameras,
+    Centre,
+    ExportError,
+    Format,
+    Origin,
+    Pose,
+    Reads,
+    Rotation,
+    Targets,
+    Unit,
+)
+
+FORMAT = Format(
+    consumer="nerfstudio and programs that read its transforms.json",
+    note="the world is the target; OPENCV or OPENCV_FISHEYE",
+    source="read: nerfstudio-project/nerfstudio 50e0e3c, nerfstudio_dataparser.py, cameras.py",
+    cameras=Cameras.CONVENTIONAL,
+    targets=Targets.ONE,
+    reads=frozenset({Reads.CORNERS, Reads.RAYS}),
+    files=("transforms.json",),
+    origin=Origin.HALF,
+    board=Board.OURS,
+    pose=Pose.TARGET_FROM_CAMERA,
+    centre=Centre.CENTRAL,
+    rotation=Rotation.MATRIX,
+    camera_axes=CameraAxes.OPENGL,
+    unit=Unit.M,
+    models=("fisheye",),
+)
+
+_MODELS = {"brown": "OPENCV", "fisheye": "OPENCV_FISHEYE"}
+"""Model of ours -> camera_model."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write one file: intrinsics and pose of each image."""
+    assert material.only_target
+    cameras = {camera.name: camera for camera in material.cameras}
+    models = {_MODELS[camera.image_model.name] for camera in material.cameras}
+    if len(models) > 1:
+        what = "transforms.json has one camera_model, and these cameras are OPENCV and OPENCV_FISHEYE"
+        raise ExportError(what, hint="choose some with --only; export.json of ros says which is which")
+    frames = [{"file_path": view.image, **_intrinsics(cameras[view.camera]), **_pose(view)} for view in material.views]
+    write_json(
+        folder / "transforms.json", {"about": list(material.remarks), "camera_model": models.pop(), "frames": frames}
+    )
+
+
+def _intrinsics(camera: ExportCamera) -> Json:
+    model, (width, height) = camera.image_model, camera.size_px
+    (fx, fy), (cx, cy) = model.focal_px.tolist(), model.principal_point_px.tolist()
+    names = ("k1", "k2", "k3", "k4") if model.name == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
+    bent = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), 0.0)
+    bent |= dict(zip(names, model.coefficients.tolist(), strict=True))
+    return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, **bent}
+
+
+def _pose(view: ExportView) -> Json:
+    assert view.pose is not None
+    rows = zip(view.pose.rotation.tolist(), view.pose.translation.tolist(), strict=True)
+    return {"transform_matrix": [*([*turn, shift] for turn, shift in rows), [0.0, 0.0, 0.0, 1.0]]}
