@@ -27,6 +27,7 @@ from exports.pretended import (
     board_mm,
     same,
 )
+from scipy.io import loadmat
 from vision_calibration import models as calibration
 
 from pipeline.frames import rotation_vector
@@ -168,6 +169,30 @@ def check_ros(folder: Path, scene: Scene) -> None:
         same(seen, scene.pixels(name, 2), PRINTED_PX)
 
 
+def check_matlab(folder: Path, scene: Scene) -> None:
+    """As cameraParameters.m: s [x y 1]' = K [R t] [X Y Z 1]', image coordinates from 1, and its types of all fields."""
+    for name in scene.rig:
+        data = loadmat(folder / f"{name}.mat")
+        fields = data["cameraParams"][0, 0]
+        k, rotation, shift = (fields[key] for key in ("K", "RotationVectors", "TranslationVectors"))
+        assert fields["ImageSize"].tolist() == [[480, 640]] and fields["WorldUnits"] == ["mm"]
+        assert fields["NumRadialDistortionCoefficients"].tolist() == [[3]]
+        ((k1, k2, k3),), ((p1, p2),) = fields["RadialDistortion"], fields["TangentialDistortion"]
+        same(fields["WorldPoints"], grid_points(SQUARE_MM)[:, :2], 1e-9)
+        assert data["frames"].ravel().tolist() == [1, 2, 3] and rotation.shape == shift.shape == (3, 3)
+        for view, frame in enumerate((1, 2, 3)):
+            world = np.column_stack([fields["WorldPoints"], np.zeros(COLUMNS * ROWS)])
+            bent = np.array([k1, k2, p1, p2, k3])
+            seen = cv2.projectPoints(world, rotation[view], shift[view], k, bent)[0][:, 0]
+            expected = scene.pixels(name, frame) + 1
+            expected[[point for point in range(COLUMNS * ROWS) if (name, frame, point) in HIDDEN]] = np.nan
+            detected = np.isfinite(expected[:, 0])
+            same(data["imagePoints"][:, :, view], expected, PRINTED_PX)
+            same(fields["ReprojectionErrors"][:, :, view], expected * 0, PRINTED_PX)
+            same(seen[detected], expected[detected], PRINTED_PX)
+            assert (fields["DetectedKeypoints"][:, view] == detected).all()
+
+
 def check_ncore(folder: Path, scene: Scene) -> None:
     """By the formulas of its documentation, in single precision; the first pixel has its centre at (0.5, 0.5)."""
     for name in scene.rig:
@@ -253,6 +278,7 @@ CHECKS = {
     "opencv-multiview": check_opencv_multiview,
     "coco": check_coco,
     "colmap": check_colmap,
+    "matlab": check_matlab,
     "ncore": check_ncore,
     "nerfstudio": check_nerfstudio,
     "ros": check_ros,

@@ -57,6 +57,20 @@ def test_octave_reads_centres_types_and_correspondences_of_bok(tmp_path, monkeyp
 
 
 @needs_octave
+def test_octave_finds_the_types_in_matlab_files_that_cameraparameters_asks_for(tmp_path):
+    file = exported("matlab", tmp_path, Scene()) / "Left.mat"
+    program = f"p = load('{file}').cameraParams; found.kinds = structfun(@class, p, 'UniformOutput', false); "
+    program += "found.sizes = structfun(@size, p, 'UniformOutput', false)"
+    kinds, sizes = octave(program).values()
+    others = {"WorldUnits": "char"} | dict.fromkeys(
+        ("EstimateSkew", "EstimateTangentialDistortion", "DetectedKeypoints"), "logical"
+    )
+    assert {name: kind for name, kind in kinds.items() if kind != "double"} == others
+    assert sizes["EstimateSkew"] == sizes["NumRadialDistortionCoefficients"] == [1, 1]
+    assert sizes["WorldPoints"] == [12, 2] and sizes["ReprojectionErrors"] == [12, 2, 3]
+
+
+@needs_octave
 def test_lftoolbox_builds_the_exact_centres_of_a_turned_array_from_our_grid(tmp_path):
     tools = clone("LFToolbox") / "SupportFunctions"
     folder = exported("lftoolbox", tmp_path, scene := PlenopticScene())

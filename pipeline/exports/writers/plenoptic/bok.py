@@ -3,13 +3,12 @@
 `correspondencesAll_<frame>.mat` is where exact corners enter the calibration of Nousias.
 """
 
-import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.exports.filestorage import write_mat
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import MicroImages
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Targets, Unit
@@ -33,8 +32,6 @@ FORMAT = Format(
 
 _NEIGHBOURS = ((0, 0), (1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """Itself, right, lower right, lower left, left, upper left, upper right, as steps of the axial indices (k, l)."""
-_HEADER = 116
-"""Bytes of the text that a MATLAB 5 file begins with."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -46,12 +43,12 @@ def write(material: Material, folder: Path) -> None:
         place = folder / camera.name
         place.mkdir()
         remarks = {"remarks": np.array(material.remarks, dtype=object)}
-        _save(place / "microlens_center_list.mat", {**_centres(camera), **remarks})
+        write_mat(place / "microlens_center_list.mat", {**_centres(camera), **remarks})
         types = {f"type{number}_struct": images.centres[images.types == number].T for number in np.unique(images.types)}
-        _save(place / "lens_types.mat", {**types, **remarks})
+        write_mat(place / "lens_types.mat", {**types, **remarks})
         for view in material.of(camera):
             rows = _correspondences(material, images, view.observations)
-            _save(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
+            write_mat(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
         (place / "image_center.txt").write_text(" ".join(map(repr, camera.axis.tolist())) + "\n", encoding="utf-8")
         (place / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
 
@@ -74,13 +71,3 @@ def _correspondences(material: Material, images: MicroImages, observations: Any)
     centres = images.centres[[known[tuple(pair)] for pair in observations.microlenses.tolist()]]
     row, column = np.divmod(observations.ids, material.board.columns)
     return np.column_stack([observations.positions, centres, column, row]).T
-
-
-def _save(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a MATLAB 5 file whose header holds no date."""
-    from scipy.io import savemat
-
-    stream = io.BytesIO()
-    savemat(stream, dict(values), do_compression=True)
-    text = "MATLAB 5.0 MAT-file, by plenoptic-pipeline".ljust(_HEADER).encode()
-    path.write_bytes(text + stream.getvalue()[_HEADER:])
