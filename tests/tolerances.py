@@ -130,7 +130,7 @@ BORESIGHT_MM = 1e-9
 """A chief ray that leaves along the axis [mm]: Newton's steps end at 1e-9 mm at the stop."""
 
 DETECTED_PX = 0.1
-"""A corner or disc found by OpenCV in an 8-bit picture of 64 samples per pixel [px]: its detectors claim less."""
+"""A corner or disc found by OpenCV in an 8-bit picture of 16 samples per pixel [px]: its detectors claim less."""
 
 COARSE_GRID_PX = 2e-3
 """Pixels of 1.3 mm on the target [px]: a position is interpolated linearly between four of them, and moments of the

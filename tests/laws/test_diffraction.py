@@ -241,7 +241,7 @@ def test_behind_a_microlens_its_own_aperture_counts() -> None:
 @pytest.mark.parametrize("object_mm", few([600.0], 430.0))
 def test_defocus_behind_a_microlens_is_that_of_vergences(object_mm: float) -> None:
     """r^2 / 2 (1 / a - 1 / a0), a the distance of the image from the array; rms over a circle: 1 / sqrt(12) of it."""
-    camera = rigs.plenoptic(2.0)
+    camera = rigs.plenoptic(1.0)
     tracer, lens = Tracer(camera), first_order(camera.prescription)
     row = int(np.argmin(np.hypot(*tracer.vertices_mm.T)))
     focus_mm = foci(camera)[int(tracer.lattice.type[row])].focus_distance_mm

@@ -288,8 +288,8 @@ def test_a_narrow_beam_of_light_beyond_which_all_is_dark_is_bounded_up_to_its_en
     lens = Prescription(surfaces=(tube, stop, Surface(semi_diameter_mm=6.0)))
     camera = rigs.bare(lens, Sensor(width_px=200, height_px=150, pitch_mm=0.1), 50.0, (100.0, 200.0))
     rng = np.random.default_rng(3)
-    passed = assert_bounds_hold(Tracer(camera), rng.uniform([-4, -3], [4, 3], (150, 2)), rng, 3.0, 20_000)
-    assert 10 < np.count_nonzero(passed) < 140
+    passed = assert_bounds_hold(Tracer(camera), rng.uniform([-4, -3], [4, 3], (100, 2)), rng, 3.0, 10_000)
+    assert 10 < np.count_nonzero(passed) < 90
 
 
 @pytest.mark.parametrize("kind", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
@@ -456,7 +456,7 @@ def brute_j(camera: Camera, start: np.ndarray, cell: int, pose: np.ndarray) -> t
         focal = camera.microlenses.focal_lengths_mm[tracer.lattice.type[cell]]
     means = []
     for _ in range(16):
-        position, direction, weight = brute.rays_through(camera, start, vertex, focal, 8000, rng)
+        position, direction, weight = brute.rays_through(camera, start, vertex, focal, 4000, rng)
         kept = weight > 0
         means.append(np.average(textbook.at_plane(position[kept], direction[kept], pose), axis=0, weights=weight[kept]))
     return np.mean(means, axis=0), np.std(means, axis=0, ddof=1) / 4

@@ -67,8 +67,8 @@ def labelled(
     return Labelled(rig, dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True)))
 
 
-def pinhole() -> Camera:
-    return model(rigs.conventional(), "pinhole")
+def pinhole(height_px: int = 72) -> Camera:
+    return model(rigs.conventional(height_px=height_px), "pinhole")
 
 
 def slopes(rig: Rig) -> np.ndarray:
@@ -117,12 +117,12 @@ def test_position_and_normal_are_in_the_world():
 
 def test_two_half_planes_share_the_pixels_at_their_edge():
     """Through a pinhole the edge at x = 0.3 px of a column cuts it at 0.8; mean and spread are those of two depths."""
-    camera = pinhole()
+    camera = pinhole(6)
     pitch = 0.05 / camera.sensor_distance_mm  # slope of a pixel
     edge = (0.3 - 0.5) * pitch  # 96 columns: the axis lies between columns 47 and 48
     left, right = (plate(z, 400.0, 400.0 * side + edge * z) for z, side in ((400.0, -1), (600.0, 1)))
     seen = labelled(camera, occluders=[(left, np.eye(4)), (right, np.eye(4))], samples=1024)
-    share = {float(i): s for i, s in zip(seen["Crypto00.R"][36, 47:49], seen["Crypto00.G"][36, 47:49], strict=True)}
+    share = {float(i): s for i, s in zip(seen["Crypto00.R"][3, 47:49], seen["Crypto00.G"][3, 47:49], strict=True)}
     near = seen["Crypto00.R"] == id_of("o0")
     assert near[:, :48].all() and not near[:, 48:].any() and len(share) == 2
     # Column 47 has its centre at -0.5 px, so the edge, at -0.2 px, leaves 0.8 of it to the left plate.
@@ -135,18 +135,18 @@ def test_two_half_planes_share_the_pixels_at_their_edge():
 
 def test_an_edge_out_of_focus_is_shared_as_the_disc_of_its_blur_is_cut():
     """A thin lens at F/11, focused at 434 mm, before an edge at 300 mm: shares are those of segments of a disc."""
-    camera = model(rigs.conventional(), "thinLens")
+    camera = model(rigs.conventional(height_px=7), "thinLens")
     rig = rig_of(camera)
     stop_mm = camera.prescription.stop.semi_diameter_mm
     seen = labelled(camera, occluders=[(plate(300.0, 400.0, -400.0), np.eye(4))], samples=1024)
     focus_mm = 1 / (1 / camera.prescription.stop.focal_length_mm - 1 / camera.sensor_distance_mm)
-    x_mm = -rig.tracer.positions_mm(np.arange(96), np.full(96, 36))[:, 0] / camera.sensor_distance_mm * 300.0
+    x_mm = -rig.tracer.positions_mm(np.arange(96), np.full(96, 3))[:, 0] / camera.sensor_distance_mm * 300.0
     radius_mm = stop_mm * (1 - 300.0 / focus_mm)
     cut = np.clip(x_mm / radius_mm, -1, 1)
     expected = (np.arccos(cut) - cut * np.sqrt(1 - cut**2)) / np.pi
     assert np.count_nonzero((expected > 0) & (expected < 1)) > 3
-    np.testing.assert_allclose(seen["A"][36], expected, atol=0.02)
-    assert np.isnan(seen["Z"][36, expected == 0]).all()
+    np.testing.assert_allclose(seen["A"][3], expected, atol=0.02)
+    assert np.isnan(seen["Z"][3, expected == 0]).all()
 
 
 def test_shares_of_ids_sum_to_what_is_hit_and_the_rest_has_none():

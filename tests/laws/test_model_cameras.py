@@ -153,10 +153,10 @@ def test_a_thin_lens_before_pinholes_is_the_camera_of_libpleno() -> None:
     """
     array = replace(rigs.michels_array(2.0), aperture="disc", disc_diameter_mm=1e-3)
     camera = model(replace(rigs.plenoptic(2.0), microlenses=array), "thinLens", BROWN)
-    board, pose = Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0, 0.3, 0.2)
+    board, pose = Checkerboard(columns=2, rows=1, square_mm=1.0), rigs.facing(420.0, 20.0, 0.3, 0.2)
     rig = rig_of(camera)
     rows = solved(rig, board, pose, 1e-6).solutions
-    assert len(rows.point) > 50
+    assert len(rows.point) > 15
     film_mm = camera.sensor_distance_mm - array.distance_mm
     x, y, z = (pose @ np.column_stack([board.points_mm(), np.ones(len(board.points_mm()))])[rows.point].T)[:3]
     behind_mm = 1 / (1 / camera.prescription.stop.focal_length_mm - 1 / z)

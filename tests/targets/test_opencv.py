@@ -12,23 +12,23 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.patterns.tags import DICTIONARIES, bits_of, size_of, tag_shapes
 
-SCALE = 9.0
-"""Pixels per mm."""
+SCALE, SCALE_OF_TAGS = 6.0, 10.0
+"""Pixels per mm; OpenCV refines the corners of a tag in a window that must not hold a second one."""
 
 
 def scanned(drawing: Drawing, px_per_mm: float, turn_deg: float = 0.0) -> np.ndarray:
-    """The sheet as 8-bit grey, each pixel the mean of 64 points; the sheet's centre is the centre of the image."""
+    """The sheet as 8-bit grey, each pixel the mean of 16 points; the sheet's centre is the centre of the image."""
     angle = np.radians(turn_deg)
     half = np.array([drawing.half_x_mm, drawing.half_y_mm])
     reach = np.abs([[np.cos(angle), np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ half
     width, height = (np.ceil(2 * reach * px_per_mm)).astype(int)
-    steps = (np.arange(8) + 0.5) / 8 - 0.5
+    steps = (np.arange(4) + 0.5) / 4 - 0.5
     x = ((np.arange(width)[:, None] + steps).ravel() - (width - 1) / 2) / px_per_mm
     y = -((np.arange(height)[:, None] + steps).ravel() - (height - 1) / 2) / px_per_mm
     grid_x, grid_y = np.meshgrid(x, y)
     c, s = np.cos(angle), np.sin(angle)
     value = drawing.whiteness((c * grid_x + s * grid_y).ravel(), (c * grid_y - s * grid_x).ravel())
-    value = np.nan_to_num(value, nan=1.0).reshape(height, 8, width, 8).mean(axis=(1, 3))
+    value = np.nan_to_num(value, nan=1.0).reshape(height, 4, width, 4).mean(axis=(1, 3))
     return np.rint(255 * value).astype(np.uint8)
 
 
@@ -70,13 +70,13 @@ def test_a_charuco_boards_corners_are_opencvs(columns, rows):
 
 
 def test_the_corners_of_a_charuco_boards_tags_are_opencvs():
-    board = Charuco(columns=5, rows=4, square_mm=8.0, marker_mm=6.0, dictionary="4x4_50", marker_corners=True)
-    corners, numbers = tags_in(scanned(board.drawing, SCALE), "4x4_50")
-    expected = on_scan(board.drawing, board.marks().xy_mm[20:], SCALE).reshape(-1, 4, 2)
-    assert sorted(numbers) == list(range(15))
+    board = Charuco(columns=3, rows=2, square_mm=8.0, marker_mm=6.0, dictionary="4x4_50", marker_corners=True)
+    corners, numbers = tags_in(scanned(board.drawing, SCALE_OF_TAGS), "4x4_50")
+    expected = on_scan(board.drawing, board.marks().xy_mm[6:], SCALE_OF_TAGS).reshape(-1, 4, 2)
+    assert sorted(numbers) == list(range(6))
     assert np.abs(corners - expected[numbers]).max() < DETECTED_PX
-    theirs = cv2.aruco.CharucoBoard((6, 5), 8.0, 6.0, dictionary_of("4x4_50")).getObjPoints()
-    ours = board.marks().xy_mm[20:].reshape(-1, 4, 2) * [1, -1] + [24.0, 20.0]
+    theirs = cv2.aruco.CharucoBoard((4, 3), 8.0, 6.0, dictionary_of("4x4_50")).getObjPoints()
+    ours = board.marks().xy_mm[6:].reshape(-1, 4, 2) * [1, -1] + [16.0, 12.0]
     assert np.array(theirs)[..., :2] == pytest.approx(ours, abs=1e-5)
 
 
@@ -95,13 +95,13 @@ def tags_in(image: np.ndarray, dictionary: str, border: int = 1) -> tuple[np.nda
 def test_an_aprilgrids_corners_are_kalibrs(border):
     """Tag t has Kalibr's corners 2 t + 2 columns (t // columns) (and + 1, + 2 columns, + 2 columns + 1); OpenCV sees
     the tags upside down: its first corner is our lower right one."""
-    board = AprilGrid(columns=4, rows=3, tag_mm=12.0, border_bits=border, first_tag=7)
-    corners, numbers = tags_in(scanned(board.drawing, SCALE), "apriltag_36h11", border)
-    assert sorted(numbers) == list(range(7, 19))
-    expected = on_scan(board.drawing, board.marks().xy_mm, SCALE)
+    board = AprilGrid(columns=2, rows=2, tag_mm=12.0, border_bits=border, first_tag=7)
+    corners, numbers = tags_in(scanned(board.drawing, SCALE_OF_TAGS), "apriltag_36h11", border)
+    assert sorted(numbers) == list(range(7, 11))
+    expected = on_scan(board.drawing, board.marks().xy_mm, SCALE_OF_TAGS)
     for four, number in zip(corners, numbers - 7, strict=True):
-        base = 4 * 4 * (number // 4) + 2 * (number % 4)
-        lower_right, lower_left, upper_left, upper_right = base + 1, base, base + 8, base + 9
+        base = 4 * 2 * (number // 2) + 2 * (number % 2)
+        lower_right, lower_left, upper_left, upper_right = base + 1, base, base + 4, base + 5
         mine = expected[[lower_right, lower_left, upper_left, upper_right]]
         assert np.abs(four - mine).max() < DETECTED_PX
 
