@@ -284,7 +284,7 @@ def test_a_stereo_rig_gets_poses_that_both_cameras_see(run):
         for name, turn, x in (("Left", -3.3, -25), ("Right", 3.3, 25))
     )
     Path("r.usda").write_text(f'{RIG}def Xform "Rig"\n{{\n{cameras}}}\n', encoding="utf-8")
-    words = ("--rig", "r.usda", "--target", "targets/checkerboard_4x7.usda", "--poses", "2", "--fit")
+    words = ("--rig", "r.usda", "--target", "targets/checkerboard_4x7.usda", "--poses", "1", "--fit")
     assert run("new", "dataset", "d.usda", *words)[0] == 0
     dataset = load("d.usda", look=True).dataset
     assert [entry.name for entry in dataset.cameras] == ["Rig.Left.Camera", "Rig.Right.Camera"]

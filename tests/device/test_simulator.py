@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from shorter import few_cases
 from stage_text import tiny_text
 
 TESTS = Path(__file__).parents[1]
@@ -61,21 +62,16 @@ def test_more_samples_than_a_packet_holds_have_them_too() -> None:
     assert (name, samples, lit, same) == ("conventional", "1024", "3", "True")
 
 
-def test_rays_of_images_are_those_of_processors_but_for_float32() -> None:
-    """The same ones pass, in the same order; with diffraction, too."""
-    rows = simulated("rays")
-    assert len(rows) == 12
-    for name, rays, apart_mm, share, _ in rows:
+@pytest.mark.parametrize(("what", "rigs", "same"), few_cases([("rays", 4, "-")], ("bits", 12, "True")))
+def test_rays_of_images_are_those_of_processors_but_for_float32(what: str, rigs: int, same: str) -> None:
+    """The same ones pass, in the same order; with diffraction, too. They have all bits of compiled float32."""
+    rows = simulated(what)
+    assert len(rows) == rigs
+    for name, rays, apart_mm, share, found in rows:
         assert int(rays) > 40, name
         assert 0 < float(apart_mm) < SINGLE_MM, f"{name}: {apart_mm} mm"
         assert float(share) < SINGLE, f"{name}: {share}"
-
-
-@pytest.mark.heavy
-def test_rays_of_images_have_the_bits_of_compiled_float32() -> None:
-    rows = simulated("bits")
-    assert len(rows) == 12
-    assert all(same == "True" for *_, same in rows), rows
+        assert found == same, name
 
 
 @pytest.mark.heavy

@@ -153,7 +153,7 @@ def pixels(
     path = folder / "dataset.usda"
     boards = ", ".join(f"</D/{name}>" for name in re.findall(r'PlenCheckerboard "(\w+)"', "".join(things)))
     # Some glasses of the lens are not known at all wavelengths of those cameras.
-    model, samples = "thinLens" if lit or set(channels) & set(NAMED) else "prescription", 64 if lit else 1024
+    model, samples = "thinLens" if lit or set(channels) & set(NAMED) else "prescription", 64
     path.write_text(head("D") + STAGE % (light, boards, model, samples, "\n".join(said), "".join(things)), "utf-8")
     out = pipeline.build(path, folder / "out", jobs=1).out
     x, y = np.array(places).T

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.rigs import F_MM, thin
+from shorter import few_cases
 from tolerances import DIFFRACTED_EDGE, SIGMAS
 
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -136,7 +137,9 @@ def of_round_thing(light: np.ndarray) -> np.ndarray:
     return wide.reshape(PX, FINE, PX, FINE).sum(axis=(1, 3)).T[:, ::-1]
 
 
-@pytest.mark.parametrize(("aperture", "sign"), [("cell", 1.0), ("cell", -1.0), ("disc", 1.0), ("disc", -1.0)])
+@pytest.mark.parametrize(
+    ("aperture", "sign"), few_cases([("cell", 1.0), ("disc", -1.0)], ("cell", -1.0), ("disc", 1.0))
+)
 def test_a_round_thing_behind_a_microlens_is_that_of_waves(aperture: str, sign: float) -> None:
     geometric, image_mm = rig(aperture, sign), ARRAY_MM + sign * AWAY_MM
     diffracting = dataclasses.replace(geometric, diffraction_nm=GREEN_MM * 1e6)

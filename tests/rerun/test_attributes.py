@@ -23,7 +23,7 @@ from pipeline.engine.store.store import Store
 from pipeline.folders import share
 from pipeline.scene.load import load
 
-QUICK = 16
+QUICK = 32
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""
 FOR_THE_CHECKS = {
     (LENS, "plen:wavelength"): (A, "plen:camera:wavelength"),
