@@ -37,6 +37,11 @@ class Outcome:
     interrupted: bool = False
     checked: tuple[str, ...] = ()
 
+    @property
+    def ran(self) -> dict[str, TaskResult]:
+        """Results of the tasks that were not in the store."""
+        return {name: task for name, task in self.results.items() if task.state in ("executed", "failed")}
+
 
 def run(
     graph: TaskGraph,

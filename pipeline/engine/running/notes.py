@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.engine.digest import key_of
-from pipeline.engine.events import Done, Emit, Event
 from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.project import Project, tasks_of
 from pipeline.engine.records import Run, TaskResult
@@ -50,18 +49,22 @@ def costs_of_others(project: Project, store: Store) -> list[dict[str, Cost]]:
 
 
 def keep_history(project: Project, store: Store, outcome: Outcome, before: History, *, whole: bool) -> None:
-    """Keep the keys of all finished tasks and what they took, so that the next plan can tell what has changed."""
+    """Keep the keys of all finished tasks and what they took, so that the next plan can tell what has changed, and how
+    tasks ended, for `pipeline logs`.
+    """
     keys = {name: key for name, key in before.keys.items() if name in project.graph or not whole}
     keys |= {name: record.key for name, record in outcome.records.items()}
-    ran = [(task.kind, task.made_by) for task in outcome.results.values() if task.state == "executed" and task.made_by]
+    runs = [(task.kind, task.made_by) for task in outcome.ran.values() if task.state == "executed" and task.made_by]
     after = History(
         out=before.out,
         stage=before.stage,
         keys=keys,
-        costs={**before.costs, **means_by_kind(ran)},
+        costs={**before.costs, **means_by_kind(runs)},
     )
     if after != before:
         store.write_note("history", _name(project), after)
+    if outcome.ran:
+        store.write_note("events", _name(project), {**_ended(project, store), **outcome.ran})
     if project.source is not None:
         _keep_source(project, store, outcome.records)
 
@@ -85,25 +88,6 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
     if of != before:
         note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
         store.write_note("sources", _name(project), note)
-
-
-class Endings:
-    """A listener that passes events on and records how tasks ended, for `pipeline logs`."""
-
-    def __init__(self, on_event: Emit) -> None:
-        self._on_event = on_event
-        self._ended: dict[str, TaskResult] = {}
-
-    def __call__(self, event: Event) -> None:
-        """Note the end of a task."""
-        if isinstance(event, Done) and event.result.state in ("executed", "failed"):
-            self._ended[event.result.name] = event.result
-        self._on_event(event)
-
-    def keep(self, project: Project, store: Store) -> None:
-        """Keep the ends in the store, beside older ones of other tasks."""
-        if self._ended:
-            store.write_note("events", _name(project), {**_ended(project, store), **self._ended})
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:

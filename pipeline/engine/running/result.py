@@ -47,19 +47,9 @@ class Result:
         return self.count("executed")
 
     @property
-    def cached(self) -> int:
-        """Tasks whose results were in the store, or were made by another builder meanwhile."""
-        return self.count("cached")
-
-    @property
     def failed(self) -> int:
         """Tasks that failed now."""
         return self.count("failed")
-
-    @property
-    def skipped(self) -> int:
-        """Tasks that were not tried."""
-        return self.count("skipped")
 
     @property
     def failures(self) -> tuple[TaskResult, ...]:

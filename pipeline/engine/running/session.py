@@ -23,10 +23,9 @@ from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, for
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection
-from pipeline.engine.records import TaskResult
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
-from pipeline.engine.running.notes import Endings, costs_of_others, history_of, keep_history
+from pipeline.engine.running.notes import costs_of_others, history_of, keep_history
 from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.store_folder import store_around
@@ -50,7 +49,7 @@ def build(
     """
     start = time.perf_counter()
     _require_place(project)
-    emit = Endings(caller.on_event)
+    emit = caller.on_event
     limit_bytes = limit_from_environment()
     warn = warner(emit)
     store = store or Store(warn=warn)
@@ -71,7 +70,6 @@ def build(
         store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
         emit(Ended(result=result))
-        emit.keep(project, store)
         return result
 
 
@@ -99,8 +97,8 @@ class _Build:
             done = sorted(self.outcome.records)
             count = min(len(done), max(1, math.ceil(len(done) * self.options.check_percent / 100)))
             again = self._run(random.SystemRandom().sample(done, count))  # others every time
-            self.outcome.checked, self.outcome.interrupted = tuple(sorted(_ran(again))), again.interrupted
-            bad = {name: task for name, task in _ran(again).items() if task.state == "failed" or task.differs}
+            self.outcome.checked, self.outcome.interrupted = tuple(sorted(again.ran)), again.interrupted
+            bad = {name: task for name, task in again.ran.items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
 
@@ -112,7 +110,7 @@ class _Build:
             except DamagedBlob:
                 self.warn("results vanished from the store before delivery; they are made again")
                 again = self._run()
-                self.outcome.results |= _ran(again)  # the report still counts the work of the first run
+                self.outcome.results |= again.ran  # the report still counts the work of the first run
                 self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
                 self._fill()
         except DamagedBlob:
@@ -235,10 +233,6 @@ def status_of(project: Project, *, store: Store | None = None) -> Status:
 
     states = {path: state(path, source) for path, source in sorted(project.files.items())}
     return Status(files=states, has_manifest=there.data is not None)
-
-
-def _ran(outcome: Outcome) -> dict[str, TaskResult]:
-    return {name: task for name, task in outcome.results.items() if task.state in ("executed", "failed")}
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
