@@ -121,7 +121,7 @@ def test_plan_explain_and_status_agree(pipeline, stage):
         (["build", "s.json", "--wrong"], "--wrong"),
         (["build", "s.json", "-j0"], "-j"),
         (["biuld", "s.json"], "biuld"),
-        (["build", "s.json", "rays/can"], "did you mean"),
+        (["build", "s.json", "rays/can"], "there is rays/cam"),
         (["build", "s.json", "-o", "s.json"], "is a file"),
         (["build", "s.json", "-o", "s.json/below/it"], "below the file"),
         (["build", "missing.json"], "does not exist"),
