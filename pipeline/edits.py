@@ -54,21 +54,15 @@ class Edit:
 
 def _text(value: Any) -> str:
     """A value as USD writes it, shortened if it is long."""
-    text = _written(value)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
-
-
-def _written(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
     if value is None:
-        return "not set"
-    if isinstance(value, float):
-        return repr(value).removesuffix(".0")
-    if isinstance(value, str) and value[:1] in ("<", "@"):
-        return value
-    if isinstance(value, list):
-        inside = ", ".join(map(_written, value[:_LONGEST]))  # more entries would be cut in any case
-        if len(value) == 1 and inside[:1] in ("<", "@"):
-            return inside
+        text = "not set"
+    elif isinstance(value, float):
+        text = repr(value).removesuffix(".0")
+    elif isinstance(value, str) and value[:1] in ("<", "@"):
+        text = value
+    elif isinstance(value, list):
         is_vector = 1 < len(value) <= _OF_A_VECTOR and all(isinstance(entry, int | float) for entry in value)
-        return f"({inside})" if is_vector else f"[{inside}]"
-    return json.dumps(value, ensure_ascii=False)
+        text = ", ".join(map(_text, value[:_LONGEST]))  # more entries would be cut in any case
+        text = f"({text})" if is_vector else f"[{text}]"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"

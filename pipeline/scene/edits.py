@@ -108,7 +108,8 @@ def is_below(path: str, whole: str) -> bool:
 def _json(value: Any) -> Any:
     """A value as JSON has it: arrays and vectors as lists, paths as `<path>`, assets as `@asset@`."""
     if hasattr(value, "GetAppliedItems"):
-        return [_json(item) for item in value.GetAppliedItems()]
+        items = [_json(item) for item in value.GetAppliedItems()]
+        return items[0] if len(items) == 1 else items
     if isinstance(value, Sdf.Reference | Sdf.Payload):
         prim, offset = (f"<{value.primPath}>" if value.primPath else ""), value.layerOffset
         return f"@{value.assetPath}@{prim}" + ("" if offset.IsIdentity() else f" {offset}")

@@ -120,9 +120,8 @@ class TaskGraph:
 
         Zeros before a number may be left out: `image/2` means `image/0002`.
         """
-        names = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
-        if not names:
-            names = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
+        start = f"{unpadded(pattern)}/"
+        names = [name for name in self if f"{unpadded(name)}/".startswith(start) or fnmatchcase(name, pattern)]
         if not names:
             raise UsageError(f"no task is named {pattern!r}", hint=names_like(pattern, self))
         return names
