@@ -6,7 +6,6 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.frames import apply
-from pipeline.limits import how_to_raise, limits
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
@@ -22,7 +21,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, over_limit, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.targets.mesh import Occluder
 
@@ -76,10 +75,7 @@ def _check_size(root: Usd.Prim, prims: Sequence[Usd.Prim]) -> Iterator[Problem]:
     for prim in prims:
         moments = frames if is_animated(prim, with_primvars=False) else [None]
         count += sum(len(drawn(prim, moment).corners) for moment in moments)
-    if count > limits().shapes:
-        what = f"{count:,} triangles of all occluders, in all frames,"
-        message = f"{what} are more than the limit of {limits().shapes:,} shapes"
-        yield problem(root, "over-limit", message, hint=how_to_raise("shapes", count))
+    yield from over_limit(root, "shapes", count, f"{count:,} triangles of all occluders, in all frames,")
 
 
 def _check_shape(prim: Usd.Prim, frames: Sequence[int]) -> Iterator[Problem]:

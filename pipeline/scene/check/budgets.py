@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
-from pipeline.limits import MOST_SAMPLES, how_to_raise, limits
+from pipeline.limits import MOST_SAMPLES
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, metadata_problem, problem
+from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit, problem
 from pipeline.scene.usd.values import read, target, targets
 
 RAYS_PER_S = 4e6
@@ -38,14 +38,14 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
         yield from _check_camera(prim)
     for mesh in meshes:
         count = len(read(mesh, "faceVertexIndices") or ())  # of face corners, which are no fewer than triangles
-        yield from _over("triangles", count, f"{count:,} corners of faces", mesh.GetAttribute("faceVertexIndices"))
+        yield from over_limit(mesh.GetAttribute("faceVertexIndices"), "triangles", count, f"{count:,} corners of faces")
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
     cameras = max(1, sum(map(images_of, targets(root, "plen:cameras", "Camera"))))
     count = len(frame_numbers(root))
     what = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
-    for over in _over("frames", count * cameras, what, root.GetAttribute("plen:frames")):
+    for over in over_limit(root.GetAttribute("plen:frames"), "frames", count * cameras, what):
         if read(root, "plen:frames"):
             yield over
         else:
@@ -58,7 +58,7 @@ def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     resolution = read(sensor, "plen:resolution") if sensor else None
     f_numbers = camera.GetAttribute("plen:image:fNumbers")
     count = len(read(camera, "plen:image:fNumbers") or ())
-    yield from _over("f_numbers", count, f"{count:,} F-numbers", f_numbers)
+    yield from over_limit(f_numbers, "f_numbers", count, f"{count:,} F-numbers")
     if not sensor or not resolution:
         return
     width, height = resolution
@@ -67,14 +67,14 @@ def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     pixels = width * height * fine**2
     what = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
     at = sensor.GetAttribute("plen:resolution")
-    if over := list(_over("pixels", pixels, what, at)):
+    if over := over_limit(at, "pixels", pixels, what):
         yield from over
         return
     counts = [("plen:image:samples", width * height)] + ([("plen:truth:samples", pixels)] if traced else [])
     for name, starts in counts:
         samples = read(camera, name) or 0
         what = f"{samples:,} rays from each of {starts:,} positions"
-        yield from _over("rays", starts * samples, what, camera.GetAttribute(name))
+        yield from over_limit(camera.GetAttribute(name), "rays", starts * samples, what)
 
 
 def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
@@ -92,7 +92,7 @@ def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
         return  # reported as missing
     count = math.ceil((width**2 + height**2) / (along * across))
     what = f"{width:.6g} x {height:.6g} mm at a pitch of {along:g} mm, {count:,} microlenses in the square around them,"
-    yield from _over("microlenses", count, what, array.GetAttribute(name))
+    yield from over_limit(array.GetAttribute(name), "microlenses", count, what)
 
 
 def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
@@ -102,7 +102,7 @@ def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
         faces = {"cube": 6, "stairs": read(prim, "plen:shape:steps") or 1}.get(read(prim, "plen:shape"), 1)
         name, count = "plen:columns", _pattern_points(prim) * faces
     attribute = prim.GetAttribute(name if prim.HasAttribute(name) else "plen:shape:steps")
-    yield from _over("points", count, f"{count:,} points", attribute)
+    yield from over_limit(attribute, "points", count, f"{count:,} points")
 
 
 def _pattern_points(prim: Usd.Prim) -> int:
@@ -117,13 +117,6 @@ def _pattern_points(prim: Usd.Prim) -> int:
     if prim.IsA("PlenSiemensStar"):
         return 1 + 2 * (read(prim, "plen:spokes") or 0)
     return int(columns * rows) or 2 * int(columns + rows) or 3
-
-
-def _over(name: str, count: int, what: str, attribute: Usd.Attribute) -> Iterator[Problem]:
-    most = getattr(limits(), name)
-    if count > most:
-        message = f"{what} are more than the limit of {most:,} {name.replace('_', ' ')}"
-        yield problem(attribute, "over-limit", message, hint=how_to_raise(name, count))
 
 
 def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.limits import how_to_raise, limits
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, sample_key
 from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import did_you_mean, printable
@@ -116,6 +117,13 @@ def problem(
     return Problem(
         severity=severity, code=code, message=message, file=file, line=line, at=str(thing.GetPath()), hint=hint
     )
+
+
+def over_limit(thing: Usd.Prim | Usd.Property, name: str, count: int, what: str) -> list[Problem]:
+    """A problem at a thing if its count, which `what` says in words, is more than the limit of that name."""
+    most = getattr(limits(), name)
+    message = f"{what} are more than the limit of {most:,} {name.replace('_', ' ')}"
+    return [problem(thing, "over-limit", message, hint=how_to_raise(name, count))] if count > most else []
 
 
 def metadata_problem(

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel
 
-from pipeline.limits import how_to_raise, limits
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.limits import limits
+from pipeline.scene.usd.problems import Problem, over_limit, problem
 from pipeline.scene.usd.values import plain
 
 _INSTANCE = "Instance_"
@@ -34,17 +34,11 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
             problems.append(problem(prim, "not-drawn", message, severity="warning"))
             continue
         count += len(instances)
-        if over := _over("instances", count, f"{count:,} instances of point instancers", prim):
+        if over := over_limit(prim, "instances", count, f"{count:,} instances of point instancers"):
             return [*problems, *over]
         _write_instances(prim, instances)
     problems += _bake(stage, frames)
     return problems
-
-
-def _over(name: str, count: int, what: str, prim: Usd.Prim) -> list[Problem]:
-    most = getattr(limits(), name)
-    message = f"{what} are more than the limit of {most:,} {name}"
-    return [problem(prim, "over-limit", message, hint=how_to_raise(name, count))] if count > most else []
 
 
 def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
@@ -157,7 +151,9 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     if not bound or not frames:
         return []
     points = sum(len(UsdGeom.PointBased(prim).GetPointsAttr().Get() or ()) for prim in bound)
-    if over := _over("shapes", points * len(frames), f"{points * len(frames):,} points of skinned meshes", bound[0]):
+    if over := over_limit(
+        bound[0], "shapes", points * len(frames), f"{points * len(frames):,} points of skinned meshes"
+    ):
         return over
     session, sampled = stage.GetSessionLayer(), list[Sdf.Path]()
     with Usd.EditContext(stage, session):
