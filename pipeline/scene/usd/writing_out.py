@@ -151,9 +151,8 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     if not bound or not frames:
         return []
     points = sum(len(UsdGeom.PointBased(prim).GetPointsAttr().Get() or ()) for prim in bound)
-    if over := over_limit(
-        bound[0], "shapes", points * len(frames), f"{points * len(frames):,} points of skinned meshes"
-    ):
+    count = points * len(frames)
+    if over := over_limit(bound[0], "shapes", count, f"{count:,} points of skinned meshes"):
         return over
     session, sampled = stage.GetSessionLayer(), list[Sdf.Path]()
     with Usd.EditContext(stage, session):
