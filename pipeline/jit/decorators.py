@@ -196,11 +196,21 @@ def fma(a: float, b: float, c: float) -> float:
     raise NotImplementedError("fma is for kernels")
 
 
+def borrowed(value: Any) -> Any:
+    """For drivers: their arrays, alone or in tuples, without a count of users, because the caller keeps them.
+
+    Numba counts users wherever a kernel takes an array out of a record, and an atomic step for each vector took three
+    quarters of the time of lit scenes. Such an array must not be returned.
+    """
+    return value
+
+
 @functools.cache
 def _numba() -> Any:
     os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
     import numba
     from numba import extending, types
+    from numba.core import cgutils
 
     class KernelType(types.Dispatcher):
         """Type of a kernel that another one calls. It is compiled for numbers, and not once more for 0 and 1."""
@@ -224,4 +234,21 @@ def _numba() -> Any:
         extending.lower_builtin(fma, kind, kind, kind)(
             lambda context, builder, signature, arguments: builder.fma(*arguments)
         )
+
+    def uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.Array):
+            array = cgutils.create_struct_proxy(kind)(context, builder, value)
+            array.meminfo = cgutils.get_null_value(array.meminfo.type)
+            return array._getvalue()
+        if isinstance(kind, types.BaseTuple):
+            parts: Any = kind
+            for k, part in enumerate(parts):
+                inner = uncounted(context, builder, part, builder.extract_value(value, k))
+                value = builder.insert_value(value, inner, k)
+        return value
+
+    extending.type_callable(borrowed)(lambda context: lambda value: value)
+    extending.lower_builtin(borrowed, types.Any)(
+        lambda context, builder, signature, arguments: uncounted(context, builder, signature.args[0], arguments[0])
+    )
     return numba

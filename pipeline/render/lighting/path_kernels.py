@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline, kernel
+from pipeline.jit.decorators import borrowed, inline, kernel
 from pipeline.render.lighting import draws
 from pipeline.render.lighting.emitting import EVEN
 from pipeline.render.lighting.lamps import (
@@ -88,6 +88,7 @@ class Shadows(NamedTuple):
 @kernel
 def reach_lamps(lamps, paths, reaches):
     """Whether each path meets a lamp or the light of the sky, (n,) bool, written, if nothing else is in its way."""
+    lamps, paths, reaches = borrowed((lamps, paths, reaches))
     for i in range(reaches.size):
         start, way, reaches[i] = row(paths.origin, i), row(paths.direction, i), False
         for k in range(lamps.table.shape[0]):
@@ -102,6 +103,7 @@ def meet(shapes, materials, layers, albedo, paths, hits):
 
     `albedo`, (n,) float64: reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
     """
+    shapes, materials, layers, albedo, paths, hits = borrowed((shapes, materials, layers, albedo, paths, hits))
     for i in range(hits.triangle.size):
         t = hits.triangle[i]
         hits.distance[i] = math.inf
@@ -139,6 +141,7 @@ def gather(lamps, asked, paths, hits, light):
     `light`, (rays,) float64: radiance of each ray of the camera, added to.
     `hits.distance`: set to infinity where a path ends.
     """
+    lamps, paths, hits, light = borrowed((lamps, paths, hits, light))
     for i in range(paths.power.size):
         start, way = row(paths.origin, i), row(paths.direction, i)
         nearest, lamp, bright = hits.distance[i], -1, 0.0
@@ -210,6 +213,7 @@ def send_to_lamps(lamps, scene, step, paths, hits, shadows):
 
     `step`, (int, int): the vertex, and `candidates_at` it.
     """
+    lamps, scene, paths, hits, shadows = borrowed((lamps, scene, paths, hits, shadows))
     layers, points, gap_mm = scene
     vertex, asked = step
     for i in range(paths.power.size):
@@ -297,6 +301,7 @@ def arrive(corners, triangle, shadows, ray, gap_mm, light):
     `triangle`, (n,) int64: first triangle of each ray, -1: none.
     `ray`, `light`, (n,) int64, (rays,) float64: the ray of the camera of each, and its radiance.
     """
+    corners, triangle, shadows, ray, light = borrowed((corners, triangle, shadows, ray, light))
     for i in range(triangle.size):
         if triangle[i] >= 0:
             path, _ = path_to(corners[triangle[i]], row(shadows.origin, i), row(shadows.direction, i))
@@ -308,6 +313,7 @@ def arrive(corners, triangle, shadows, ray, gap_mm, light):
 @kernel
 def scatter(scene, vertex, paths, hits, goes_on):
     """Choose where each path comes from, (n,) bool written: whether it goes on. Its ray is replaced."""
+    scene, paths, hits, goes_on = borrowed((scene, paths, hits, goes_on))
     layers, points, gap_mm = scene
     for i in range(paths.power.size):
         goes_on[i] = False

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.jit.decorators import borrowed, inline, kernel, unit
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting import materials as column
 from pipeline.render.lighting.draws import draw
@@ -158,6 +158,8 @@ def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
 
     `surfaces`: shapes, materials and tables of layers. `dice`: points of random numbers, keys, places and the stage.
     """
+    surfaces, dice, triangle, past = borrowed((surfaces, dice, triangle, past))
+    origin, direction = borrowed((origin, direction))
     points, key, place, stage = dice
     for i in range(triangle.size):
         past[i] = math.nan
@@ -174,6 +176,8 @@ def dim(surfaces, triangle, origin, direction, left, light, past):
 
     `left`, (n,): path that the light has before it; `light`, (n,): what there is of it, multiplied by what passes.
     """
+    surfaces, triangle, left, light, past = borrowed((surfaces, triangle, left, light, past))
+    origin, direction = borrowed((origin, direction))
     for i in range(triangle.size):
         past[i] = math.nan
         if triangle[i] < 0:
