@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import pandas as pd
 import pycolmap
@@ -244,6 +245,22 @@ def check_npz(folder: Path, scene: Scene) -> None:
     _check_tables(frame, scene)
 
 
+def check_hdf5(folder: Path, scene: Scene) -> None:
+    for name in scene.rig:
+        with h5py.File(folder / f"{name}.h5") as file:
+            camera = json.loads(file["camera"].asstr()[()])
+            assert camera["resolution"] == list(SIZE_PX) and "micro_images" not in file
+            assert any("image positions in px" in line for line in file.attrs["remarks"])
+
+    def frame(name: str) -> pd.DataFrame:
+        camera, table = name.split(".")
+        with h5py.File(folder / f"{camera}.h5") as file:
+            columns = file[table].items()
+            return pd.DataFrame({key: (c.asstr() if c.dtype.kind == "O" else c)[()] for key, c in columns})
+
+    _check_tables(frame, scene)
+
+
 def _check_tables(frame_of, scene: Scene) -> None:
     for name in scene.rig:
         rows, poses = frame_of(f"{name}.correspondences"), frame_of(f"{name}.poses").set_index("frame")
@@ -278,6 +295,7 @@ CHECKS = {
     "opencv-multiview": check_opencv_multiview,
     "coco": check_coco,
     "colmap": check_colmap,
+    "hdf5": check_hdf5,
     "matlab": check_matlab,
     "ncore": check_ncore,
     "nerfstudio": check_nerfstudio,

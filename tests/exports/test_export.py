@@ -71,11 +71,14 @@ def test_a_format_that_fails_leaves_nothing_behind(out, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("library", ["pandas", "pyarrow"])
-def test_parquet_without_its_libraries_says_what_to_install(command, out, tmp_path, monkeypatch, library):
+@pytest.mark.parametrize(
+    ("name", "library", "extra"),
+    [("parquet", "pandas", "frames"), ("parquet", "pyarrow", "frames"), ("hdf5", "h5py", "hdf5")],
+)
+def test_tables_without_their_libraries_say_what_to_install(command, out, tmp_path, monkeypatch, name, library, extra):
     monkeypatch.setitem(sys.modules, library, None)
-    code, _, told = command("parquet", out)
-    assert code == 2 and f"{library} is not installed" in told and "plenoptic-pipeline[frames]" in told
+    code, _, told = command(name, out)
+    assert code == 2 and f"{library} is not installed" in told and f"plenoptic-pipeline[{extra}]" in told
     assert list((tmp_path / "exports/out").iterdir()) == []
 
 

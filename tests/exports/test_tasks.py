@@ -25,8 +25,21 @@ from pipeline.results.output import open_output
 from pipeline.scene.load import load
 
 ASKED = {
-    "conventional": ["opencv", "mrcal", "colmap", "kalibr", "npz", "rays", "stmap", "depth"],
-    "plenoptic": ["libpleno", "pip", "bok", "lftoolbox", "plenopticam", "npz", "depth", "lightfield"],
+    "conventional": [
+        "opencv",
+        "mrcal",
+        "colmap",
+        "kalibr",
+        "npz",
+        "rays",
+        "stmap",
+        "depth",
+        "ros",
+        "nerfstudio",
+        "hdf5",
+        "matlab",
+    ],
+    "plenoptic": ["libpleno", "pip", "bok", "lftoolbox", "plenopticam", "npz", "hdf5", "depth", "lightfield"],
 }
 ROOTS = (DATA.parents[1],)
 NOISE = Noise(noise_px=0.2, outliers=0.1, missed=0.1, seed=5)
