@@ -15,8 +15,7 @@ from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
-from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
-from pipeline.graph.label_tasks import add_labels
+from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of
 from pipeline.graph.poses import Things, matrix, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.sensor.response import Irradiation
