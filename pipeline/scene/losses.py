@@ -7,8 +7,8 @@ from pxr import Usd
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.glass.absorption import Absorption, measured, stated
-from pipeline.optics.glass.medium import BadAbsorption, GlassError
+from pipeline.optics.glass.absorption import BAD_ABSORPTION, Absorption, measured, stated
+from pipeline.optics.glass.medium import GlassError
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.rays import GRID, front_grid
 from pipeline.optics.table import towards_scene
@@ -33,7 +33,7 @@ _BLAMED = {
     "coating-wavelengths": "plen:coatingWavelengths",
     "coating-angles": "plen:coatingAngles",
     "coating-films": "plen:coatingFilmIndices",
-    "internal-transmittance": "plen:internalTransmittanceTable",
+    BAD_ABSORPTION: "plen:internalTransmittanceTable",
     "glass-wavelengths": "plen:internalTransmittanceWavelengths",
 }
 """The attribute to mend, by the code of an error; errors of other codes concern the glass."""
@@ -88,7 +88,7 @@ def _read_absorption(surface: Usd.Prim, lens: Usd.Prim) -> Absorption | None:
     if wavelengths_nm or values:
         if is_written:
             what = "an internal transmittance is stated once for all wavelengths and by wavelength"
-            raise BadAbsorption(what, hint="keep one of the two")
+            raise GlassError(what, hint="keep one of the two", code=BAD_ABSORPTION)
         return stated(wavelengths_nm, values, need(surface, "plen:internalTransmittanceThickness"))
     is_printed = need(lens, "plen:transmittanceSource") == "printed"
     return None if is_printed or is_written else measured(medium_behind(surface, lens))

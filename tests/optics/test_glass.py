@@ -18,16 +18,13 @@ from pipeline.optics.glass.medium import (
     C_UM,
     D_UM,
     F_UM,
-    AmbiguousGlass,
-    BadFormula,
     Cauchy,
     Constant,
-    GlassMismatch,
+    GlassError,
     NormalLine,
     OutOfRange,
     Polynomial,
     Sellmeier,
-    UnknownGlass,
 )
 from pipeline.optics.glass.row import doubt_of, medium
 
@@ -100,7 +97,7 @@ def test_exactly_28_names_are_used_by_several_vendors_and_none_of_them_is_found_
 
     assert len(shared) == 28
     for name, found in shared.items():
-        with pytest.raises(AmbiguousGlass) as caught:
+        with pytest.raises(GlassError) as caught:
             find(name)
         assert all(f"{vendor}:" in caught.value.what for vendor in found)
     different = {
@@ -124,7 +121,7 @@ def test_exactly_28_names_are_used_by_several_vendors_and_none_of_them_is_found_
 )
 def test_an_unknown_name_is_an_error_that_lists_near_names(name, near):
     assert near in [glass.label for glass in near_names(name)]
-    with pytest.raises(UnknownGlass, match=f'no glass "{name}"') as caught:
+    with pytest.raises(GlassError, match=f'no glass "{name}"') as caught:
         find(name)
     assert near in caught.value.hint
 
@@ -189,7 +186,7 @@ def test_the_model_beats_a_cauchy_formula_through_the_same_numbers_fourfold():
 def test_every_glass_of_the_table_is_found_by_the_label_that_messages_print():
     """Names with brackets too: K-PFK80(M) is no formula."""
     assert all(row(glass.label) is glass for glass in catalogue())
-    with pytest.raises(UnknownGlass):
+    with pytest.raises(GlassError, match="no glass"):
         row("hartmann(1.5, 0.01)")
 
 
@@ -203,7 +200,7 @@ def test_a_row_without_a_name_is_air_or_the_model_and_never_a_guess():
     assert row().label == "air"
     assert row(index=1.658, abbe=57.3).label == "normal line 1.658/57.3"
     assert row(index=1.658, abbe=57.3).index(D_NM) == pytest.approx(1.658, rel=1e-15)
-    with pytest.raises(UnknownGlass, match="nothing is known of the dispersion"):
+    with pytest.raises(GlassError, match="nothing is known of the dispersion"):
         row(index=1.658)
     with pytest.raises(OutOfRange):
         row(index=1.658, abbe=57.3).index(710)
@@ -214,7 +211,7 @@ def test_a_printed_index_is_compared_at_its_own_wavelength():
 
     assert row("schott:F5", glass.index(486.1327), 38.0, 486.1327) is glass
     with pytest.raises(
-        GlassMismatch, match=r"schott:F5 has index 1.603420 at 587.5618 nm, printed is 1.61461 \(-0.011192\)"
+        GlassError, match=r"schott:F5 has index 1.603420 at 587.5618 nm, printed is 1.61461 \(-0.011192\)"
     ):
         row("schott:F5", glass.index(486.1327), 38.0)
 
@@ -225,12 +222,12 @@ def test_the_limits_are_5e_4_of_the_index_and_half_an_abbe_number(dn, dv, fits):
     if fits:
         assert row("schott:F5", glass.nd + dn, glass.vd + dv) is glass
     else:
-        with pytest.raises(GlassMismatch):
+        with pytest.raises(GlassError, match="printed is"):
             row("schott:F5", glass.nd + dn, glass.vd + dv)
 
 
 def test_a_mismatch_names_glasses_that_fit_the_same_name_first():
-    with pytest.raises(GlassMismatch, match=r"\+0.021353") as caught:
+    with pytest.raises(GlassError, match=r"\+0.021353") as caught:
         row("cdgm:F5", 1.603, 38.0)
 
     assert caught.value.hint.startswith("1.603/38 fits schott:F5 (1.60342/38.03), hikari:F5")
@@ -238,7 +235,7 @@ def test_a_mismatch_names_glasses_that_fit_the_same_name_first():
 
 def test_printed_numbers_do_not_choose_among_vendors():
     """Two of the three F5 are the same glass to five decimals, and one still has to be named."""
-    with pytest.raises(AmbiguousGlass):
+    with pytest.raises(GlassError, match="is a glass of 3 vendors"):
         row("F5", 1.62435, 35.94)
 
 
@@ -260,7 +257,7 @@ def test_a_formula_can_stand_in_place_of_a_name(text, index):
     ["constant()", "constant(1, 2)", "sellmeier(1, 2, 3)", "schott(2.25)", "cauchy(inf)", "cauchy(1;5)", "Schott("],
 )
 def test_a_formula_that_is_none_is_refused_with_the_ones_that_are(text):
-    with pytest.raises(BadFormula, match="is no dispersion formula") as caught:
+    with pytest.raises(GlassError, match="is no dispersion formula") as caught:
         row(text)
 
     assert "cauchy(a, b, ...)" in caught.value.hint
@@ -268,7 +265,7 @@ def test_a_formula_that_is_none_is_refused_with_the_ones_that_are(text):
 
 @pytest.mark.parametrize("text", ["constant(0.9)", "sellmeier(-3, 0)", "sellmeier(1, 0.25)"])
 def test_a_formula_that_gives_no_index_of_a_glass_is_refused_where_it_is_evaluated(text):
-    with pytest.raises(BadFormula, match="at 500 nm"):
+    with pytest.raises(GlassError, match="at 500 nm"):
         row(text).index(500)
 
 

@@ -13,7 +13,7 @@ from tolerances import BISECTED, PRINTED_3_SHARE
 
 from pipeline.optics.glass.absorption import Absorption, measured
 from pipeline.optics.glass.catalogue import Glass, catalogue, find
-from pipeline.optics.glass.medium import UnknownAbsorption
+from pipeline.optics.glass.medium import GlassError
 
 PRINTED = {
     2500: (0.665, 0.360),
@@ -75,7 +75,7 @@ def _shipped() -> list[tuple[Glass, Absorption]]:
     for glass in catalogue():
         try:
             one = measured(glass)
-        except UnknownAbsorption:
+        except GlassError:
             continue
         assert one is not None
         found.append((glass, one))

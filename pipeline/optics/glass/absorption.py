@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.optics.glass.medium import BadAbsorption, Medium, OutOfRange, UnknownAbsorption
+from pipeline.optics.glass.medium import GlassError, Medium, OutOfRange
 
 _TABLE = Path(__file__).with_name("absorption.csv.gz")
+BAD_ABSORPTION = "internal-transmittance"
+"""Code of an internal transmittance that no glass has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,32 +42,33 @@ class Absorption:
 def stated(
     wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float, label: str = "the medium"
 ) -> Absorption:
-    """Absorption by internal transmittances of a thickness, as catalogues of glass print them; a BadAbsorption if there
+    """Absorption by internal transmittances of a thickness, as catalogues of glass print them; a GlassError if there
     are not as many of both, wavelengths do not ascend, or light is gained or lost altogether."""
     if not wavelengths_nm or len(wavelengths_nm) != len(transmittance):
         what = f"an internal transmittance has {len(wavelengths_nm)} wavelengths and {len(transmittance)} values"
-        raise BadAbsorption(what, hint="as many of both")
+        raise GlassError(what, hint="as many of both", code=BAD_ABSORPTION)
     for before, after in pairwise(wavelengths_nm):
         if not before < after:
             what = f"wavelengths of an internal transmittance do not ascend: {after:.7g} nm follow {before:.7g}"
-            raise BadAbsorption(
+            raise GlassError(
                 what, hint="write them in ascending order, and their values in the same", code="glass-wavelengths"
             )
     if not all(0 < value <= 1 for value in transmittance) or not thickness_mm > 0:
-        raise BadAbsorption(f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm")
+        what = f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm"
+        raise GlassError(what, code=BAD_ABSORPTION)
     coefficients = tuple(-math.log(value) / thickness_mm + 0.0 for value in transmittance)
     return Absorption(label=label, wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
 
 
 def measured(medium: Medium) -> Absorption | None:
-    """Absorption of a medium by the table that ships with the package, UnknownAbsorption if it lacks it; None for air,
+    """Absorption of a medium by the table that ships with the package, GlassError if it lacks it; None for air,
     which absorbs nothing."""
     if medium.label == "air":
         return None
     row = _rows().get(medium.label.casefold())
     if row is None:
         hint = 'write "plen:internalTransmittanceTable" on the surface, with its source'
-        raise UnknownAbsorption(f"the absorption of {medium.label} is not known", hint=hint)
+        raise GlassError(f"the absorption of {medium.label} is not known", hint=hint, code="unknown-absorption")
     wavelengths_um, extinction = (np.array(text.split(), float) for text in row)
     # a = 4 pi k / wavelength, with the extinction coefficient k of the complex index (Born and Wolf, section 14.1).
     coefficients = 4 * np.pi * extinction / (1000 * wavelengths_um) * 1e6

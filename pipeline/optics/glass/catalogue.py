@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from pipeline.optics.glass.medium import AmbiguousGlass, Dispersion, Medium, Polynomial, Sellmeier, UnknownGlass
+from pipeline.optics.glass.medium import Dispersion, GlassError, Medium, Polynomial, Sellmeier
 
 _TABLE = Path(__file__).with_name("catalogue.csv.gz")
 _NEAR_NAMES = 4
@@ -35,17 +35,18 @@ class Glass(Medium):
 def find(name: str) -> Glass:
     """The glass of a name, with `vendor:` in front or without.
 
-    Raises UnknownGlass: no entry has this name; AmbiguousGlass: several vendors have one, and none is named.
+    Raises GlassError: no entry has this name, or several vendors have one, and none is named.
     """
     vendor, _, bare = name.rpartition(":")
     glasses = [glass for glass in _named(bare) if vendor.casefold() in ("", glass.vendor)]
     if not glasses:
         near = near_names(name)
         hint = f"near names: {listed(near)}" if near else "write vendor:name, as in schott:N-BK7"
-        raise UnknownGlass(f'no glass "{name}" in the catalogue', hint=hint)
+        raise GlassError(f'no glass "{name}" in the catalogue', hint=hint, code="unknown-glass")
     if len(glasses) > 1:
         what = f'"{name}" is a glass of {len(glasses)} vendors: {listed(glasses)}'
-        raise AmbiguousGlass(what, hint=f'write one of them with its vendor, as in "{glasses[-1].label}"')
+        hint = f'write one of them with its vendor, as in "{glasses[-1].label}"'
+        raise GlassError(what, hint=hint, code="ambiguous-glass")
     return glasses[0]
 
 

@@ -10,18 +10,14 @@ from dataclasses import dataclass
 
 from pipeline.optics.glass.catalogue import find, listed, nearest
 from pipeline.optics.glass.medium import (
-    AmbiguousGlass,
-    BadFormula,
     Cauchy,
     Constant,
     Dispersion,
     GlassError,
-    GlassMismatch,
     Medium,
     NormalLine,
     Polynomial,
     Sellmeier,
-    UnknownGlass,
 )
 
 MAX_INDEX_DIFFERENCE = 5e-4
@@ -36,6 +32,8 @@ _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
 """Powers of the wavelength [um] behind the constant in Schott's formula for the squared index."""
 _KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
 _FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
+_BAD_FORMULA = "glass-formula"
+"""Code of a written dispersion formula that cannot be evaluated."""
 _NEAR = 1.25
 """Ratio of a wavelength and a resonance, the longer over the shorter, below which light is absorbed [1]: at 400 nm no
 glass of the catalogue is nearer than 1.38."""
@@ -59,7 +57,7 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
         return _nameless(index, abbe, wavelength_nm)
     try:
         stated = _written(glass) if _is_written(glass) else find(glass)
-    except (UnknownGlass, AmbiguousGlass) as error:
+    except GlassError as error:
         raise _with_neighbours(error, glass, index, abbe) from None
     _compare(stated, index, abbe, wavelength_nm)
     return stated
@@ -70,7 +68,8 @@ def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> 
         return Medium(label="air", dispersion=Constant(n=1.0))
     if abbe is None:
         hint = 'write "plen:glass", or "plen:abbe" for a model, or plen:glass = "constant(n)" for no dispersion'
-        raise UnknownGlass(f"nothing is known of the dispersion of a medium with index {index}", hint=hint)
+        what = f"nothing is known of the dispersion of a medium with index {index}"
+        raise GlassError(what, hint=hint, code="unknown-glass")
     low_nm, high_nm = MODEL_RANGE_NM
     line = NormalLine.through(index, abbe, wavelength_nm / 1000.0)
     model = Medium(label=f"normal line {index:g}/{abbe:g}", dispersion=line, min_nm=low_nm, max_nm=high_nm)
@@ -89,7 +88,8 @@ def _written(text: str) -> Medium:
     try:
         dispersion = _formula(kind.casefold(), [float(number) for number in numbers.split(",")])
     except ValueError:
-        raise BadFormula(f'"{text}" is no dispersion formula', hint=f"write one of {_FORMULAS}") from None
+        hint = f"write one of {_FORMULAS}"
+        raise GlassError(f'"{text}" is no dispersion formula', hint=hint, code=_BAD_FORMULA) from None
     return Medium(label=text, dispersion=Written(text=text, dispersion=dispersion))
 
 
@@ -121,7 +121,8 @@ class Written:
             n = math.nan
         if not 1 <= n < math.inf:
             hint = "coefficients belong to wavelengths in um: are their units, signs and order right?"
-            raise BadFormula(f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm', hint=hint)
+            what = f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm'
+            raise GlassError(what, hint=hint, code=_BAD_FORMULA)
         return n
 
 
@@ -133,7 +134,7 @@ def _compare(entry: Medium, index: float | None, abbe: float | None, wavelength_
     if abbe is not None and (vd := entry.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
         differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
     if differences:
-        error = GlassMismatch(f"{entry.label} has {' and '.join(differences)}")
+        error = GlassError(f"{entry.label} has {' and '.join(differences)}", code="glass-mismatch")
         raise _with_neighbours(error, entry.label, index, abbe)
 
 
@@ -145,7 +146,7 @@ def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: f
     close = nearest(index, abbe, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)
     close = sorted(close, key=lambda entry: entry.name.casefold() != name)[:3]
     fits = f"{index:g}/{abbe:g} fits {listed(close)}" if close else f"no glass of the catalogue has {index:g}/{abbe:g}"
-    return type(error)(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits)
+    return GlassError(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits, code=error.code)
 
 
 @dataclass(frozen=True, slots=True)
