@@ -193,7 +193,8 @@ class Format(Convention):
     consumer: str  # who reads it
     source: str = ""  # how we know: programs that are run on files, in every test or in a proof, and what was only read
     note: str = ""  # facts that a reader of its files has to know, beside their names
-    # Paths in its folder; <camera>, <plenoptic camera>, <frame> and <pair> (of cameras) stand for as many files
+    # Paths in its folder; <camera>, <plenoptic camera>, <frame>, <pair> (of cameras), and by numbers of six digits
+    # <frame6> and, counted from 0, <camera6> and <target6> stand for as many files
     files: tuple[str, ...]
     cameras: Cameras
     targets: Targets = Targets.ANY
@@ -205,16 +206,21 @@ class Format(Convention):
         """Whether it can describe such a camera."""
         return self.cameras is Cameras.ANY or is_plenoptic is (self.cameras is Cameras.PLENOPTIC)
 
-    def paths(self, cameras: Mapping[str, bool], frames: Iterable[int]) -> list[str]:
+    def paths(self, cameras: Mapping[str, bool], frames: Iterable[int], targets: int) -> list[str]:
         """All files of an export, with its side-car, sorted.
 
         `cameras`: name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
+        `targets`: how many there are.
         """
+        numbers = list(frames)
         lists = {
             "<camera>": list(cameras),
             "<plenoptic camera>": [name for name, is_plenoptic in cameras.items() if is_plenoptic],
             "<pair>": [f"{first}-{second}" for first, second in combinations(cameras, 2) if is_pair(first, second)],
-            "<frame>": [f"{frame:04d}" for frame in frames],
+            "<frame>": [f"{number:04d}" for number in numbers],
+            "<frame6>": [f"{number:06d}" for number in numbers],
+            "<camera6>": [f"{number:06d}" for number in range(len(cameras))],
+            "<target6>": [f"{number:06d}" for number in range(targets)],
         }
         paths = {SIDE_CAR}
         for pattern in self.files:

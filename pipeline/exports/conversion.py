@@ -49,7 +49,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     others = ("cameras", "least_cameras", "targets", "reads", "files", "models")
     conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
     write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
-    stated = record.paths({camera.name: camera.built.is_plenoptic for camera in material.cameras}, material.frames)
+    plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
+    stated = record.paths(plenoptic, material.frames, len(material.targets))
     if sorted([*files, formats.SIDE_CAR]) != stated:
         raise ValueError(f"{name} states the files {stated}, and wrote {files}")
 
@@ -191,13 +192,15 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
-    pinhole, model, images = camera.pinhole, camera.central, camera.micro_images
+    pinhole, plain, model, images = camera.pinhole, camera.plain_pinhole, camera.central, camera.micro_images
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point_px=convention.positions(pinhole.principal_point_px, camera.size_px))
+    if plain is not None:
+        plain = replace(plain, principal_point_px=convention.positions(plain.principal_point_px, camera.size_px))
     if model is not None:
         model = replace(model, principal_point_px=convention.positions(model.principal_point_px, camera.size_px))
     axis, rays = convention.positions(camera.axis, camera.size_px), replace(camera.rays, convention=convention)
-    camera = replace(camera, pinhole=pinhole, central=model, axis=axis, rays=rays)
+    camera = replace(camera, pinhole=pinhole, plain_pinhole=plain, central=model, axis=axis, rays=rays)
     if images is None or grid is None:
         return camera
     central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())

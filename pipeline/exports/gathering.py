@@ -112,6 +112,7 @@ def _camera(camera: BuiltCamera, sight: Callable[[str], Sight]) -> ExportCamera:
         size_px=camera.size_px,
         pitch_mm=camera.pitch_mm,
         pinhole=camera.pinhole_with_distortion,
+        plain_pinhole=camera.pinhole,
         axis=np.array(camera.record["optical_axis_px"]),
         rays=CameraRays(built=camera, ready=partial(sight, camera.name), convention=OURS),
         micro_images=_micro_images(camera),

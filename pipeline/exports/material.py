@@ -102,6 +102,7 @@ class ExportCamera:
     micro_images: MicroImages | None = field(repr=False)  # None for a conventional camera
     rays: CameraRays = field(repr=False)
     built: BuiltCamera = field(repr=False)  # everything else that the build says, in our conventions
+    plain_pinhole: BuiltPinhole | None = None  # that without distortion, and its centre the same
     row_pinhole: BuiltPinhole | None = None  # None where rows determine none, and behind microlenses
     mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
     pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
@@ -204,8 +205,10 @@ class ExportView:
 class Scene(Protocol):
     """Targets and other things before cameras, as `results.answers.SeenScene` is."""
 
-    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Way along rays to the first surface, NaN: there is none."""
+    def distance_mm(
+        self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray, only: str | None = None
+    ) -> np.ndarray:
+        """Way along rays to the first surface, or to that of the target of a name; NaN: there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

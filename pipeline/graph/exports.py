@@ -38,7 +38,7 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
         )
         folder = folder_of(name, asked.position)
         task = add(graph, f"export/{folder}", params, read.roles)
-        for path in wanted.paths(_named(cameras), params.numbers):
+        for path in wanted.paths(_named(cameras), params.numbers, len(dataset.targets)):
             files[f"exports/{folder}/{path}"] = (task, path)
 
 
@@ -119,7 +119,7 @@ def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[
             camera=camera.name,
             number=frame.number,
             view=PlacedView(
-                targets=bare.targets(target_poses(dataset, frame, camera.name), named=False),
+                targets=bare.targets(target_poses(dataset, frame, camera.name)),
                 occluders=bare.occluders(frame, camera.name),
             ),
         )

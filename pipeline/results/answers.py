@@ -83,14 +83,22 @@ class PixelRays:
 
 @dataclass(eq=False)
 class SeenScene:
-    """Targets and occluders before the cameras of a build; `around` gives them by frame and camera without channel."""
+    """Targets and occluders before the cameras of a build.
 
-    around: Callable[[int, str], "Surroundings"]
-    _last: "tuple[tuple[int, str], Surroundings] | None" = field(default=None, repr=False)
+    `around`: gives them by frame and camera without channel, all or the target of a name alone.
+    """
 
-    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: none."""
-        view = frame, body_and_channel(camera)[0]
+    around: Callable[[int, str, str | None], "Surroundings"]
+    _last: "tuple[tuple[int, str, str | None], Surroundings] | None" = field(default=None, repr=False)
+
+    def distance_mm(
+        self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray, only: str | None = None
+    ) -> np.ndarray:
+        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: none.
+
+        `only`: name of a target that alone counts.
+        """
+        view = frame, body_and_channel(camera)[0], only
         if self._last is None or self._last[0] != view:  # a band of rows follows another of the same view
             self._last = view, self.around(*view)
         return self._last[1].distance_mm(origin_mm, direction)

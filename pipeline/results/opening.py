@@ -103,4 +103,4 @@ def scene_of(out: Path) -> SeenScene:
     """The scene of the stage that was built."""
     dataset = open_dataset(finished_folder(out).path / STAGE)
     frames = {frame.number: frame for frame in dataset.frames}
-    return SeenScene(lambda number, camera: surroundings(dataset, frames[number], camera))
+    return SeenScene(lambda number, camera, only: surroundings(dataset, frames[number], camera, only))

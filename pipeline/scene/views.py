@@ -172,11 +172,14 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
 
 
-def surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
-    """All targets and occluders of a frame, in the vision frame of a camera."""
+def surroundings(dataset: Dataset, frame: Frame, name: str, only: str | None = None) -> "Surroundings":
+    """All targets and occluders of a frame, or the target of a name alone, in the vision frame of a camera."""
     from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 
-    targets = [(entry.target, frame.vision_from_target(name, entry.name)) for entry in dataset.targets]
+    entries = [entry for entry in dataset.targets if only in (None, entry.name)]
+    targets = [(entry.target, frame.vision_from_target(name, entry.name)) for entry in entries]
+    if only is not None:
+        return Surroundings(targets)
     vision = np.array(frame.camera_from_world[name])
     occluders = [
         (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))

@@ -39,8 +39,10 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
             accuracy_px=how.accuracy_px,
         )
 
-    def before(frame: int, camera: str) -> Surroundings:
+    def before(frame: int, camera: str, only: str | None) -> Surroundings:
         view = views[frame, camera]
+        if only is not None:
+            return surroundings_of([target for target in view.targets if target.name == only], ())
         return surroundings_of(view.targets, view.occluders)
 
     material = gather(output_of(parts), sight, lambda: SeenScene(before), params.position)

@@ -1,0 +1,122 @@
+"""BOP: poses of targets as objects, a scene per camera, with depth and masks by the ray of each pixel.
+
+The number of an image is that of its frame. Scenes count from 0 and objects from 1; dataset_info.md has their names.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.exports.material import ExportCamera, ExportView, Material, Scene
+from pipeline.exports.ray_patches import bands
+from pipeline.exports.writers.maps.traced import AT_ONCE, traced
+from pipeline.files.jsonfile import Json, write_json
+from pipeline.files.png import write_png
+from pipeline.formats import Board, Cameras, Format, Origin, Pose, Reads, Rotation, Unit
+
+FORMAT = Format(
+    consumer="BOP: bop_toolkit, estimators of poses of objects",
+    note="a camera is a scene, a target an object; K knows no distortion",
+    source="read: thodan/bop_toolkit cea62d6, bop_datasets_format.md, misc.py, calc_gt_info.py",
+    cameras=Cameras.CONVENTIONAL,
+    reads=frozenset({Reads.CORNERS, Reads.RAYS, Reads.SCENE}),
+    files=(
+        "dataset_info.md",
+        "<camera6>/scene_camera.json",
+        "<camera6>/scene_gt.json",
+        "<camera6>/scene_gt_info.json",
+        "<camera6>/depth/<frame6>.png",
+        "<camera6>/mask/<frame6>_<target6>.png",
+        "<camera6>/mask_visib/<frame6>_<target6>.png",
+    ),
+    origin=Origin.ZERO,
+    board=Board.OURS,
+    pose=Pose.CAMERA_FROM_TARGET,
+    rotation=Rotation.MATRIX,
+    unit=Unit.MM,
+)
+
+_DEEPEST, _WHITE = 65535, 255
+"""Largest numbers of images of depth and of masks."""
+_NO_BOX = [-1] * 4
+"""Box of an object of which nothing is seen."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write the scene of each camera, and the names of all."""
+    (folder / "dataset_info.md").write_text("\n".join([*_info(material), ""]), encoding="utf-8")
+    scene = material.scene()
+    for scene_number, camera in enumerate(material.cameras):
+        place = folder / f"{scene_number:06d}"
+        for name in ("depth", "mask", "mask_visib"):
+            (place / name).mkdir(parents=True)
+        records: dict[str, Json] = {name: {} for name in ("scene_camera", "scene_gt", "scene_gt_info")}
+        with traced(camera, place) as pixels:
+            for frame in material.frames:
+                views = [view for view in material.of(camera) if view.frame == frame]
+                first_mm = _distances_mm(camera, scene, frame, pixels.rays)
+                scale = _write_depth(camera, pixels.rays, first_mm, place / f"depth/{frame:06d}.png")
+                infos = []
+                for number, view in enumerate(views):
+                    alone_mm = _distances_mm(camera, scene, frame, pixels.rays, view.target)
+                    seen = np.isfinite(alone_mm), alone_mm <= first_mm
+                    for name, mask in zip(("mask", "mask_visib"), seen, strict=True):
+                        write_png(place / f"{name}/{frame:06d}_{number:06d}.png", (mask * _WHITE).astype(np.uint8))
+                    infos.append(_counts(*seen))
+                records["scene_camera"][str(frame)] = {"cam_K": _matrix(camera).ravel(), "depth_scale": scale}
+                records["scene_gt"][str(frame)] = [_pose(number, view) for number, view in enumerate(views, 1)]
+                records["scene_gt_info"][str(frame)] = infos
+        for name, record in records.items():
+            write_json(place / f"{name}.json", record)
+
+
+def _info(material: Material) -> Iterator[str]:
+    yield from (f"- {line}" for line in material.remarks)
+    yield from (f"- object {number}: {target.name}" for number, target in enumerate(material.targets, 1))
+    yield from (f"- scene {number:06d}: {camera.name}" for number, camera in enumerate(material.cameras))
+    yield "- rgb/<number>.png of a scene: frames/<number>/<camera>/image.png of the build"
+
+
+def _matrix(camera: ExportCamera) -> np.ndarray:
+    """K of the pinhole without distortion; ExportError if none fits."""
+    return (camera.plain_pinhole or camera.model).matrix
+
+
+def _pose(number: int, view: ExportView) -> Json:
+    assert view.pose is not None
+    return {"cam_R_m2c": view.pose.rotation.ravel(), "cam_t_m2c": view.pose.translation, "obj_id": number}
+
+
+def _distances_mm(
+    camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, only: str | None = None
+) -> np.ndarray:
+    """Ways of the rays of all pixels to what they meet, (h, w)."""
+    height, width = rays.shape[:2]
+    parts = []
+    for first, end in bands(height, AT_ONCE // width):
+        origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
+        parts.append(scene.distance_mm(frame, camera.name, origin, direction, only))
+    return np.concatenate(parts).reshape(height, width)
+
+
+def _write_depth(camera: ExportCamera, rays: np.ndarray, first_mm: np.ndarray, path: Path) -> float:
+    """Write z before the centre of projection, 0 where there is nothing; returns the mm of a step, the finest here."""
+    z_mm = np.nan_to_num(rays[..., 2] + first_mm * rays[..., 5] - camera.model.centre_mm[2])
+    scale = float(z_mm.max()) / _DEEPEST or 1.0
+    write_png(path, np.round(z_mm / scale).astype(np.uint16))
+    return scale
+
+
+def _counts(whole: np.ndarray, visible: np.ndarray) -> Json:
+    """Pixels and boxes of a silhouette in the image, and of what is seen of it; widths as bop_toolkit has them."""
+    count, seen = int(whole.sum()), int(visible.sum())
+    boxes = {"bbox_obj": _box(whole) if seen else _NO_BOX, "bbox_visib": _box(visible) if seen else _NO_BOX}
+    counts = {"px_count_all": count, "px_count_valid": count, "px_count_visib": seen}
+    return {**boxes, **counts, "visib_fract": seen / count if count else 0.0}
+
+
+def _box(mask: np.ndarray) -> list[int]:
+    rows, columns = np.nonzero(mask)
+    x, y = int(columns.min()), int(rows.min())
+    return [x, y, int(columns.max()) - x, int(rows.max()) - y]
