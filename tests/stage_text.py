@@ -1,6 +1,7 @@
 """Text that stages of the tests have in common."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 DATA = Path(__file__).parent / "data"
@@ -18,6 +19,31 @@ def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
     upAxis = "Y"
 )
 """
+
+
+def placed(x: object, y: object, z: object) -> str:
+    """A translation, and the order that names it."""
+    return f'double3 xformOp:translate = ({x}, {y}, {z})\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+
+
+def mesh_text(name: str, points: Sequence[tuple[float, float, float]], *lines: str, schemas: str = "") -> str:
+    """One face without subdivision, and further lines of its mesh."""
+    corners = list(range(len(points)))
+    faces = f"int[] faceVertexCounts = [{len(corners)}]\nint[] faceVertexIndices = {corners}"
+    own = f'(\nprepend apiSchemas = ["{schemas}"]\n)\n' if schemas else ""
+    shape = f'point3f[] points = {list(points)}\nuniform token subdivisionScheme = "none"'
+    return "\n".join([f'\ndef Mesh "{name}" {own}{{', faces, shape, *lines, "}\n"])
+
+
+def in_the_library(things: str, *, board: str, rig: str = "", occluders: str = "", end: int = 1) -> str:
+    """A dataset "Scene" of things beside the library's rig of 100 mm and checkerboard, with lines of those two."""
+    relation = f"rel plen:occluders = <{occluders}>\n" if occluders else ""
+    parts = (("Rig", "rigs/conventional_100mm", rig), ("Board", "targets/checkerboard_4x7", board))
+    text = "".join(
+        f'def "{name}" (\nprepend references = @{file}.usda@\n)\n{{\n{own}\n}}\n' for name, file, own in parts
+    )
+    top = f"rel plen:cameras = </Scene/Rig/Camera>\nrel plen:targets = </Scene/Board>\n{relation}"
+    return f'{head("Scene", end=end)}def PlenDataset "Scene"\n{{\n{top}{text}{things}\n}}\n'
 
 
 def over_tiny(camera: str = "", lens: str = "") -> str:

@@ -6,30 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builds import made
-from stage_text import tiny_text, without_method
+from stage_text import edited, mesh_text, placed, tiny_text, without_method
 
 from pipeline.app.verify import verify
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
 
-SCREEN = """
-    rel plen:occluders = </TinyConventional/Screen>
-
-    def Mesh "Screen" (
-        prepend apiSchemas = ["PlenOccluderAPI"]
-    )
-    {
-        int[] faceVertexCounts = [4]
-        int[] faceVertexIndices = [0, 1, 2, 3]
-        point3f[] points = [(0, -50, 0), (80, -50, 0), (80, 50, 0), (0, 50, 0)]
-        uniform double plen:radiance = 2
-        double3 xformOp:translate.timeSamples = {
-            1: (0.01, 0, -425),
-            2: (40, 0, -425),
-        }
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-"""
+EDGE = [(0, -50, 0), (80, -50, 0), (80, 50, 0), (0, 50, 0)]
+RELATION, BRIGHT = "\nrel plen:occluders = </TinyConventional/Screen>\n", "uniform double plen:radiance = 2"
+MOVES = edited(
+    placed(0, 0, 0), ("translate = (0, 0, 0)", "translate.timeSamples = {1: (0.01, 0, -425), 2: (40, 0, -425)}")
+)
+SCREEN = RELATION + mesh_text("Screen", EDGE, BRIGHT, MOVES, schemas="PlenOccluderAPI")
 
 
 @pytest.fixture(scope="module")
@@ -115,15 +103,12 @@ def test_verify_finds_the_visibility_again_and_disbelieves_another(built, tmp_pa
     assert f"frame 1: 1 of {rows} rows of Board state another visibility" in wrong
 
 
-BENDING = SCREEN.replace(
-    """        point3f[] points = [(0, -50, 0), (80, -50, 0), (80, 50, 0), (0, 50, 0)]
-""",
-    """        point3f[] points.timeSamples = {
-            1: [(0.01, -50, -425), (80.01, -50, -425), (80.01, 50, -425), (0.01, 50, -425)],
-            2: [(40, -50, -425), (120, -50, -425), (120, 50, -425), (40, 50, -425)],
-        }
-""",
-).replace(SCREEN[SCREEN.index("        double3 xformOp") : SCREEN.rindex("    }")], "")
+def bending(last_mm: float) -> str:
+    """The screen, moved by its points."""
+    moved = {frame: [(x + at, y, -425) for x, y, _ in EDGE] for frame, at in ((1, 0.01), (2, last_mm))}
+    points = ", ".join(f"{frame}: {places}" for frame, places in moved.items())
+    animated = f"point3f[] points.timeSamples = {{{points}}}"
+    return RELATION + mesh_text("Screen", EDGE, BRIGHT, animated, schemas="PlenOccluderAPI")
 
 
 def test_points_that_move_hide_and_show_like_a_mesh_that_moves_and_an_edit_of_a_frame_builds_that_frame(
@@ -131,14 +116,13 @@ def test_points_that_move_hide_and_show_like_a_mesh_that_moves_and_an_edit_of_a_
 ):
     text, store = tiny_text("conventional").rstrip().removesuffix("}"), built[1].parents[1] / "store"
     stage = tmp_path / "dataset.usda"
-    stage.write_text(f"{text}{BENDING}}}\n", encoding="utf-8")
+    stage.write_text(f"{text}{bending(40)}}}\n", encoding="utf-8")
     made(stage, tmp_path / "out", store)
     for frame in (1, 2):
         here, there = table_of(tmp_path / "out", frame), table_of(built[1], frame)
         assert here.columns["point_id"] == there.columns["point_id"]
         np.testing.assert_allclose(here.numbers("visibility"), there.numbers("visibility"), rtol=0, atol=1e-6)
-    edited = BENDING.replace("(40, ", "(0.01, ")
-    stage.write_text(f"{text}{edited}}}\n", encoding="utf-8")
+    stage.write_text(f"{text}{bending(0.01)}}}\n", encoding="utf-8")
     tasks = [task.name for task in made(stage, tmp_path / "out", store).tasks if task.state == "executed"]
     assert {name.split("/")[0] for name in tasks} == {"image", "truth", "certificate"}
     assert all("/0001" not in name for name in tasks)

@@ -12,7 +12,7 @@ import colour
 import numpy as np
 import OpenEXR
 import pytest
-from stage_text import head
+from stage_text import head, mesh_text, placed
 from tolerances import COLOUR_RMS, COLOUR_WORST, MEAN_NM, TWICE_RMS, TWICE_WORST
 
 import pipeline
@@ -155,9 +155,9 @@ def pixels(
     # Some glasses of the lens are not known at all wavelengths of those cameras.
     model, samples = "thinLens" if lit or set(channels) & set(NAMED) else "prescription", 64
     path.write_text(head("D") + STAGE % (light, boards, model, samples, "\n".join(said), "".join(things)), "utf-8")
-    out = pipeline.build(path, folder / "out", jobs=1).out
+    out = pipeline.build(path, folder / "out", jobs=1, targets=("frames/*/image.exr", "cameras/*/white.exr")).out
     x, y = np.array(places).T
-    found = pipeline.ready(out, f"Rig.Camera@{channels[0]}").project(np.stack([x, -y, np.full(len(x), 434.4)], axis=1))
+    found = pipeline.ready(path, f"Rig.Camera@{channels[0]}").project(np.stack([x, -y, np.full(len(x), 434.4)], axis=1))
     row, column = np.rint([found.y_px, found.x_px]).astype(int)
     image, white = (
         np.stack([OpenEXR.File(str(out / one / channel / name)).channels()["Y"].pixels for channel in channels])
@@ -176,8 +176,7 @@ def board(name: str, x_mm: float, y_mm: float, more: str = "") -> str:
         uniform int plen:rows = 1
         uniform double plen:squareSize = 2
         {more}
-        double3 xformOp:translate = ({x_mm}, {y_mm}, -434.4)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
+        {placed(x_mm, y_mm, -434.4)}
     }}"""
 
 
@@ -205,15 +204,7 @@ def test_lit_pixels_have_the_colours_of_surfaces(tmp_path: Path, light: str, cha
     for k, rgb in enumerate(PRIMARIES):
         x, y = 10.0 * (k % 3) - 15, 12.0 * (k // 3) - 6
         corners = [(x + a, y + b, -434.4) for a, b in ((-4.5, -5), (4.5, -5), (4.5, 5), (-4.5, 5))]
-        things.append(f"""
-    def Mesh "P{k}"
-    {{
-        int[] faceVertexCounts = [4]
-        int[] faceVertexIndices = [0, 1, 2, 3]
-        point3f[] points = {corners}
-        color3f[] primvars:displayColor = [{rgb}]
-        uniform token subdivisionScheme = "none"
-    }}""")
+        things.append(mesh_text(f"P{k}", corners, f"color3f[] primvars:displayColor = [{rgb}]"))
         places.append((x, y))
     expected = [seen(one, light, list(map(srgb, PRIMARIES))) for one in channels]
     judge(pixels(tmp_path, light, channels, things, places, 5), np.array(expected))

@@ -2,24 +2,16 @@
 
 from pathlib import Path
 
-from stage_text import edited, over_tiny
+from stage_text import edited, mesh_text, over_tiny
 
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
 
 ASKED = 'uniform token[] plen:image:labels = ["flow", "instance", "prim"]'
-SCENE = """
-    class Scope "Chair"
-    {
-        def Mesh "Seat"
-        {
-            int[] faceVertexCounts = [3]
-            int[] faceVertexIndices = [0, 1, 2]
-            point3f[] points = [(0, 0, -500), (9, 0, -500), (0, 9, -500)]
-            uniform token subdivisionScheme = "none"
-        }
-    }
-
+SEAT = mesh_text("Seat", [(0, 0, -500), (9, 0, -500), (0, 9, -500)])
+SCENE = (
+    f'class Scope "Chair"\n{{{SEAT}}}\n'
+    + """
     def Scope "First" (
         instanceable = true
         prepend references = </TinyConventional/Chair>
@@ -39,6 +31,7 @@ SCENE = """
     }
 }
 """
+)
 
 
 def labels_of(folder: Path, camera: str = ASKED) -> dict[str, dict]:

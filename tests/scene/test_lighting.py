@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from laws.lit import lamp, looked, scene, towards
 from PIL import Image
-from stage_text import head
+from stage_text import in_the_library, mesh_text, placed
 
 import pipeline
 from pipeline.camera.parts.spectrum import alone
@@ -24,29 +24,8 @@ from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target, target_from_plain
 
-DATASET = """
-def PlenDataset "Scene"
-{
-    rel plen:cameras = </Scene/Rig/Camera>
-    rel plen:targets = </Scene/Board>
-
-    def "Rig" (
-        prepend references = @rigs/conventional_100mm.usda@
-    )
-    {
-    }
-
-    def "Board" (
-        prepend references = @targets/checkerboard_4x7.usda@
-    )
-    {
-        double3 xformOp:translate = (2000, 0, -1500)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-
-    %s
-}
-"""
+BESIDE = placed(2000, 0, -1500)
+"""Where the board stands: in no image."""
 SUN = """
     def DistantLight "Sun"
     {
@@ -54,22 +33,10 @@ SUN = """
         float inputs:intensity = 2
     }
 """
-WALL = """
-    def Mesh "Wall" (
-        prepend apiSchemas = ["MaterialBindingAPI"]
-    )
-    {
-        %s
-        int[] faceVertexCounts = [4]
-        int[] faceVertexIndices = [0, 1, 2, 3]
-        point3f[] points = [(-50, -50, -500), (50, -50, -500), (50, 50, -500), (-50, 50, -500)]
-        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (
-            interpolation = "vertex"
-        )
-        uniform token subdivisionScheme = "none"
-    }
-"""
-TEXTURED = """
+SQUARE = [(-50, -50, -500), (50, -50, -500), (50, 50, -500), (-50, 50, -500)]
+PLACES = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
+WALL = mesh_text("Wall", SQUARE, PLACES, "%s", schemas="MaterialBindingAPI")
+SURFACE = """
     def Material "Paper"
     {
         token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
@@ -77,33 +44,42 @@ TEXTURED = """
         def Shader "Surface"
         {
             uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor.connect = </Scene/Paper/Picture.outputs:rgb>
             float inputs:ior = 1
+            %s
             token outputs:surface
         }
-
-        def Shader "Picture"
+        %s
+    }
+"""
+PICTURE = """
+        def Shader "Picture%s"
         {
             uniform token info:id = "UsdUVTexture"
             asset inputs:file = @picture.png@
             token inputs:sourceColorSpace = "%s"
-            float2 inputs:st.connect = </Scene/Paper/Reader.outputs:result>
+            token inputs:wrapS = "clamp"
+            float2 inputs:st.connect = </Scene/Paper/Reader%s.outputs:result>
+            float outputs:r
             float3 outputs:rgb
         }
-
-        def Shader "Reader"
-        {
-            uniform token info:id = "UsdPrimvarReader_float2"
-            string inputs:varname = "st"
-            float2 outputs:result
-        }
-    }
 """
+READER = """
+        def Shader "Reader%s"
+        {
+            uniform token info:id = "UsdPrimvarReader_%s"
+            string inputs:varname = "%s"
+            %s
+        }
+"""
+TEXTURED = SURFACE % (
+    "color3f inputs:diffuseColor.connect = </Scene/Paper/Picture.outputs:rgb>",
+    PICTURE % ("", "%s", "") + READER % ("", "float2", "st", "float2 outputs:result"),
+)
 
 
 def loaded(folder, content: str, end: int = 1):
     path = folder / "scene.usda"
-    path.write_text(head("Scene", end=end) + DATASET % content, encoding="utf-8")
+    path.write_text(in_the_library(content, board=BESIDE, end=end), encoding="utf-8")
     return load(path)
 
 
@@ -219,37 +195,10 @@ def test_the_flattened_stage_names_pictures_by_their_content_and_no_folder_of_th
 
 
 def test_instances_are_seen_each_at_its_place(tmp_path):
-    content = (
-        SUN
-        + """
-    class Xform "Part"
-    {
-        def Mesh "Card"
-        {
-            int[] faceVertexCounts = [3]
-            int[] faceVertexIndices = [0, 1, 2]
-            point3f[] points = [(-9, -9, -500), (9, -9, -500), (0, 9, -500)]
-            uniform token subdivisionScheme = "none"
-        }
-    }
-
-    def Xform "One" (
-        inherits = </Scene/Part>
-        instanceable = true
-    )
-    {
-    }
-
-    def Xform "Other" (
-        inherits = </Scene/Part>
-        instanceable = true
-    )
-    {
-        double3 xformOp:translate = (50, 0, 0)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-    """
-    )
+    card = mesh_text("Card", [(-9, -9, -500), (9, -9, -500), (0, 9, -500)])
+    part = "(\ninherits = </Scene/Part>\ninstanceable = true\n)"
+    both = f'def Xform "One" {part} {{\n}}\ndef Xform "Other" {part} {{\n{placed(50, 0, 0)}\n}}\n'
+    content = f'{SUN}class Xform "Part" {{\n{card}}}\n{both}'
     places = [(0.0, 0.0, 500.0), (50.0, 0.0, 500.0), (25.0, 0.0, 500.0)]
     assert [wall_light(tmp_path, content, at=place) > 0 for place in places] == [True, True, False]
 
@@ -280,30 +229,7 @@ def drawn_with(folder, content: str, **at) -> tuple[float, list]:
     return wall_light(folder, content, **at) * math.pi / 2, warnings
 
 
-SURFACE = """
-    def Material "Paper"
-    {
-        token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            float inputs:ior = 1
-            %s
-            token outputs:surface
-        }
-        %s
-    }
-"""
 BOUND = SUN + WALL % "rel material:binding = </Scene/Paper>\n%s"
-READER = """
-        def Shader "Reader"
-        {
-            uniform token info:id = "UsdPrimvarReader_%s"
-            string inputs:varname = "%s"
-            %s
-        }
-"""
 
 
 @pytest.mark.parametrize(
@@ -353,7 +279,7 @@ def test_colours_at_vertices_lie_linearly_between_them(tmp_path, interpolation, 
         )
         int[] primvars:displayColor:indices = [0, 1, 1, 0]"""
     reader = "color3f inputs:diffuseColor.connect = </Scene/Paper/Reader.outputs:result>"
-    material = SURFACE % (reader, READER % ("float3", "displayColor", "float3 outputs:result"))
+    material = SURFACE % (reader, READER % ("", "float3", "displayColor", "float3 outputs:result"))
     content = BOUND % colours + material if by_reader else SUN + WALL % colours
     for (x, y), expected in zip(CORNERS, (0.13, 0.67, 0.67, 0.13), strict=True):
         assert drawn_with(tmp_path, content, at=(x, y, 500.0))[0] == pytest.approx(expected, rel=1e-6)
@@ -379,7 +305,7 @@ def test_colours_and_opacities_of_faces_are_those_of_the_faces(tmp_path):
 def test_a_primvar_that_is_not_there_is_its_fallback(tmp_path):
     reader = "color3f inputs:diffuseColor.connect = </Scene/Paper/Reader.outputs:result>"
     fallback = "float3 inputs:fallback = (0.4, 0.4, 0.4)\nfloat3 outputs:result"
-    found, warnings = drawn_with(tmp_path, BOUND % "" + SURFACE % (reader, READER % ("vector", "paint", fallback)))
+    found, warnings = drawn_with(tmp_path, BOUND % "" + SURFACE % (reader, READER % ("", "vector", "paint", fallback)))
     assert found == pytest.approx(0.4, rel=1e-6)
     assert len(warnings) == 1 and '"primvars:paint"' in warnings[0].message and "0.4, 0.4, 0.4" in warnings[0].message
 
@@ -392,26 +318,11 @@ def test_two_textures_of_a_material_have_each_their_coordinates(tmp_path):
     sets = """texCoord2f[] primvars:other = [(0.25, 0.5), (0.25, 0.5), (0.75, 0.5), (0.75, 0.5)] (
             interpolation = "vertex"
         )"""
-    picture = """
-        def Shader "Picture%s"
-        {
-            uniform token info:id = "UsdUVTexture"
-            asset inputs:file = @picture.png@
-            token inputs:sourceColorSpace = "raw"
-            token inputs:wrapS = "clamp"
-            float2 inputs:st.connect = </Scene/Paper/Reader%s.outputs:result>
-            float outputs:r
-            float3 outputs:rgb
-        }
-"""
-    readers = [
-        (READER % ("float2", name, "float2 outputs:result")).replace("Reader", f"Reader{name}", 1)
-        for name in ("st", "other")
-    ]
     inputs = """color3f inputs:diffuseColor.connect = </Scene/Paper/Picturest.outputs:rgb>
             float inputs:opacity.connect = </Scene/Paper/Pictureother.outputs:r>
             float inputs:opacityThreshold = 0.5"""
-    shaders = "".join([picture % ("st", "st"), picture % ("other", "other"), *readers])
+    result = "float2 outputs:result"
+    shaders = "".join(PICTURE % (st, "raw", st) + READER % (st, "float2", st, result) for st in ("st", "other"))
     content = BOUND % sets + SURFACE % (inputs, shaders)
     places = {(-45.0, 40.0): 1.0, (45.0, 40.0): 0.0, (-45.0, -40.0): 0.0}
     for (x, y), expected in places.items():
@@ -547,23 +458,12 @@ def test_what_the_check_says_is_what_an_image_shows(kind: str, z: tuple, centre:
 )
 def test_a_file_that_was_mended_is_read_again_in_the_same_process(tmp_path, flaw, mended):
     """USD shares what is open: a flaw that held its stage would be there for ever."""
-    other = """
-    def Material "Paper"
-    {
-        token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "Other"
-            token outputs:surface
-        }
-    }
-    """
+    other = (SURFACE % ("", "")).replace("UsdPreviewSurface", "Other")
     path, codes = tmp_path / "dataset.usda", []
     gc.disable()
     try:
         for line in (flaw, mended):
-            path.write_text(head("Scene") + DATASET % (SUN + other + WALL % line), encoding="utf-8")
+            path.write_text(in_the_library(SUN + other + WALL % line, board=BESIDE), encoding="utf-8")
             codes.append([each.code for each in load(path, look=True).problems])
     finally:
         gc.enable()

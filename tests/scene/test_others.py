@@ -9,69 +9,27 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
-from stage_text import head
+from stage_text import head, in_the_library, mesh_text, placed
 from tolerances import SINGLE
 
 from pipeline.errors import PipelineError
 from pipeline.files.pictures import decoded
 from pipeline.scene.load import Loaded, load
 
-STAGE = """
-def PlenDataset "Scene"
-{
-    rel plen:cameras = </Scene/Rig/Camera>
-    rel plen:targets = </Scene/Board>
-
-    def "Rig" (
-        prepend references = @rigs/conventional_100mm.usda@
-    )
-    {
-        double3 xformOp:translate = (0, 0, 9000)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-
-    def "Board" (
-        prepend references = @targets/checkerboard_4x7.usda@
-    )
-    {
-        double3 xformOp:translate = (2000, 0, -1500)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-
-    def DomeLight "Sky"
-    {
-    }
-
-    def Xform "Man" (
-        prepend references = @asset.usda@
-    )
-    {
-        %s
-    }
-}
-"""
+SKY_AND_MAN = 'def DomeLight "Sky"\n{\n}\ndef Xform "Man" (\nprepend references = @asset.usda@\n)\n{\n%s\n}\n'
+STAGE = in_the_library(SKY_AND_MAN, rig=placed(0, 0, 9000), board=placed(2000, 0, -1500))
+PLACES = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1)] (interpolation = "vertex")'
 MAN = """
 def Xform "Man" (
     %s
 )
 {
     %s
-    def Mesh "Body" (
-        prepend apiSchemas = ["MaterialBindingAPI"]
-    )
-    {
-        int[] faceVertexCounts = [3]
-        int[] faceVertexIndices = [0, 1, 2]
-        point3f[] points = [(0, 0, 0), (0.4, 0, 0), (0, 0, 1.8)]
-        texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1)] (
-            interpolation = "vertex"
-        )
-        uniform token subdivisionScheme = "none"
-        %s
-    }
+    %s
     %s
 }
 """
+BODY = mesh_text("Body", [(0, 0, 0), (0.4, 0, 0), (0, 0, 1.8)], PLACES, "%s", schemas="MaterialBindingAPI")
 PAINT = """
     def Material "Paint"
     {
@@ -112,12 +70,12 @@ CONVERTED = """double xformOp:rotateX:unitsResolve = -90
 
 
 def asset(top: str = METRES, meta: str = "", own: str = "", body: str = "", beside: str = "") -> str:
-    return top + MAN % (meta, own, body, beside)
+    return top + MAN % (meta, own, BODY % body, beside)
 
 
 def written(folder: Path, man: str, over: str = CONVERTED) -> Path:
     (folder / "asset.usda").write_text(man, encoding="utf-8")
-    (folder / "dataset.usda").write_text(head("Scene") + STAGE % over, encoding="utf-8")
+    (folder / "dataset.usda").write_text(STAGE % over, encoding="utf-8")
     return folder / "dataset.usda"
 
 
@@ -203,7 +161,7 @@ def test_pictures_of_packages_are_read_even_of_one_in_another(tmp_path, monkeypa
         package.AddFile(str(tmp_path / "inner.usdz"), "inner.usdz")
     path = written(tmp_path, "")
     for name in ("inner.usdz", "outer.usdz"):
-        path.write_text((head("Scene") + STAGE % CONVERTED).replace("asset.usda", name), encoding="utf-8")
+        path.write_text((STAGE % CONVERTED).replace("asset.usda", name), encoding="utf-8")
         loaded = load(path)
         assert told(loaded) == []
         [picture] = loaded.dataset.pictures

@@ -5,41 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
-from stage_text import head
+from stage_text import in_the_library, mesh_text, placed
 
 from pipeline.limits import VARIABLE
 from pipeline.scene.load import load
 from pipeline.scene.usd.meshes import drawn, is_animated
 
-DATASET = """
-def PlenDataset "Scene"
-{
-    rel plen:cameras = </Scene/Rig/Camera>
-    rel plen:occluders = </Scene/Things>
-    rel plen:targets = </Scene/Board>
-
-    def "Rig" (
-        prepend references = @rigs/conventional_100mm.usda@
-    )
-    {
-    }
-
-    def "Board" (
-        prepend references = @targets/checkerboard_4x7.usda@
-    )
-    {
-        double3 xformOp:translate = (0, 0, -500)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-
-    def Xform "Things"
-    {
-        double3 xformOp:translate = (0, 0, -450)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-%s
-    }
-}
-"""
 CUBE = (
     [4] * 6,
     [0, 4, 6, 2, 0, 1, 5, 4, 4, 5, 7, 6, 3, 7, 5, 1, 6, 7, 3, 2, 2, 3, 1, 0],
@@ -208,7 +179,9 @@ def test_solids_fill_the_extent_that_usd_computes(kind: str, axis: str):
 def scene(folder, content: str, end: int = 1, lit: bool = False):
     path = folder / "scene.usda"
     sun = '        def DistantLight "Sun"\n        {\n        }\n' if lit else ""
-    path.write_text(head("Scene", end=end) + DATASET % (sun + content), encoding="utf-8")
+    things = f'def Xform "Things"\n{{\n{placed(0, 0, -450)}\n{sun}{content}}}'
+    stage = in_the_library(things, board=placed(0, 0, -500), occluders="/Scene/Things", end=end)
+    path.write_text(stage, encoding="utf-8")
     return path
 
 
@@ -364,23 +337,9 @@ def test_the_stage_of_a_build_has_the_same_shapes(content: str, tmp_path):
 
 
 def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path):
-    moving = """
-        def Mesh "Flag"
-        {
-            int[] faceVertexCounts = [3]
-            int[] faceVertexIndices = [0, 1, 2]
-            point3f[] points.timeSamples = {
-                1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
-                2: [(0, 0, 0), (1, 0, 0), (0, 2, 0)],
-                3: [(0, 0, 0), (1, 0, 0), (0, 3, 0)],
-            }
-        }
-
-        def Sphere "Ball"
-        {
-            double radius = 3
-        }
-"""
+    heights = ", ".join(f"{n}: [(0, 0, 0), (1, 0, 0), (0, {n}, 0)]" for n in (1, 2, 3))
+    flag = mesh_text("Flag", [(0, 0, 0)] * 3, f"point3f[] points.timeSamples = {{{heights}}}")
+    moving = f'{flag}def Sphere "Ball"\n{{\ndouble radius = 3\n}}\n'
     before = load(scene(tmp_path, moving, 3)).dataset.occluders
     after = load(scene(tmp_path, moving.replace("(0, 2, 0)", "(0, 2.5, 0)"), 3)).dataset.occluders
     assert [entry.frame for entry in before] == [1, 2, 3, None]
