@@ -1,10 +1,12 @@
 """A lens with every kind of surface, and beams through it."""
 
+import dataclasses
+
 import numpy as np
 
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
 
 BENT = Prescription(
@@ -32,6 +34,12 @@ BENT = Prescription(
     )
 )
 """Conics on both sides of the sphere, even and odd terms, none of them weak."""
+
+
+def whole(lens: Prescription, **mount: object) -> Prescription:
+    """A lens all of whose surfaces one group holds."""
+    group = Group(name="all", first=0, count=len(lens.surfaces), **mount)
+    return dataclasses.replace(lens, groups=(group,))
 
 
 def beam(heights: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from laws.bounds import (
 )
 from laws.rigs import HEXAGON, inside
 from laws.solving import truth_of
-from laws.surfaces import BENT, assert_returned, beam, oblique, traced
+from laws.surfaces import BENT, beam, oblique, traced, whole
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -45,13 +45,6 @@ from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TURN = VISION_FROM_CAMERA[:3, :3]
-OFF = rigs.displaced(rigs.conventional(17.1)).prescription
-
-
-def whole(lens: Prescription, **mount: object) -> Prescription:
-    """A lens all of whose surfaces one group holds."""
-    group = Group(name="all", first=0, count=len(lens.surfaces), **mount)
-    return dataclasses.replace(lens, groups=(group,))
 
 
 def assert_same_rays(one: list[np.ndarray], other: list[np.ndarray], atol: float) -> None:
@@ -152,11 +145,6 @@ def test_a_wedge_deviates_by_the_closed_form_of_least_deviation() -> None:
     assert len(sides) == 1
     for off in (-0.02, 0.02):
         assert deviation(sides[0] * least / 2 + off) > least + 1e-6
-
-
-@pytest.mark.parametrize("lens", [OFF, whole(BENT, tilt_deg=(3.0, 2.0), decentre_mm=(0.2, 0.4))], ids=["Gauss", "bent"])
-def test_a_ray_sent_back_through_a_displaced_lens_returns_to_its_start(lens: Prescription) -> None:
-    assert assert_returned(lens, *oblique(4000, 9.0, 0.3, -45.0), MOVED_MM) > 300
 
 
 @pytest.mark.parametrize("radius_mm", [math.inf, 60.0])

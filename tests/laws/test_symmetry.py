@@ -15,11 +15,12 @@ from laws.bounds import (
     moments,
     plenoptic_positions,
 )
-from laws.rigs import HEXAGON, inside
-from laws.surfaces import assert_returned, traced
+from laws.rigs import HEXAGON, inside, thin
+from laws.surfaces import BENT, assert_returned, oblique, traced, whole
+from laws.test_model_cameras import BROWN, model
 from scipy.spatial.transform import Rotation
 from shorter import few, few_cases
-from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
+from tolerances import HONEST, MOVED_MM, REVERSED_MM, ROUNDING_MM, SIGMAS
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
@@ -33,24 +34,31 @@ from pipeline.render.imaging import irradiance
 from pipeline.scene.dataset import Frame
 from pipeline.truth.grid.position_image import on_target
 
-
-def random_rays(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """From a sensor 131.81 mm behind the stop to its rear surface."""
-    rng = np.random.default_rng(seed)
-    start = np.column_stack([rng.uniform(-20, 20, (count, 2)), np.full(count, -131.81)])
-    aim = np.column_stack([rng.uniform(-14, 14, (count, 2)), np.full(count, -30.31)])
-    way = aim - start
-    return start, way / np.linalg.norm(way, axis=1, keepdims=True)
+BEHIND, SLOPES = (4000, 9.0, 0.3, -45.0), (4000, 2.4, 0.08, -131.81)
+"""Rays from a square behind the lens, and from the sensor."""
+DISTORTING = model(rigs.conventional(17.1), "thinLens", BROWN)
 
 
-def test_a_ray_sent_back_returns_to_its_start() -> None:
-    assert assert_returned(rigs.tronnier(), *random_rays(2000), REVERSED_MM) > 500
+@pytest.mark.parametrize(
+    ("lens", "rays", "atol"),
+    [
+        pytest.param(rigs.tronnier(), BEHIND, REVERSED_MM, id="double Gauss"),
+        pytest.param(BENT, (3000, 9.0, 0.3, -12.0), REVERSED_MM, id="aspheres"),
+        pytest.param(rigs.displaced(rigs.conventional(17.1)).prescription, BEHIND, MOVED_MM, id="displaced"),
+        pytest.param(whole(BENT, tilt_deg=(3.0, 2.0), decentre_mm=(0.2, 0.4)), BEHIND, MOVED_MM, id="turned aspheres"),
+        pytest.param(thin(), (4000, 4.0, 0.1, -90.0), 100 * REVERSED_MM, id="ideal"),
+        pytest.param(DISTORTING.prescription, SLOPES, 100 * REVERSED_MM, id="ideal that distorts"),
+    ],
+)
+def test_a_ray_sent_back_returns_to_its_start(lens: Prescription, rays: tuple[float, ...], atol: float) -> None:
+    """A lens that distorts does so towards the sensor, and undoes it towards the scene."""
+    assert assert_returned(lens, *oblique(*rays), atol) > 300
 
 
 @pytest.mark.parametrize("mirror", [(-1, 1, 1), (1, -1, 1), (-1, -1, 1)])
 def test_mirrored_rays_stay_mirrored_to_the_last_bit(mirror: tuple[int, int, int]) -> None:
     """A centred lens cannot tell left from right; changing signs rounds nothing."""
-    start, way = random_rays(2000)
+    start, way = oblique(*BEHIND)
     table = towards_scene(rigs.tronnier())
     one, other = traced(table, start, way), traced(table, start * mirror, way * mirror)
     np.testing.assert_array_equal(one[0] * mirror, other[0])

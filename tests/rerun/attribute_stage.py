@@ -14,12 +14,14 @@ def path_of(at: str) -> str:
     return f"/Scene/{at}".rstrip("/")
 
 
-def write(path: Path, values: dict[tuple[str, str], Any]) -> Path:
-    """The stage with some values of (prim, attribute), as one file; None blocks one."""
+def write(path: Path, values: dict[tuple[str, str], Any], is_whole: bool = True) -> Path:
+    """The stage with some values of (prim, attribute), as one file; None blocks one. Whole, or with two targets."""
     path.write_text(STAGE, encoding="utf-8")
     stage = Usd.Stage.Open(str(path))
     stage.Reload()
-    for (at, name), value in values.items():
+    stage.GetPrimAtPath("/Scene/More").SetActive(is_whole)
+    targets: dict[tuple[str, str], Any] = {} if is_whole else {("", "plen:targets"): ["One", "Two"]}
+    for (at, name), value in (targets | values).items():
         prim = stage.GetPrimAtPath(path_of(at))
         assert prim, at
         if isinstance(value, list) and prim.GetRelationship(name):

@@ -46,13 +46,13 @@ class _Bench:
         self.specs = Specs(self.store)
         self._built: dict[str, tuple[Pretended, dict[str, str]]] = {}
 
-    def built(self, given) -> tuple[Pretended, dict[str, str]]:
+    def built(self, given, is_whole=True) -> tuple[Pretended, dict[str, str]]:
         """The stage with what is given, and the key of every task."""
-        name = repr(sorted(given.items(), key=repr))
+        name = repr((is_whole, *sorted(given.items(), key=repr)))
         if name not in self._built:
             home = self.folder / str(len(self._built))
             home.mkdir()
-            stage = Pretended(write(home / "dataset.usda", given), Store(home / "store"))
+            stage = Pretended(write(home / "dataset.usda", given, is_whole), Store(home / "store"))
             self._built[name] = stage, self.keys(stage.project.graph)
         return self._built[name]
 
@@ -108,9 +108,11 @@ PARAMETERS = [
 
 @pytest.mark.parametrize(("name", "case"), PARAMETERS)
 def test_exactly_the_readers_of_an_attribute_get_another_key_and_a_plan_names_it(bench, name, case):
-    before, keys = bench.built(case.given)
+    """An edit of a camera or of a board is one of a stage with two targets, which takes half of the time."""
+    is_whole = not case.at.startswith(("A/", "B/", "C/", "One", "Two"))
+    before, keys = bench.built(case.given, is_whole)
     edits = {**case.along, (case.at, name): case.value}
-    write(before.path, {**case.given, **edits})
+    write(before.path, {**case.given, **edits}, is_whole)
     if case.refused:
         codes = {problem.code for problem in load(before.path).errors}
         assert codes & {"not-yet-supported", "bad-token", "colour-filters", "sensor-response"}, codes

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from stage_text import head, tiny_text
+from pxr import Usd, UsdGeom
+from stage_text import head, placed
 
-import pipeline
-from pipeline.camera.focusing.depth_of_field import foci
-from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError
 from pipeline.scene.lens import read_prescription
 from pipeline.scene.load import load, open_dataset
@@ -98,13 +97,13 @@ def board(arm="", pose=""):
 """
 
 
-def translate(x, y, z):
-    return f'double3 xformOp:translate = ({x}, {y}, {z})\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+def ordered(turn):
+    return f'double3 xformOp:translate = (1, 2, -400)\nuniform token[] xformOpOrder = ["xformOp:translate", "{turn}"]'
 
 
 def test_an_ideal_thin_lens_works_at_any_wavelength(write):
     """It has no index that could be printed for another one."""
-    path = write(board(pose=translate(0, 0, -400)))
+    path = write(board(pose=placed(0, 0, -400)))
     path.write_text(
         path.read_text().replace(
             "sensorDistance = 50", "sensorDistance = 50\nuniform double plen:camera:wavelength = 450"
@@ -134,30 +133,15 @@ def test_the_tiny_dataset_reads_as_written():
     assert [frame.number for frame in dataset.frames] == [1, 2]
 
 
-def test_the_camera_of_a_request_is_focused_and_traces_rays(tmp_path):
-    """A sensor that stands where the asked distance is sharp, a stop that matches: rays of a pixel come from there."""
-    wish = "float horizontalAperture = 14.4\nuniform double plen:camera:focusDistance = 420\n"
-    wish += 'uniform double plen:camera:sensorDistance = None\nuniform token plen:camera:stopMatch = "microlenses"'
-    text = tiny_text("plenoptic", ("float horizontalAperture = 14.4", wish))
-    (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
-    (entry,) = open_dataset(tmp_path / "dataset.usda").cameras
-
-    assert isinstance(entry.asked, FocusRequest) and entry.asked.sensor_distance_mm is None
-    assert foci(entry.camera)[1].focus_distance_mm == pytest.approx(420, rel=1e-12)
-    assert entry.camera is entry.camera, "solved once"
-    bundle = pipeline.bundle(entry.camera, 23.5, 19.5, samples=256)
-    assert len(bundle.weight_sr) > 0 and np.isfinite(bundle.mean_at(420.0)).all()
-
-
 def test_surfaces_stand_in_the_order_that_the_lens_states(write):
-    (entry,) = open_dataset(write(board(pose=translate(0, 0, -400)))).cameras
+    (entry,) = open_dataset(write(board(pose=placed(0, 0, -400)))).cameras
 
     assert [surface.is_stop for surface in entry.asked.prescription.surfaces] == [False, True]
     assert math.isinf(entry.asked.prescription.stop.radius_mm)
 
 
 def test_minus_zero_does_not_reach_a_record(write):
-    dataset = open_dataset(write(board(pose=translate("-0.0", 0, -400))))
+    dataset = open_dataset(write(board(pose=placed("-0.0", 0, -400))))
 
     assert math.copysign(1, dataset.cameras[0].asked.sensor.offset_x_mm) == 1
     matrices = [*dataset.frames[0].camera_from_world.values(), *dataset.frames[0].world_from_target.values()]
@@ -165,21 +149,16 @@ def test_minus_zero_does_not_reach_a_record(write):
 
 
 @pytest.mark.parametrize(("unit", "distance"), [("0.001", 400), ("0.01", 40), ("1", 0.4)])
-def test_poses_are_in_millimetres_whatever_the_unit_of_the_stage(write, unit, distance):
-    (frame,) = open_dataset(write(board(pose=translate(0, 0, -distance)), unit=unit)).frames
+def test_poses_are_in_the_unit_of_the_stage_and_our_own_lengths_in_millimetres(write, unit, distance):
+    dataset = open_dataset(write(board(pose=placed(0, 0, -distance)), unit=unit))
 
-    assert frame.world_from_target["Board"][2][3] == pytest.approx(-400, rel=1e-15)
-
-
-def test_our_own_lengths_are_millimetres_whatever_the_unit_of_the_stage(write):
-    dataset = open_dataset(write(board(pose=translate(0, 0, -0.4)), unit="1"))
-
+    assert dataset.frames[0].world_from_target["Board"][2][3] == pytest.approx(-400, rel=1e-15)
     assert dataset.cameras[0].asked.sensor.pitch_mm == 0.01
     assert dataset.targets[0].target.pattern.square_mm == 2.0
 
 
 def test_a_board_before_the_camera_lies_at_positive_z_of_the_vision_frame(write):
-    (frame,) = open_dataset(write(board(pose=translate(1, 2, -400)))).frames
+    (frame,) = open_dataset(write(board(pose=placed(1, 2, -400)))).frames
 
     camera_from_target = np.array(frame.camera_from_world["Rig.Camera"]) @ np.array(frame.world_from_target["Board"])
 
@@ -187,38 +166,30 @@ def test_a_board_before_the_camera_lies_at_positive_z_of_the_vision_frame(write)
     assert np.array_equal(camera_from_target[:3, :3], np.diag([1, -1, -1]))
 
 
-def test_the_transforms_of_parents_count(write):
-    """A quarter turn of the arm about y carries a board on its -x axis to -z ... and past the camera's own parent."""
-    arm = 'double xformOp:rotateY = -90\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'
-    rig = translate(0, 5, 0)
-    (frame,) = open_dataset(write(board(arm=arm, pose=translate(-400, 0, 0)), rig=rig)).frames
-
-    world_from_target = np.array(frame.world_from_target["Board"])
-
-    assert world_from_target[:3, 3] == pytest.approx([0, 0, -400], abs=1e-10)
-    assert world_from_target[:3, 2] == pytest.approx([-1, 0, 0], abs=1e-15)
-    assert np.array(frame.camera_from_world["Rig.Camera"])[:3, 3] == pytest.approx([0, 5, 0], abs=1e-15)
+COS, SIN = math.cos(math.pi / 8), math.sin(math.pi / 8)
+TURN = 'double xformOp:rotateY = -90\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'
 
 
 @pytest.mark.parametrize(
-    "pose",
+    ("arm", "pose"),
     [
-        "double3 xformOp:rotateXYZ = (10, 20, 30)\ndouble3 xformOp:translate = (1, 2, -400)\n"
-        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]',
-        "quatd xformOp:orient = (0.9238795325112867, 0.3826834323650898, 0, 0)\n"
-        "double3 xformOp:translate = (1, 2, -400)\n"
-        'uniform token[] xformOpOrder = ["xformOp:translate", "!invert!xformOp:orient"]',
+        ("", f"double3 xformOp:rotateXYZ = (10, 20, 30)\n{ordered('xformOp:rotateXYZ')}"),
+        ("", f"quatd xformOp:orient = ({COS}, {SIN}, 0, 0)\n{ordered('!invert!xformOp:orient')}"),
+        (TURN, placed(-400, 0, 0)),
     ],
 )
-def test_rigid_transforms_agree_with_those_of_usd(write, pose):
-    from pxr import Usd, UsdGeom
-
-    path = write(board(pose=pose))
+def test_rigid_transforms_agree_with_those_of_usd(write, arm, pose):
+    path = write(board(arm=arm, pose=pose), rig=placed(0, 5, 0))
     (frame,) = open_dataset(path).frames
+    cache = UsdGeom.XformCache(1)
     stage = Usd.Stage.Open(path.as_posix())
-    theirs = UsdGeom.XformCache(1).GetLocalToWorldTransform(stage.GetPrimAtPath("/Dataset/Arm/Board"))
-
-    assert np.array(frame.world_from_target["Board"]) == pytest.approx(np.array(theirs).T, abs=1e-12)
+    theirs, camera = (
+        np.array(cache.GetLocalToWorldTransform(stage.GetPrimAtPath(f"/Dataset/{at}"))).T
+        for at in ("Arm/Board", "Rig/Camera")
+    )
+    assert np.array(frame.world_from_target["Board"]) == pytest.approx(theirs, abs=1e-12)
+    vision = VISION_FROM_CAMERA @ np.linalg.inv(camera)
+    assert np.array(frame.camera_from_world["Rig.Camera"]) == pytest.approx(vision, abs=1e-12)
 
 
 def test_a_quaternion_slightly_off_unit_length_is_normalised_with_a_warning(write):
