@@ -66,19 +66,15 @@ class PrintedLens:
     lost: tuple[Lost, ...] = ()
 
 
-class NotRepresentable(PrescriptionError):
-    """A lens that somebody can build, but not we."""
-
-
 def prescription_of(lens: PrintedLens) -> Prescription:
     """The lens as it is traced; a PrescriptionError that names all surfaces that are to blame if it cannot be."""
     wrong = [
         f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_representable(surface)
     ]
     if wrong:
-        raise NotRepresentable(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
+        raise PrescriptionError(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
     if lens.surfaces and lens.surfaces[-1].index != 1:
-        raise NotRepresentable(f'"{lens.name}" ends in a medium of index {lens.surfaces[-1].index}, not in air')
+        raise PrescriptionError(f'"{lens.name}" ends in a medium of index {lens.surfaces[-1].index}, not in air')
     return Prescription(surfaces=tuple(_surface(surface, i) for i, surface in enumerate(lens.surfaces, 1)))
 
 

@@ -218,7 +218,7 @@ def test_a_late_import_fails_loudly():
         "import pipeline.scene\n"
     )
 
-    assert "SchemaNotLoaded" in run(code)
+    assert "EnvironmentFault: USD ignores the plenScene schemas" in run(code)
 
 
 def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):

@@ -27,10 +27,6 @@ from pipeline.engine.store.store import Store
 from pipeline.machine.facts import facts
 
 
-class UnknownKind(ValueError):
-    """A module name that is not a task kind: outside the accepted packages, or without a source file."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Module:
     """Relevant facts of one source file, from its syntax tree."""
@@ -79,7 +75,7 @@ def check_kind(kind: str, packages: tuple[str, ...]) -> None:
     """Refuse kinds outside the accepted packages: a record or a spec must not decide which code is imported."""
     below = any(kind.startswith(f"{package}.") for package in packages)
     if not below or not all(part.isidentifier() for part in kind.replace(":", ".", 1).split(".")):
-        raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
+        raise ValueError(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
 def module_of(kind: str) -> str:
@@ -95,7 +91,7 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
     """
     reached = _reached(kind, {} if seen is None else seen)
     if module_of(kind) not in reached:
-        raise UnknownKind(f"no source file for the task kind {kind!r}")
+        raise ValueError(f"no source file for the task kind {kind!r}")
     libraries = versions_of({name for other in reached.values() for name in other.foreign})
     return Components(
         kind=kind,

@@ -19,10 +19,6 @@ OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, o
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
 
-class SchemaNotLoaded(EnvironmentFault):
-    """The schemas were registered too late: USD has already built its schema registry."""
-
-
 def plugin_path() -> str:
     """Folder to put on PXR_PLUGINPATH_NAME, so that any USD program knows the plenScene schemas."""
     return share("schemas").as_posix()
@@ -34,7 +30,7 @@ def library_path() -> str:
 
 
 def register() -> None:
-    """Register schemas and library; SchemaNotLoaded if a stage was opened before, so that USD would ignore them."""
+    """Register schemas and library; EnvironmentFault if a stage was opened before, so that USD would ignore them."""
     registry = Plug.Registry()
     # USD may have found it already through PXR_PLUGINPATH_NAME.
     if registry.GetPluginWithName(PLUGIN_NAME) is None:
@@ -42,7 +38,7 @@ def register() -> None:
     # This call builds USD's schema registry now, in the importing thread: built first in another thread it may hang,
     # and without the call a late import would only be noticed as prims without a type.
     if Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None:
-        raise SchemaNotLoaded(
+        raise EnvironmentFault(
             "USD ignores the plenScene schemas, because it had opened a stage before they were registered",
             hint=f"import pipeline.scene before opening a stage, or set PXR_PLUGINPATH_NAME={plugin_path()}",
         )
