@@ -90,9 +90,9 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
         store.write_note("sources", _name(project), note)
 
 
-def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[TaskLog]:
+def logs_of(project: Project, target: str) -> list[TaskLog]:
     """Facts about the last run of tasks that a target names."""
-    store, logs = store or Store(), []
+    store, logs = Store(), []
     keys, ended = history_of(project, store).keys, _ended(project, store)
     for name in tasks_of(project, target):
         ending = ended.get(name)

@@ -211,9 +211,9 @@ class Status:
     has_manifest: bool
 
 
-def status_of(project: Project, *, store: Store | None = None) -> Status:
+def status_of(project: Project) -> Status:
     """States of the files of the output folder: built, if they are as a build of the present stage would leave them."""
-    store = store or Store()
+    store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
     there, ours = manifest.read(project.out), OurFiles(project.out, store, project.stage_id)

@@ -39,9 +39,7 @@ class Absorption:
         return math.exp(-float(np.interp(wavelength_nm, self.wavelengths_nm, self.coefficients_per_mm)))
 
 
-def stated(
-    wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float, label: str = "the medium"
-) -> Absorption:
+def stated(wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float) -> Absorption:
     """Absorption by internal transmittances of a thickness, as catalogues of glass print them; a GlassError if there
     are not as many of both, wavelengths do not ascend, or light is gained or lost altogether."""
     if not wavelengths_nm or len(wavelengths_nm) != len(transmittance):
@@ -57,7 +55,7 @@ def stated(
         what = f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm"
         raise GlassError(what, code=BAD_ABSORPTION)
     coefficients = tuple(-math.log(value) / thickness_mm + 0.0 for value in transmittance)
-    return Absorption(label=label, wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
+    return Absorption(label="the medium", wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
 
 
 def measured(medium: Medium) -> Absorption | None:

@@ -25,9 +25,6 @@ class Glass(Medium):
 
     vendor: str
     name: str
-    series: str  # empty for a vendor's main catalogue
-    status: str  # `preferred`, `standard`, `special` or empty
-    temperature_c: float | None
     stated_nd: float | None  # as the vendor prints them, rounded; for reports and tests only
     stated_vd: float | None
 
@@ -118,9 +115,6 @@ def _glass(number: int) -> Glass:
         max_nm=1000.0 * float(row["wl_max_um"]),
         vendor=row["vendor"],
         name=row["glass"],
-        series=row["series"],
-        status=row["status"],
-        temperature_c=_number(row["temp_C"]),
         stated_nd=_number(row["nd_vendor"]),
         stated_vd=_number(row["Vd_vendor"]),
     )

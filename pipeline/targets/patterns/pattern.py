@@ -80,9 +80,9 @@ def drawn_once(draw: Callable[[Any], Drawing]) -> Callable[[Any], Drawing]:
     return functools.lru_cache(maxsize=8)(draw)
 
 
-def grid(columns: int, rows: int, spacing_x: float, spacing_y: float | None = None) -> np.ndarray:
+def grid(columns: int, rows: int, spacing_mm: float) -> np.ndarray:
     """Points of a grid about the origin, rows from the top, each from the left, (rows * columns, 2)."""
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
-    x = (column - (columns - 1) / 2) * spacing_x
-    y = ((rows - 1) / 2 - row) * (spacing_x if spacing_y is None else spacing_y)
+    x = (column - (columns - 1) / 2) * spacing_mm
+    y = ((rows - 1) / 2 - row) * spacing_mm
     return np.stack([x.ravel(), y.ravel()], axis=1)
