@@ -60,7 +60,6 @@ export interface MicroImageData {
   type: number[];
   centre_x_px: (number | null)[];
   centre_y_px: (number | null)[];
-  radius_px: (number | null)[];
   outline_x_px: (number | null)[];
   outline_y_px: (number | null)[];
   outline_radius_px: ((number | null)[])[];
@@ -139,9 +138,7 @@ export interface CameraPart {
   lens: string;
   width_px: number;
   height_px: number;
-  pitch_mm: number;
   principal_distance_px: number;
-  key_figures: Figure[];
   certificate: Record<string, any> | null;
   optics: string | null;
   micro_images: string | null;

@@ -25,8 +25,7 @@ class Glass(Medium):
 
     vendor: str
     name: str
-    stated_nd: float | None  # as the vendor prints them, rounded; for reports and tests only
-    stated_vd: float | None
+    stated_nd: float | None  # as the vendor prints it, rounded; for tests only
 
 
 def find(name: str) -> Glass:
@@ -116,7 +115,6 @@ def _glass(number: int) -> Glass:
         vendor=row["vendor"],
         name=row["glass"],
         stated_nd=_number(row["nd_vendor"]),
-        stated_vd=_number(row["Vd_vendor"]),
     )
 
 

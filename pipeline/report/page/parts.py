@@ -29,7 +29,6 @@ from pipeline.report.page.records import (
     View,
 )
 from pipeline.report.page.shapes import matrix
-from pipeline.report.text import Figure
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltView
 from pipeline.results.spots import drawn
@@ -115,25 +114,13 @@ def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) 
         lens=record["lens"]["name"],
         width_px=width,
         height_px=height,
-        pitch_mm=camera.pitch_mm,
         principal_distance_px=record["principal_distance_px"],
-        key_figures=_key_figures(camera),
         certificate=certificate,
         optics=optics,
         micro_images=_micro_images(source, camera),
         pictures=_pictures(source, f"cameras/{folder_of(camera.name)}", ("white",)),
         views=tuple(_view(source, camera, view) for view in camera.views),
         residuals=residuals(camera, certificate),
-    )
-
-
-def _key_figures(camera: BuiltCamera) -> tuple[Figure, ...]:
-    lens, (width, height) = camera.record["lens"], camera.size_px
-    across, down, _ = camera.record["field_of_view_deg"]
-    return (
-        Figure(name="focal length", value=f"{lens['efl_mm']:.2f} mm", remark=f"f/{lens['f_number']:.1f}"),
-        Figure(name="sensor", value=f"{width} × {height} px", remark=f"{1000 * camera.pitch_mm:g} µm pixels"),
-        Figure(name="field of view", value=f"{across:.1f}° × {down:.1f}°", remark=""),
     )
 
 
@@ -209,7 +196,6 @@ def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageDa
         type=tuple(shown.microlens_type.tolist()),
         centre_x_px=drawn(shown.centre_x_px),
         centre_y_px=drawn(shown.centre_y_px),
-        radius_px=drawn(shown.radius_px),
         outline_x_px=drawn(outlines.centroid_x_px),
         outline_y_px=drawn(outlines.centroid_y_px),
         outline_radius_px=tuple(

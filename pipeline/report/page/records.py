@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.files.jsonfile import Json
-from pipeline.report.text import Figure, Figures
+from pipeline.report.text import Figure as Figure  # of `Figures`, for web/src/records.ts
+from pipeline.report.text import Figures
 from pipeline.results.spots import Numbers, Spot
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -62,7 +63,6 @@ class MicroImageData:
     type: tuple[int, ...]
     centre_x_px: Numbers
     centre_y_px: Numbers
-    radius_px: Numbers
     outline_x_px: Numbers
     outline_y_px: Numbers
     outline_radius_px: tuple[Numbers, ...]
@@ -166,9 +166,7 @@ class CameraPart:
     lens: str
     width_px: int
     height_px: int
-    pitch_mm: float
     principal_distance_px: float
-    key_figures: tuple[Figure, ...]
     certificate: Json | None
     optics: str | None
     micro_images: str | None
