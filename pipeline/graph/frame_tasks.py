@@ -51,7 +51,8 @@ def light_of(entry: CameraEntry) -> cameras.BundleLight:
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
-    of_frames = kind in ("image", "labels", "truth", "positions", "colour_image", "expose") or kind.startswith("noise_")
+    kinds = ("image", "labels", "truth", "positions", "colour_image", "denoised", "expose")
+    of_frames = kind in kinds or kind.startswith("noise_")
     parts = task.name.split("/")
     if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
         return int(parts[2])

@@ -43,8 +43,9 @@ def _coarse(sensor: Sensor) -> Sensor:
 
 
 def only_images(project: Project) -> Project:
-    """The part of a project that makes pictures to look at: `image.png` and `white.png`."""
-    files = {path: source for path, source in project.files.items() if path.endswith(("/image.png", "/white.png"))}
+    """The part of a project that makes pictures to look at: `image.png`, `denoised.png` and `white.png`."""
+    kept = ("/image.png", "/denoised.png", "/white.png")
+    files = {path: source for path, source in project.files.items() if path.endswith(kept)}
     tasks = {source[0] for source in files.values() if not isinstance(source, bytes)}
     return dataclasses.replace(
         project,

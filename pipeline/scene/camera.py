@@ -85,6 +85,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=need(prim, "plen:image:fNumbers"),
         diffraction=need(prim, "plen:image:diffraction"),
+        denoised=need(prim, "plen:image:denoised"),
         labels=tuple(sorted(set(need(prim, "plen:image:labels")))),
         channels=read_channels(prim),
         colorimetry=read_colorimetry(sensor, illuminant_of(prim)),

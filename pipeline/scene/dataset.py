@@ -59,6 +59,7 @@ class CameraEntry:
     delivers_rays: bool = False  #: whether rays.exr is delivered even if no method needs it
     f_numbers: tuple[float, ...] = ()  #: of further white images, in the order of the stage
     diffraction: bool = False  #: whether images show it
+    denoised: bool = False  #: whether there is a denoised preview of each
     labels: tuple[str, ...] = ()  #: of pixels, in the order of the schema
     channels: tuple[Channel, ...] = ()  #: in the order of the stage; none: its light has the one wavelength
     #: The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one

@@ -48,7 +48,7 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])
-    write_png(out / f"{name}.png", in_bands(shape[0], lambda first, end: _picture(rows(first, end))))
+    write_png(out / f"{name}.png", in_bands(shape[0], lambda first, end: picture(rows(first, end))))
     if params.is_spectral:
         _write_spectral(out / SPECTRAL, images, params)
 
@@ -82,7 +82,7 @@ def _traced_by(image: ExrWindows, name: str) -> dict[str, str]:
     return {"rays": texts["rays"]} if "rays" in texts else {}
 
 
-def _picture(channels: dict[str, np.ndarray]) -> np.ndarray:
+def picture(channels: dict[str, np.ndarray]) -> np.ndarray:
     """Red, green and blue as they are, because a white scene is white in all of them; else the mean of all channels."""
     if channels.keys() >= set("RGB"):
         return np.stack([srgb_preview(channels[letter], 1.0)[..., 0] for letter in "RGB"], axis=-1)

@@ -11,6 +11,7 @@ from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.frames import PlacedView
 
 SPECTRAL = "spectral.exr"
+DENOISED = "denoised.png"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
