@@ -110,7 +110,7 @@ def our_race(view: LitView, channels: list[list[int]], samples: int, seeds: int)
             each, image = samples // len(scenes_of), np.zeros(pixels)
             for number, scene in enumerate(scenes_of):
                 y, x = np.divmod(np.repeat(np.arange(pixels), each), _WIDTH_PX)
-                spread = stratified(generator, each, pixels)
+                spread = multijittered(generator, each, pixels)
                 u = ((x + spread[0]) / _WIDTH_PX * 2 - 1) * _HALF_WIDTH
                 v = ((y + spread[1]) * 2 / _WIDTH_PX - _HEIGHT_PX / _WIDTH_PX) * _HALF_WIDTH
                 way = np.stack([u, v, np.ones_like(u)], axis=-1)
@@ -127,12 +127,18 @@ def our_race(view: LitView, channels: list[list[int]], samples: int, seeds: int)
     return raced(picture, pixels * samples * len(channels), seeds)
 
 
-def stratified(generator: np.random.Generator, count: int, pixels: int) -> np.ndarray:
-    """So many points in each of some unit squares, one in each cell of a grid, (2, pixels * count)."""
+def multijittered(generator: np.random.Generator, count: int, pixels: int) -> np.ndarray:
+    """So many points in each of some unit squares, one in each cell of a grid and in each row and column of the finest
+    one (Chiu, Shirley and Wang 1994), as Mitsuba has them, (2, pixels * count).
+    """
     rows = max(n for n in range(1, int(count**0.5) + 1) if count % n == 0)
-    cells = np.stack(np.divmod(np.arange(count), count // rows)[::-1])[:, None, :]
-    spread = (cells + generator.random((2, pixels, count))) / np.array([count // rows, rows])[:, None, None]
-    return spread.reshape(2, -1)
+    columns = count // rows
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    low = generator.random((pixels, columns, rows)).argsort(axis=2)
+    left = generator.random((pixels, columns, rows)).argsort(axis=1)
+    offsets = generator.random((2, pixels, columns, rows))
+    spread = [(x + (low + offsets[0]) / rows) / columns, (y + (left + offsets[1]) / columns) / rows]
+    return np.array(spread).reshape(2, -1)
 
 
 def their_race(view: LitView, samples: int, seeds: int) -> Race:

@@ -121,6 +121,25 @@ def test_the_edge_of_a_shadow_lies_where_geometry_says():
         assert bright == pytest.approx(1.0 / math.sqrt(2.0) / math.pi)
 
 
+def test_rays_of_a_pixel_are_evenly_spread_over_a_sky_that_is_half_hidden():
+    """Half of all light arrives. A point by chance would bring all or nothing, and so add as much noise as light."""
+    wall = Occluder(vertices_mm=((0.0, 900.0, 500.0), (0.0, -900.0, 500.0), (0.0, 0.0, -9e5)), triangles=((0, 1, 2),))
+    hidden = scene([(plate(500.0), matt(0.5)), (wall, matt(0.0))], [lamp("dome")])
+    mean, error = looked(hidden, (1e-3, 0.0, 500.0), (10.0, 0.0, 400.0), rays=64 * 64, scrambles=64)
+    assert mean == pytest.approx(0.25, rel=0.02)
+    by_chance = 0.25 / math.sqrt(64 * 64)
+    assert error < by_chance / 2
+
+
+def test_the_nearer_of_two_lamps_is_asked_by_each_place():
+    """A ray brings all of its light or none; were both asked alike, those would differ by as much as their mean."""
+    lamps = [lamp("sphere", (2.0, 0.0), towards(DOWN, (x_mm, 0.0, 480.0))) for x_mm in (-300.0, 300.0)]
+    lit = scene([(plate(500.0), matt(0.5))], lamps)
+    for x_mm in (-300.0, 300.0):
+        mean, error = looked(lit, (x_mm, 0.0, 500.0), (x_mm - 30.0, 0.0, 400.0), rays=4096, scrambles=4096)
+        assert error < 0.5 * mean / math.sqrt(4096)
+
+
 def test_half_a_lamp_lights_half():
     one = lamp("rect", (50.0, 50.0), facing(400.0, 0.0, *SPOT[:2]))
     whole = irradiance([one])

@@ -34,15 +34,15 @@ KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
 """Kinds of lamps, by their number in kernels."""
 RECT, DISK, SPHERE, CYLINDER, DISTANT, DOME = range(6)
 """Numbers of the kinds."""
-KIND, RADIANCE, CHANCE, AREA, SIZE_A, SIZE_B = range(6)
-"""Columns: kind; radiance; probability with which it is chosen; its area [mm^2], of a distant lamp the solid angle
-[sr]; both sizes of `records.Lamp`."""
+KIND, RADIANCE, BREADTH, AREA, SIZE_A, SIZE_B = range(6)
+"""Columns: kind; radiance; its area as it is seen from afar, and its area [mm^2], of domes and distant lamps solid
+angles [sr]; both sizes of `records.Lamp`."""
 CENTRE, AXIS_X, AXIS_Y, AXIS_Z = 6, 9, 12, 15
 """First columns of the origin and of the unit axes of its frame."""
 TOUCHING = 1e-9
 """Part of a path within which two things count as the same place [1]."""
-_EVEN = 0.5
-"""Part of the choices of a lamp that does not ask how bright it is [1]: estimates may be wrong behind walls."""
+_EVEN = 0.25
+"""Part of the choices of a lamp that does not ask how much light it may send [1]: estimates know of no walls."""
 
 
 class Lamps(NamedTuple):
@@ -53,6 +53,13 @@ class Lamps(NamedTuple):
     dome: Dome  # the picture of the textured dome; without texels there is none
     background: float  # radiance that the camera sees where nothing is, if there is no dome
     glow: Glow
+
+
+class Estimates(NamedTuple):
+    """What all lamps together may send to a surface: their estimates, and how many may send anything."""
+
+    total: float
+    number: int
 
 
 @inline
@@ -230,6 +237,66 @@ def blocked_by_lamp(table, chosen, origin, direction, end):
     return False
 
 
+@inline
+def lamps_in(lamps):
+    """Number of lamps, with triangles that shine as the last one."""
+    return lamps.table.shape[0] + (1 if lamps.glow.estimate > 0.0 else 0)
+
+
+@inline
+def estimate(lamps, k, point, normal):
+    """Irradiance by a lamp if nothing is in between, about; 0 only if none of its light comes to this side."""
+    table = lamps.table
+    if k == table.shape[0]:
+        return lamps.glow.estimate
+    kind, bright = table[k, KIND], table[k, RADIANCE] * table[k, BREADTH]
+    if kind == DOME:
+        return bright
+    z, a = _triple(table, k, AXIS_Z), table[k, SIZE_A]
+    if kind == DISTANT:
+        return bright * max(dot(normal, z) + a, 0.0) / (1.0 + a)
+    off, radius = minus(_triple(table, k, CENTRE), point), a + table[k, SIZE_B]
+    square = dot(off, off)
+    far = math.sqrt(square) + radius
+    rise, front = max(dot(off, normal) + radius, 0.0) / far, 1.0
+    if kind in (RECT, DISK):
+        towards = dot(off, z)
+        front = (towards + radius) / far if towards > 0.0 else 0.0
+    # Nothing is brighter than a sky of its radiance.
+    return bright * rise * front / (square + table[k, BREADTH] / math.pi)
+
+
+@inline
+def estimates_at(lamps, point, normal):
+    """Estimates of all lamps together."""
+    total, number = 0.0, 0
+    for k in range(lamps_in(lamps)):
+        light = estimate(lamps, k, point, normal)
+        total += light
+        number += 1 if light > 0.0 else 0
+    return Estimates(total, number)
+
+
+@inline
+def chance_of(light, estimates):
+    """Probability with which a lamp of an estimate is asked."""
+    return _EVEN / estimates.number + (1.0 - _EVEN) * light / estimates.total if light > 0.0 else 0.0
+
+
+@inline
+def chosen_lamp(lamps, estimates, point, normal, u):
+    """A lamp, -1 if none may send light, its probability, and what is left of a number in [0, 1)."""
+    lamp, part = -1, 0.0
+    for k in range(lamps_in(lamps)):
+        chance = chance_of(estimate(lamps, k, point, normal), estimates)
+        if chance > 0.0:
+            lamp, part = k, chance
+            if u < chance:
+                return k, chance, u / chance
+            u -= chance
+    return lamp, part, 1.0 - 1e-16  # by rounding
+
+
 def lamps_of(
     placed: Sequence[PlacedLamp],
     sky: Dome,
@@ -241,36 +308,30 @@ def lamps_of(
     """The lamps of a view, with the pictures of `sky_of` and `emitting_of`, and with the surfaces that shine, by
     `shapes.glow_of`.
     """
-    corners = shining[0].shapes.corners.reshape(-1, 3)
-    # The middle of what is lit decides how often each lamp is asked.
-    middle_mm = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
-    table, light = np.zeros((len(placed), COLUMNS)), np.zeros(len(placed))
+    table = np.zeros((len(placed), COLUMNS))
     for k, entry in enumerate(placed):
         lamp, pose = from_plain(Lamp, entry.lamp), np.array(entry.vision_from_lamp, float)
         radiance, area = float(raised @ np.array(lamp.radiance)), lamp.area
-        table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, 0.0, area, *lamp.size
+        table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, _breadth(lamp, sky), area, *lamp.size
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
         table[k, AXIS_X:PART] = pose[:3, :3].T.ravel()
         table[k, PART:TINT] = raised * np.array(lamp.radiance)
         table[k, TINT:] = shape_of(lamp)
-        light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
-    if shining[1] > 0:
-        glow, power_mm2 = shining  # about the irradiance that they may give, as `_seen` says it of lamps
-        away_mm = glow.shapes.corners[glow.triangle].mean(axis=(0, 1)) - middle_mm
+    glow, power_mm2 = shining
+    if power_mm2 > 0:
+        corners = glow.shapes.corners
+        middle_mm = 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1)))
+        away_mm = corners[glow.triangle].mean(axis=(0, 1)) - middle_mm
         area = float(1.0 / glow.per_mm2[glow.triangle].mean())
-        light = np.append(light, power_mm2 / (4 * float(np.sum(away_mm**2)) + area))
-    known = light / light.sum() if light.sum() > 0 else np.full(len(light), 1 / max(1, len(light)))
-    chance = _EVEN / max(1, len(light)) + (1 - _EVEN) * known
-    table[:, CHANCE] = chance[: len(table)]
-    of_glow = float(chance[len(table) :].sum())
-    glow = shining[0]._replace(chance=of_glow, per_mm2=of_glow * shining[0].per_mm2)
+        glow = glow._replace(estimate=power_mm2 / (4 * float(np.sum(away_mm**2)) + area / math.pi))
     for k, (profile, picture) in enumerate(emitting.places):
         table[k, PROFILE], table[k, PICTURE] = profile, picture
     return Lamps(table, emitting.numbers, sky._replace(raised=raised), background, glow)
 
 
-def _seen(kind: str, area: float, distance_mm: float) -> float:
-    """Solid angle of a lamp from far away, about; for a parallel beam, whose `radiance` is an irradiance, 1."""
-    if kind in ("distant", "dome"):
-        return area or 1.0
-    return area / (4 * distance_mm**2 + area)
+def _breadth(lamp: Lamp, sky: Dome) -> float:
+    """Column `BREADTH` of a lamp; of a parallel beam, whose `radiance` is an irradiance, 1."""
+    if lamp.kind == "dome":
+        return math.pi * (sky.mean if lamp.texture else 1.0)
+    narrower = {"sphere": 4.0, "cylinder": math.pi}
+    return lamp.area / narrower.get(lamp.kind, 1.0) or 1.0

@@ -23,7 +23,7 @@ from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.emitting import emitting_of
 from pipeline.render.lighting.lamps import TOUCHING, Lamps, lamps_of
 from pipeline.render.lighting.materials import SOLID, THRESHOLD, VEIL, Materials, MaterialTable
-from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
+from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.reflection import Layers, tabled_layers
 from pipeline.render.lighting.skies import sky_of
@@ -136,7 +136,7 @@ class LitScene:
         """Light of paths from the camera in a slice, (n,)."""
         light, lamps = np.zeros(len(paths.power)), tint.lamps
         for vertex in range(self._bounces + 2):
-            if vertex > self._bounces and lamps.glow.chance == 0.0:
+            if vertex > self._bounces and lamps.glow.estimate == 0.0:
                 # After the last surface only paths count that meet a lamp unless something is in their way.
                 reaches = np.zeros(len(paths.power), bool)
                 kernels.reach_lamps(lamps, paths, reaches)
@@ -144,12 +144,12 @@ class LitScene:
             if not len(paths.power):
                 break
             hits = self._meet(tint, vertex, paths)
-            kernels.gather(lamps, candidates_at(vertex - 1), paths, hits, light)
+            kernels.gather(lamps, paths, hits, light)
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
             paths, hits = _those(paths, lit), _those(hits, lit)
-            if len(lamps.table) or lamps.glow.chance > 0.0:
+            if len(lamps.table) or lamps.glow.estimate > 0.0:
                 self._ask_lamps(tint, vertex, paths, hits, light)
             goes_on = np.zeros(len(paths.power), bool)
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
@@ -168,8 +168,7 @@ class LitScene:
         """Add the light that lamps send to some surfaces directly."""
         lamps, count = tint.lamps, len(paths.power)
         shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
-        step = vertex, candidates_at(vertex)
-        kernels.send_to_lamps(lamps, self._scene, step, paths, hits, shadows)
+        kernels.send_to_lamps(lamps, self._scene, vertex, paths, hits, shadows)
         some = shadows.light > 0.0
         shadows = _those(shadows, some)
         left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
@@ -242,5 +241,5 @@ def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:
 def _first(origin: np.ndarray, direction: np.ndarray, names: Names) -> Paths:
     """The rays of the camera as paths."""
     count = len(origin)
-    power, none, rays = np.ones(count), np.zeros(count), np.arange(count)
-    return Paths(origin.copy(), direction.copy(), power, none, none.copy(), names.key, names.place, rays)
+    from_none = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
+    return Paths(origin.copy(), direction.copy(), np.ones(count), *from_none, names.key, names.place, np.arange(count))

@@ -16,11 +16,14 @@ from pipeline.jit.decorators import borrowed, inline, kernel
 from pipeline.render.lighting import draws
 from pipeline.render.lighting.emitting import EVEN
 from pipeline.render.lighting.lamps import (
-    CHANCE,
     DOME,
     KIND,
     blocked_by_lamp,
+    chance_of,
+    chosen_lamp,
     density,
+    estimate,
+    estimates_at,
     far_light,
     meet_lamp,
     radiance_of,
@@ -40,8 +43,10 @@ from pipeline.targets.vectors import across, along, dot, local, minus, row, time
 
 _GAP = 2e-6
 """Gap between a surface and rays that leave it, a part of the coordinates [1]: single precision moves them by 6e-8."""
-_CANDIDATES = 4
-"""Points of lamps of which a surface that the camera sees asks one [1]."""
+_CANDIDATES, _GLOSS = 4, 0.15
+"""Points of lamps of which a glossy surface that the camera sees asks one [1], and the width of facets up to which it
+is glossy: it sees some points of a lamp far brighter than others. Matt ones ask a single point, because those of all
+rays of a pixel are evenly spread, and the chosen ones of several are not."""
 _WHOLE = 3
 """Surfaces after which no path ends by chance [1]: few from dark surfaces to a mirror and a lamp would be fireflies."""
 _LEAST = 0.05
@@ -54,9 +59,11 @@ class Paths(NamedTuple):
     origin: np.ndarray
     direction: np.ndarray
     power: np.ndarray  # part of the light along this ray that reaches the camera
-    # with which density the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at the surface
+    # of the surface that it comes from: density with which the direction was chosen [1/sr], 0 for rays of the camera;
+    # unit normal for shading (n, 3); and the number of points of lamps that were candidates there
     density: np.ndarray
-    cosine: np.ndarray
+    normal: np.ndarray
+    asked: np.ndarray
     # (n,) uint32, (n,) int64, `draws.Names`
     key: np.ndarray
     place: np.ndarray
@@ -93,7 +100,7 @@ def reach_lamps(lamps, paths, reaches):
         start, way, reaches[i] = row(paths.origin, i), row(paths.direction, i), False
         for k in range(lamps.table.shape[0]):
             reaches[i] = reaches[i] or meet_lamp(lamps.table, k, start, way)[0] < math.inf
-            reaches[i] = reaches[i] or far_light(lamps, k, way, paths.cosine[i])[0] > 0.0
+            reaches[i] = reaches[i] or far_light(lamps, k, way, 1.0)[0] > 0.0
 
 
 @kernel
@@ -134,10 +141,9 @@ def meet(shapes, materials, layers, albedo, paths, hits):
 
 
 @kernel
-def gather(lamps, asked, paths, hits, light):
+def gather(lamps, paths, hits, light):
     """Add the light that paths meet: lamps before or beyond surfaces, and surfaces that shine.
 
-    `asked`, int: points of lamps that were candidates where the paths come from, `candidates_at`.
     `light`, (rays,) float64: radiance of each ray of the camera, added to.
     `hits.distance`: set to infinity where a path ends.
     """
@@ -152,17 +158,27 @@ def gather(lamps, asked, paths, hits, light):
         if lamp >= 0:
             hits.distance[i] = math.inf
             if bright > 0.0:
-                chance = asked * lamps.table[lamp, CHANCE] * density(lamps.table, lamp, start, nearest, bright)
+                chance = _chance(lamps, paths, i, lamp) * density(lamps.table, lamp, start, nearest, bright)
                 sent = lamps.table[lamp, OF_LAMP]
                 if lamps.table[lamp, EVEN] == 0.0:
                     sent = radiance_of(lamps, lamp, start, way, nearest)
                 light[paths.ray[i]] += paths.power[i] * sent * _share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
-                chance = asked * glow_density(lamps.glow, hits.triangle[i], way, nearest)
+                glow = _chance(lamps, paths, i, lamps.table.shape[0])
+                chance = glow * glow_density(lamps.glow, hits.triangle[i], way, nearest)
                 light[paths.ray[i]] += paths.power[i] * hits.emission[i] * _share(paths.density[i], chance)
         else:
-            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, asked, paths, i, way)
+            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, way)
+
+
+@inline
+def _chance(lamps, paths, i, k):
+    """How many points of a lamp are asked for on average where a path comes from, by `_candidate`."""
+    if not paths.density[i] > 0.0:
+        return 0.0
+    point, normal = row(paths.origin, i), row(paths.normal, i)
+    return paths.asked[i] * chance_of(estimate(lamps, k, point, normal), estimates_at(lamps, point, normal))
 
 
 @inline
@@ -172,13 +188,14 @@ def _share(taken, other):
 
 
 @inline
-def _from_far(lamps, asked, paths, i, way):
+def _from_far(lamps, paths, i, way):
     """Weighted radiance of domes and distant lamps, or the background that the camera sees."""
-    total, has_dome = 0.0, False
+    total, has_dome, cosine = 0.0, False, dot(row(paths.normal, i), way)
     for k in range(lamps.table.shape[0]):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
-        radiance, chance = far_light(lamps, k, way, paths.cosine[i])
-        total += radiance * _share(paths.density[i], asked * lamps.table[k, CHANCE] * chance)
+        radiance, density_there = far_light(lamps, k, way, cosine)
+        if radiance > 0.0:
+            total += radiance * _share(paths.density[i], _chance(lamps, paths, i, k) * density_there)
     return total if has_dome or paths.density[i] > 0.0 else total + lamps.background
 
 
@@ -199,33 +216,33 @@ def _gap(point, least_mm):
     return max(least_mm, _GAP * (abs(point[0]) + abs(point[1]) + abs(point[2])))
 
 
-def candidates_at(vertex: int) -> int:
-    """Number of points of lamps of which one is asked, at the surface that the camera sees, 0, and at others."""
-    return _CANDIDATES if vertex == 0 else 1
+@inline
+def _candidates(vertex, paint):
+    """Number of points of lamps of which a surface asks one."""
+    return _CANDIDATES if vertex == 0 and (paint.coat > 0.0 or 0.0 < paint.alpha < _GLOSS) else 1
 
 
 @kernel
-def send_to_lamps(lamps, scene, step, paths, hits, shadows):
+def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
     """Make a ray from each surface to a point of one lamp, or of a surface that shines.
 
-    A few points are candidates. One of them is asked, the more often the more light it may send; if nothing is in
+    Where a few points are candidates, one of them is asked, the more often the more light it may send; if nothing is in
     between, the light of all of them arrives. So only shadows have the noise of a single point.
-
-    `step`, (int, int): the vertex, and `candidates_at` it.
     """
     lamps, scene, paths, hits, shadows = borrowed((lamps, scene, paths, hits, shadows))
     layers, points, gap_mm = scene
-    vertex, asked = step
     for i in range(paths.power.size):
         shadows.light[i], total, kept = 0.0, 0.0, -1
         normal, paint = row(hits.normal, i), _paint(hits, i)
         x, y = across(normal)
         seen = seen_along(layers, paint, local(times(-1.0, row(paths.direction, i)), x, y, normal))
         place = SurfacePoint(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
-        dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.CHOICE)[0]
+        asked, estimates, dice = _candidates(vertex, paint), estimates_at(lamps, place.point, normal), 0.0
+        if asked > 1:
+            dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.CHOICE)[0]
         for c in range(asked):
             pair = draws.draw(points, paths.key[i], asked * paths.place[i] + c, draws.STAGES * vertex + draws.LAMP)
-            k, way, end, value = _candidate(lamps, layers, asked, place, paint, pair)
+            k, way, end, value = _candidate(lamps, layers, estimates, place, paint, pair, asked)
             if value > 0.0:
                 total += value
                 if dice * total < value:
@@ -268,20 +285,15 @@ class SurfacePoint(NamedTuple):
 
 
 @inline
-def _candidate(lamps, layers, asked, place, paint, pair):
+def _candidate(lamps, layers, estimates, place, paint, pair, asked):
     """A point of a lamp: the lamp, direction, path to it, and the light that it sends if nothing is in between."""
-    count = lamps.table.shape[0]
-    last = count if lamps.glow.chance > 0.0 else count - 1
-    k, u = 0, pair[0]
-    while k < last and u >= lamps.table[k, CHANCE]:
-        u -= lamps.table[k, CHANCE]
-        k += 1
-    if k == count:
-        chance, spot = 1.0, (min(u / lamps.glow.chance, 1.0 - 1e-16), pair[1])
+    k, chance, u = chosen_lamp(lamps, estimates, place.point, place.normal, pair[0])
+    if k < 0:
+        return k, place.normal, math.inf, 0.0
+    spot = u, pair[1]
+    if k == lamps.table.shape[0]:
         way, end, radiance, by_lamp = sample_glow(lamps.glow, place.point, spot)
     else:
-        chance = lamps.table[k, CHANCE]
-        spot = min(u / chance, 1.0 - 1e-16), pair[1]
         way, end, radiance, by_lamp = sample_lamp(lamps, k, place.point, place.normal, spot)
         if radiance > 0.0 and lamps.table[k, EVEN] == 0.0:
             radiance = radiance_of(lamps, k, place.point, way, end)
@@ -335,6 +347,7 @@ def scatter(scene, vertex, paths, hits, goes_on):
             power /= survives
         goes_on[i] = True
         start = _start(hits, i, way, gap_mm)
-        paths.power[i], paths.density[i], paths.cosine[i] = power, chance, lit[2]
+        paths.power[i], paths.density[i], paths.asked[i] = power, chance, _candidates(vertex, paint)
         for axis in range(3):
+            paths.normal[i, axis] = normal[axis]
             paths.origin[i, axis], paths.direction[i, axis] = start[axis], way[axis]

@@ -34,11 +34,11 @@ class Shapes(NamedTuple):
 class Glow(NamedTuple):
     """Triangles that shine by themselves, as one more lamp beside those of the table."""
 
-    chance: float  # probability with which they are asked for light, and not a lamp
+    estimate: float  # irradiance that they give in the middle of the scene, about; 0: none shines
     # (k,) int64, (k,) float64, triangles that shine, and cumulated probability of each
     triangle: np.ndarray
     cumulated: np.ndarray
-    # (t,), density with which a point of any triangle is asked, chance included; 0 where it does not shine
+    # (t,), density with which a point of any triangle is drawn; 0 where it does not shine
     per_mm2: np.ndarray
     # of all triangles
     shapes: Shapes
@@ -60,7 +60,7 @@ def first_above(cumulated, u):
 
 @inline
 def sample_glow(glow, origin, pair):
-    """A point of a triangle that shines: unit direction to it, path, radiance, and density with the chance [1/sr]."""
+    """A point of a triangle that shines: unit direction to it, path, radiance, and density [1/sr]."""
     k = first_above(glow.cumulated, pair[0])
     below = glow.cumulated[k - 1] if k > 0 else 0.0
     part = min(max((pair[0] - below) / (glow.cumulated[k] - below), 0.0), 1.0)
@@ -248,7 +248,7 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
 
 
 def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
-    """Triangles that shine by themselves, by area and emission, still without a chance; and the sum of the products."""
+    """Triangles that shine, by area and emission, without an estimate yet; with the sum of the products."""
     edge, next_edge = (shapes.corners[:, k] - shapes.corners[:, 0] for k in (1, 2))
     area = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
     power = area * _emission(materials)[shapes.material] if len(area) else area

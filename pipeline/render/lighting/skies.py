@@ -27,6 +27,7 @@ class Dome(NamedTuple):
     # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
     rows: np.ndarray
     columns: np.ndarray
+    mean: float  # of the picture over the sphere, in the light that the tables are for
 
 
 @inline
@@ -94,7 +95,7 @@ def sky_of(
     domes = [entry.lamp for entry in placed if entry.lamp["kind"] == "dome"]
     name = next((lamp["texture"] for lamp in domes if lamp["texture"]), None)
     if name is None:
-        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)))
+        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)), 1.0)
     picture = np.array(pictures[name], np.float32)
     texels, height = picture[..., :3].astype(float) @ raised, len(picture)
     rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
@@ -105,4 +106,5 @@ def sky_of(
     columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
     whole = columns[:, -1:]
     rows = np.concatenate([[0.0], np.cumsum(whole[:, 0])])
-    return Dome(picture, raised, rows / rows[-1], columns / whole)
+    mean = float((texels * sine).mean() / sine.mean())
+    return Dome(picture, raised, rows / rows[-1], columns / whole, mean)
