@@ -1,6 +1,9 @@
 """Sampling bounds: positions all over an array, and whether results depend on the bounds."""
 
+import dataclasses
+
 import numpy as np
+from laws.rigs import HEXAGON
 from tolerances import HONEST, ROUNDING_MM, SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
@@ -8,6 +11,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, bound, new_region
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
 
 
 def moments(tracer: Tracer, positions: np.ndarray, lens: np.ndarray, samples: int, first_pixel: int = 0) -> np.ndarray:
@@ -94,3 +98,15 @@ def assert_bounds_hold_behind_microlenses(tracer: Tracer) -> None:
         assert not np.any(passes & outside(sampling_region(tracer, position, row), points))
     assert seen > 100_000
     assert cut > 100
+
+
+RECTANGLE = {"half_widths_mm": (4.0, 2.5), "aperture_rotation_deg": 20.0}
+RING = {"inner_semi_diameter_mm": 2.0}
+SHAPES = {"hexagon": HEXAGON, "rectangle": RECTANGLE, "ring": RING, "triangle": {"blades": 3}}
+
+
+def with_shapes(camera: Camera, stop: dict[str, object], front: dict[str, object]) -> Camera:
+    lens = camera.prescription
+    surfaces = [dataclasses.replace(surface, **(stop if surface.is_stop else {})) for surface in lens.surfaces]
+    surfaces[0] = dataclasses.replace(surfaces[0], **front)
+    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))

@@ -11,31 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from laws.bounds import (
-    assert_bounds_hold,
-    assert_bounds_hold_behind_microlenses,
-    assert_independent_of_bounds,
-    plenoptic_positions,
-)
 from laws.rigs import HEXAGON, inside
 from laws.solving import truth_of
 from laws.surfaces import BENT, beam, oblique, traced, whole
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from shorter import few, few_cases
-from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, ROUNDING_MM, SIGMAS
+from shorter import few_cases
+from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, SIGMAS
 
 from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.focusing.focus_request import with_matched_stop
 from pipeline.camera.micro_images.centres import micro_images
-from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights, chief_slopes
-from pipeline.camera.pupil.outlines import DIRECTIONS, directions_of, grid_outlines
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outline_at
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
@@ -236,93 +229,6 @@ def test_a_point_without_a_chief_ray_is_an_error_with_its_place() -> None:
     lens = dataclasses.replace(rigs.tronnier(), groups=(Group(name="rear", first=7, count=4, tilt_deg=(80.0, 0.0)),))
     with pytest.raises(CameraError, match="reaches the centre of the aperture stop"):
         chief_slopes(towards_scene(lens), 5, film_points(3))
-
-
-# --- bounds
-
-
-@pytest.mark.parametrize("stop_semi_mm", few([8.0], 2.0, 17.1))
-def test_no_ray_outside_the_bounds_passes_a_displaced_conventional_camera(stop_semi_mm: float) -> None:
-    """Trial rays all over the rear surface, from points all over the sensor; bounds without their usual margin."""
-    camera, rng = rigs.displaced(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
-    positions = rng.uniform([-30, -22.5], [30, 22.5], (60, 2))
-    assert assert_bounds_hold(Tracer(camera, margin=0.0), positions, rng, 21.0, 40_000).sum() > 1000
-
-
-def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None:
-    assert_bounds_hold_behind_microlenses(Tracer(rigs.displaced(rigs.plenoptic()), margin=0.0))
-
-
-@pytest.mark.heavy
-def test_bounds_hold_for_all_points_within_reach_of_the_one_they_are_asked_for() -> None:
-    """What passes from p + a lies in the outline of p moved by drift a, for |a| up to 1.5 mm, at f/2 where vignetting
-    moves the edges of an outline apart; no margin."""
-    lens, slack = rigs.displaced(rigs.conventional(17.1)).prescription, 1.5
-    wide = grid_outlines(lens, (0.0, 0.0, -131.81), (24.0, 18.0), slack, 0.0)
-    rng, polygon, normal = np.random.default_rng(2), np.empty((64, 2)), directions_of(DIRECTIONS)
-    for point in rng.uniform([-22, -16], [22, 16], (25, 2)):
-        angle = rng.uniform(0, 2 * np.pi)
-        step = slack * np.array([np.cos(angle), np.sin(angle)])
-        count = outline_at(wide.step_mm, wide.vertices_mm, *point, polygon)
-        exact = grid_outlines(lens, (*(point + step).tolist(), -131.81), (1e-3, 1e-3), 0.0, 0.0)
-        needed = (exact.vertices_mm[1, 1] @ normal.T).max(axis=0) - normal @ step * wide.drift
-        assert np.all((polygon[:count] @ normal.T).max(axis=0) > needed - 1e-3)
-
-
-def test_a_narrow_beam_of_light_beyond_which_all_is_dark_is_bounded_up_to_its_end() -> None:
-    """A long tube before the stop: most of the sensor is dark, and the edge of the light lies between two nodes."""
-    tube = Surface(semi_diameter_mm=1.5, thickness_mm=60.0, decentre_mm=(1.0, 0.5))
-    stop = Surface(semi_diameter_mm=1.0, is_stop=True, thickness_mm=5.0)
-    lens = Prescription(surfaces=(tube, stop, Surface(semi_diameter_mm=6.0)))
-    camera = rigs.bare(lens, Sensor(width_px=200, height_px=150, pitch_mm=0.1), 50.0, (100.0, 200.0))
-    rng = np.random.default_rng(3)
-    passed = assert_bounds_hold(Tracer(camera), rng.uniform([-4, -3], [4, 3], (100, 2)), rng, 3.0, 10_000)
-    assert 10 < np.count_nonzero(passed) < 90
-
-
-@pytest.mark.parametrize("kind", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
-def test_results_of_a_displaced_lens_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
-    if kind == "plenoptic":
-        camera = rigs.displaced(rigs.plenoptic())
-        positions, lens = plenoptic_positions(Tracer(camera), 40)
-    else:
-        camera = rigs.displaced(rigs.conventional(17.1, 800, 600))
-        positions = np.array([[0.0, 0.0], [5.0, 1.0], [-3.0, 12.0], [18.0, -2.0], [-19.0, -14.0], [19.5, 14.5]])
-        lens = np.full(6, NO_MICROLENS)
-    assert_independent_of_bounds(camera, positions, lens, least_lit=6)
-
-
-@pytest.mark.parametrize(("rows", "columns"), [(3, 3), (4, 7), (9, 5)])
-def test_outlines_that_are_bilinear_over_a_grid_come_back_at_any_point_and_beyond_it_those_of_its_border(
-    rows: int, columns: int
-) -> None:
-    """Four nodes say all of a + b x + c y + d x y, whatever each coordinate of each vertex has for a, b, c and d."""
-    rng, step = np.random.default_rng(rows), 1.5
-    factors, polygon = rng.uniform(-1, 1, (4, DIRECTIONS, 2)), np.empty((64, 2))
-    half = np.array([columns - 1, rows - 1]) / 2 * step
-
-    def outline(x: float, y: float) -> np.ndarray:
-        return np.tensordot([1.0, x, y, x * y], factors, 1)
-
-    lines = [(np.arange(count) - (count - 1) / 2) * step for count in (rows, columns)]
-    grid = np.array([[outline(x, y) for x in lines[1]] for y in lines[0]])
-    for point in rng.uniform(-1.3 * half, 1.3 * half, (200, 2)):
-        assert outline_at(step, grid, *point, polygon) == DIRECTIONS
-        np.testing.assert_allclose(polygon[:DIRECTIONS], outline(*np.clip(point, -half, half)), 0, ROUNDING_MM)
-
-
-def test_an_outline_is_widened_about_its_own_middle_wherever_that_lies() -> None:
-    """A lens that is shifted as a whole has the outlines of the lens, shifted: the margin knows no axis.
-
-    Edges are found by 16 bisections of 60 mm, to 0.9 µm, and second differences of four of them widen an outline.
-    """
-    camera, shift, normal, found = rigs.conventional(8.0), np.array([9.0, 4.0]), directions_of(DIRECTIONS), []
-    for at in (np.zeros(2), shift):
-        lens = whole(camera.prescription, decentre_mm=tuple(TURN[:2, :2] @ at))
-        polygons = grid_outlines(lens, (*at.tolist(), -131.81), (6.0, 4.0), 0.0, 0.1).vertices_mm
-        found.append((polygons @ normal.T).max(axis=2))
-    assert np.ptp(found[0]) > 3
-    np.testing.assert_allclose(found[1], found[0] + normal @ shift, rtol=0, atol=5 * 0.9e-3)
 
 
 # --- what a camera makes of it
