@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# One process more than cores, because some tests wait for what they start; each needs 20 s to load what tests share.
-WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
+# Each process needs 20 s to load what tests share. Proofs have one more than cores: they wait for programs that they start.
+WORKERS = $(shell $(PYTHON) -c 'import os; print(min(os.cpu_count() or 1, 4))')
+proofs referees: WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 # Which tests make a run long.
 PYTEST = $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal --durations=15 --durations-min=2
 # pytest keeps the tests that it has rewritten, also where the user wants no byte code: each process would rewrite them all.

@@ -13,7 +13,7 @@ from laws.solving import rig_of
 from naive import polar, textbook
 from naive.kinds import KINDS, PIXELS, camera_with
 from published.library import prescription
-from shorter import one_in
+from shorter import few, one_in
 from tolerances import QUADRATURE_MM, SIGMAS
 
 import pipeline
@@ -304,7 +304,7 @@ def test_rows_at_the_edge_of_the_light_keep_claim_and_sigma(name: str, count: in
     assert np.all(apart <= 3 * np.hypot(*rows.sigma_px.T) + doubt + HALVED_PX)
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(100, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("count", few([10], 100))
 def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors(count: int) -> None:
     """There J bends: a difference over half a pixel is no derivative of it, and was wrong by a factor of five."""
     camera = pipeline.ready(random_camera(np.random.default_rng(6)))

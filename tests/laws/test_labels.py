@@ -78,7 +78,7 @@ def slopes(rig: Rig) -> np.ndarray:
     return -rig.tracer.positions_mm(x.ravel(), y.ravel()).reshape(*x.shape, 2) / z_mm
 
 
-@pytest.mark.parametrize("camera", [pinhole(), model(rigs.conventional(), "thinLens"), rigs.plenoptic(extent_mm=3.0)])
+@pytest.mark.parametrize("camera", [pinhole(8), model(rigs.conventional(height_px=8), "thinLens"), rigs.plenoptic(3.0)])
 def test_a_plane_across_the_axis_has_one_depth_through_any_lens(camera):
     seen = labelled(camera, occluders=[(plate(434.4), np.eye(4))])
     lit = seen["A"] > 0
@@ -109,7 +109,7 @@ def test_a_tilted_plane_before_a_pinhole():
 
 def test_position_and_normal_are_in_the_world():
     world_from_vision = rigid(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([10.0, 20.0, 30.0]))
-    seen = labelled(pinhole(), occluders=[(plate(434.4), np.eye(4))], pose=world_from_vision)
+    seen = labelled(pinhole(8), occluders=[(plate(434.4), np.eye(4))], pose=world_from_vision)
     np.testing.assert_allclose(seen["P.X"], 444.4, rtol=0, atol=SINGLE_MM)
     np.testing.assert_allclose(seen["N.X"], -1.0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(seen["P.Y"] - 20.0, 434.4 * slopes(seen.rig)[..., 0], rtol=0, atol=OF_SAMPLES * 0.4)
@@ -254,7 +254,7 @@ def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
     assert stays.sum() > 100
     np.testing.assert_allclose(seen["flow.X"][stays], x[stays], rtol=0, atol=0.02)
     for then in (None, (other, still)):
-        assert np.isnan(labelled(pinhole(), occluders=[(here, still)], later=Later([], [then]))["flow.X"]).all()
+        assert np.isnan(labelled(pinhole(8), occluders=[(here, still)], later=Later([], [then]))["flow.X"]).all()
 
 
 def test_bands_of_rows_are_rows_of_the_whole():
@@ -275,7 +275,7 @@ def test_light_passes_a_veil_by_chance_and_a_hole_for_certain(threshold, share):
     meshes = [(mesh, np.eye(4)) for mesh, _ in things]
     ids = np.array([id_of("veil"), id_of("wall")], np.float32)
     asked = Asked(("depth",), (), {"Crypto": ids})
-    (values,) = labels_of(Band.of(rig_of(camera), (30, 40)), 1024, [(Things([], meshes, lit=lit), asked)])
+    (values,) = labels_of(Band.of(rig_of(camera), (30, 33)), 1024, [(Things([], meshes, lit=lit), asked)])
     seen = dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True))
     of_veil = sum((seen[f"Crypto00.{a}"] == id_of("veil")) * seen[f"Crypto00.{b}"] for a, b in ("RG", "BA"))
     np.testing.assert_allclose(of_veil, share, atol=0.02)

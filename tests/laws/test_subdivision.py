@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
+from shorter import few_cases
 
 from pipeline.targets import solids
 from pipeline.targets.mesh import _distances
@@ -151,8 +152,7 @@ def test_half_a_level_of_sharpness_is_the_mean_of_a_sharp_and_a_smooth_rule():
     assert np.abs(points[2] - points[0]).max() > 0.3
 
 
-@pytest.mark.parametrize("sharp", [0.0, 1.5])
-@pytest.mark.parametrize("tolerance", [0.03, 0.003])
+@pytest.mark.parametrize(("sharp", "tolerance"), few_cases([(0.0, 0.003), (1.5, 0.03)], (0.0, 0.03), (1.5, 0.003)))
 def test_triangles_are_as_near_to_the_limit_as_asked(sharp: float, tolerance: float):
     ring, points = cube(sharp)
     levels = Levels(ring, CATMULL_CLARK)
