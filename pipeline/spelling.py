@@ -1,11 +1,14 @@
 """Words of messages: suggestions for misspelt names, texts without control characters, and sets of numbers."""
 
+import operator
 import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
 _LONGEST = 200
 """Longest name that is compared: the time grows with the square of the length."""
+_ALIKE = 0.75
+"""Least share of letters that two similar names have in common, in order [1]: a slip in four letters."""
 _RUNS = 12
 """Number of runs in a text: about a line of a terminal."""
 
@@ -14,19 +17,15 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     """The choice most similar to a name, or None if none is similar.
 
     A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the
-    namespaces that both share may need one edit in three letters, at least one: `plen:image:bits` is not near
-    `plen:image:fNumbers`.
+    namespaces that both share counts: `plen:image:bits` is not near `plen:image:fNumbers`.
     """
     choices = sorted(set(choices))
     if within := [choice for choice in choices if choice.endswith((f":{name}", f"/{name}"))]:
         return within[0]
-    if len(name) > _LONGEST:
-        return None
-    counted = [(_edits(*_tails(name, choice)), choice) for choice in choices if len(choice) <= _LONGEST]
-    near = [
-        (edits, -SequenceMatcher(None, name, choice).ratio(), choice) for edits, choice in counted if edits is not None
-    ]
-    return min(near)[2] if near else None
+    short = [choice for choice in choices if max(len(choice), len(name)) <= _LONGEST]
+    alike = [(SequenceMatcher(None, *_tails(name, choice)).ratio(), choice) for choice in short]
+    likeness, best = max(alike, key=operator.itemgetter(0), default=(0.0, None))
+    return best if likeness >= _ALIKE else None
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
@@ -65,22 +64,3 @@ def _tails(name: str, choice: str) -> tuple[str, str]:
     while len(ours) > 1 and len(theirs) > 1 and ours[0] == theirs[0]:
         ours, theirs = ours[1:], theirs[1:]
     return "".join(ours).casefold(), "".join(theirs).casefold()
-
-
-def _edits(a: str, b: str) -> int | None:
-    """Number of letters to insert, remove, replace or swap with the next one to turn `a` into `b`; None if too many."""
-    most = max(1, max(len(a), len(b)) // 3)
-    if abs(len(a) - len(b)) > most:
-        return None
-    before: list[int] = []
-    row = list(range(len(b) + 1))
-    for i, letter in enumerate(a, 1):
-        last, row, before_last = row, [i], before
-        for j, other in enumerate(b, 1):
-            row.append(min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (letter != other)))
-            if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
-                row[j] = min(row[j], before_last[j - 2] + 1)
-        if min(row) > most and min(last) > most:
-            return None  # the number can only grow from here
-        before = last
-    return row[-1] if row[-1] <= most else None
