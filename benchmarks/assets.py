@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from PIL import Image, ImageDraw
-from pxr import Ar, Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Ar, Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils
 
 import pipeline
 from pipeline.scene.load import load
@@ -23,6 +23,8 @@ _SCENE = Path(__file__).with_suffix(".usda")
 _ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 _SIZE_MM, _PLACE_MM = 30.0, (20.0, 0.0, -440.0)
 """Largest extent of an asset, and its place: the camera sees 90 x 56 mm there."""
+_FRAME = 1.0
+"""Time code of the picture."""
 _TILE, _TEXT, _COLUMNS = (240, 150), 14, 6
 """Size of a picture of the sheet and height of the line below it [px], and pictures in a row."""
 _QUALITY = 75
@@ -46,7 +48,8 @@ def write_stage(file: Path, path: Path) -> float:
     asset.SetEditTarget(asset.GetSessionLayer())
     tops = [prim for prim in asset.GetPseudoRoot().GetChildren() if prim.IsDefined() and not prim.IsAbstract()]
     tops = [asset.GetDefaultPrim()] if asset.GetDefaultPrim() else tops
-    cache = UsdGeom.BBoxCache(Usd.TimeCode(1.0), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
+    UsdSkel.BakeSkinning(asset.Traverse(), Gf.Interval(_FRAME))
+    cache = UsdGeom.BBoxCache(Usd.TimeCode(_FRAME), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
     for extent in (prim.GetAttribute("extent") for prim in asset.TraverseAll()):
         if extent and extent.HasAuthoredValue():  # some are wrong
             extent.Block()

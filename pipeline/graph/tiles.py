@@ -2,7 +2,8 @@
 
 Neither machine nor workers count, so that keys and bytes are the same everywhere. A tile takes about a second, because
 every task first makes its camera ready: 0.1 s, and a second behind 20,000 microlenses. For such cameras tiles grow: no
-kind has more than so many. Work that is one tile has no tasks for it; the task that would join tiles does it itself.
+kind has more than so many. Work that is one tile has no task of its own: the task that would join tiles does it itself,
+except that labels have a task of each tile, however few.
 """
 
 import math

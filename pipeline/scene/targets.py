@@ -160,6 +160,8 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
             message, hint = "the mesh is dark all over: its images are black", "write a plen:white and colours above 0"
             yield problem(white, "no-contrast", message, hint=hint, severity="warning")
         yield from _check_on_mesh(prim, record)
+        if mesh:
+            yield from _check_scheme(mesh)
     elif record.pattern.white == record.pattern.black:
         message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
         yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
@@ -207,6 +209,16 @@ def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
         yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
     elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):
         yield problem(relationship, "not-yet-supported", f"<{mesh.GetPath()}> is animated, and targets are rigid")
+
+
+def _check_scheme(mesh: Usd.Prim) -> Iterator[Problem]:
+    """A warning of a mesh that other programs round off: a target is its polygons, on which its points lie."""
+    attribute = UsdGeom.Mesh(mesh).GetSubdivisionSchemeAttr()
+    if (scheme := attribute.Get()) in (UsdGeom.Tokens.catmullClark, UsdGeom.Tokens.loop):
+        by = "" if attribute.HasAuthoredValue() else ", USD's fallback"
+        message = f"<{mesh.GetPath()}> asks for {scheme} subdivision{by}; a target is its polygons as they stand"
+        hint = 'write uniform token subdivisionScheme = "none", or the subdivided mesh'
+        yield problem(attribute if not by else mesh, "not-drawn", message, hint=hint, severity="warning")
 
 
 def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:

@@ -245,6 +245,22 @@ def test_instances_have_a_limit_and_wrong_ones_a_warning(tmp_path, monkeypatch):
     assert error.code == "over-limit" and "instances=4" in error.hint
 
 
+def test_an_edit_of_an_instancer_whose_instances_are_written_out_has_a_warning(tmp_path):
+    """In the dataset.usda of a build instances are there already: without an edit they are those of the instancer."""
+    built = tmp_path / "dataset.usda"
+    built.write_text(load(scene(tmp_path, MANY, 2)).flattened, encoding="utf-8")
+    assert load(built).problems == []
+    text = built.read_text(encoding="utf-8")
+    for old, new in [
+        ("(0, 0, 5), (1, 0, 5)", "(0, 0, 5), (1.5, 0, 5)"),
+        ("(2, 1, 1)", "(2, 1, 2)"),
+    ]:
+        assert text.count(old) == 1
+        built.write_text(text.replace(old, new), encoding="utf-8")
+        (warning,) = load(built).problems
+        assert (warning.code, warning.at) == ("not-drawn", "/Scene/Things/Many")
+
+
 ARM = """
         def SkelRoot "Hero" (
             prepend apiSchemas = ["SkelBindingAPI"]

@@ -185,7 +185,8 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
     fitting = [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)] if missing else []
     for path in missing[:_TARGETS_NAMED]:
-        there = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if wanted and fitting else None
+        is_telling = wanted not in (None, "Imageable") and fitting  # nearly all prims are imageable
+        there = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if is_telling else None
         hint = did_you_mean(str(path), fitting) or there
         message = f'"{name}" points at <{path}>, which does not exist'
         yield problem(relationship, "missing-target", message, hint=hint)

@@ -12,6 +12,8 @@ from pipeline.scene.usd.values import plain
 
 _INSTANCE = "Instance_"
 """Beginning of the names of prims that stand for an instance, below its point instancer."""
+_SAME = 1e-9
+"""Difference of elements of transforms that are the same [unit of the stage]: both are doubles, written out in full."""
 _WEIGHTS = ("translations", "rotations", "scales", "blendShapeWeights")
 
 
@@ -25,13 +27,14 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     while waiting := [prim for prim in _instancers(stage) if prim.GetPath() not in done]:
         prim = waiting[0]
         done.add(prim.GetPath())
-        if _is_written_out(prim):
-            continue  # the dataset.usda of a build has the instances already
         try:
             instances = _instances(UsdGeom.PointInstancer(prim), frames)
         except (Tf.ErrorException, ValueError, IndexError):
             message = f"<{prim.GetPath()}> is not drawn: its prototypes, protoIndices and arrays of values do not fit"
             problems.append(problem(prim, "not-drawn", message, severity="warning"))
+            continue
+        if _is_written_out(prim):  # the dataset.usda of a build has the instances already
+            problems += _check_written(prim, instances)
             continue
         count += len(instances)
         if over := over_limit(prim, "instances", count, f"{count:,} instances of point instancers"):
@@ -59,6 +62,20 @@ def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 def _is_written_out(prim: Usd.Prim) -> bool:
     return any(child.GetName().startswith(_INSTANCE) for child in prim.GetChildren())
+
+
+def _check_written(prim: Usd.Prim, instances: "list[_Instance]") -> Iterator[Problem]:
+    """A warning if the instances below a point instancer are not those that it places: one of both was edited."""
+    written = {child.GetName(): child for child in prim.GetChildren() if child.GetName().startswith(_INSTANCE)}
+    placed = {f"{_INSTANCE}{number}": instance.poses for number, instance in enumerate(instances)}
+    if written.keys() != placed.keys() or any(
+        not Gf.IsClose(UsdGeom.Xformable(written[name]).GetLocalTransformation(frame), pose, _SAME)
+        for name, poses in placed.items()
+        for frame, pose in poses.items()
+    ):
+        message = f"<{prim.GetPath()}> places other instances than are written out below it, and these alone count"
+        hint = f"edit the prims {_INSTANCE}0 and so on, or remove them all, and it is written out anew"
+        yield problem(prim, "not-drawn", message, hint=hint, severity="warning")
 
 
 class _Instance:
