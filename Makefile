@@ -89,6 +89,9 @@ picture: $(STAMP)
 		$(patsubst %,build/04_stereo_colour/frames/0002/%.Camera,Left Right) --window 130 120 300 260
 	$(BIN)/pipeline build examples/05_scene/dataset.usda
 	$(BIN)/python examples/05_scene/draw.py
+	$(BIN)/python docs/picture.py examples/07_rolling_shutter/picture.png \
+		build/07_rolling_shutter/frames/0001/Instant.Camera build/07_rolling_shutter/frames/0001/Rolling.Camera \
+		build/07_rolling_shutter/frames/0001/Exposed.Camera --window 60 60 560 360 --zoom 1
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

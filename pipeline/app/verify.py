@@ -36,13 +36,13 @@ from pipeline.files.tiff import read_tiff
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
 from pipeline.targets.target import target_from_plain
-from pipeline.tasks.artefacts.surroundings import surroundings_of
+from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
 from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging import sample
-from pipeline.truth.visibility import visibility
+from pipeline.truth.visibility import PointBundles
 
 _STAGE = "dataset.usda"
 _STREAM = 0x7E51
@@ -269,13 +269,15 @@ def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed:
     drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for _, table in tables), bool), seed)
     for frame, table in tables:
         targets = frame.view.targets
-        surroundings = surroundings_of(targets, frame.view.occluders)
+        height_px, shutter = rig.tracer.camera.sensor.height_px, frame.truth.shutter
+        in_time = SurroundingsInTime.of(frame.view, shutter, height_px)
         names = np.array(table.columns["target"], str)
-        for number, of_target in enumerate(rows_of(rig, targets, table)):
+        for number, of_target in enumerate(rows_of(rig, targets, table, shutter)):
             here = drawn[(drawn >= first) & (drawn < first + len(of_target.cell))] - first
             first, rows = first + len(of_target.cell), of_target.only(here)
             stated = table.numbers("visibility")[names == targets[number].name][here]
-            share, _ = visibility(rig, surroundings, number, rig.microlens(rows.cell), rows.x_px, rows.planes)
+            bundles = PointBundles(rig.microlens(rows.cell), rows.x_px, rows.pairs.planes[:, 0, 0])
+            share = in_time.visibility(rig, number, bundles)
             wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"

@@ -13,6 +13,7 @@ from pipeline.frames import apply, inverse
 from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
 from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
+from pipeline.motion import Shutter
 from pipeline.render.lighting.records import Material
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.params import cameras, frames, labels
@@ -78,6 +79,8 @@ class FrameTasks:
     ) -> None:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
+        # Instants are those of images alone.
+        self._lines = entry.shutter and replace(entry.shutter, instants=1)
         self._table = frames.TruthTable(
             frame=0,
             camera=entry.name,
@@ -87,6 +90,7 @@ class FrameTasks:
             seed=entry.sampling.seed,
             samples=entry.sampling.samples if entry.truth.searches else None,
             channel=channel_label(entry),
+            shutter=self._lines,
         )
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
@@ -101,7 +105,7 @@ class FrameTasks:
         """Add the tasks of a frame."""
         name, folder = f"{self.entry.full_name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.folder}"
         poses = target_poses(self.dataset, frame, self.entry.name)
-        image = self._add_image(name, self._painted(frame, poses))
+        image = self._add_image(name, self._painted(frame, poses), self.entry.shutter if self._moves(frame) else None)
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
@@ -114,21 +118,28 @@ class FrameTasks:
             claim_px=self.entry.truth.claim_px,
             square_px=self.entry.square_px,
             seed=self.entry.sampling.seed,
+            shutter=self._lines,
         )
         truths = {
             f"frame{n}": f"truth/{self.entry.full_name}/{n:04d}" for n in (frame.number for frame in self._judged)
         }
         return add(self.graph, f"certificate/{self.entry.full_name}", params, {**self._reads, **truths})
 
-    def _add_image(self, name: str, view: frames.PaintedView) -> str:
+    def _moves(self, frame: Frame) -> bool:
+        """Whether anything moves before the camera while its shutter is open; else its images are those of a still."""
+        motions = frame.motions.get(self.entry.name)
+        return motions is not None and bool(motions.targets or motions.things)
+
+    def _add_image(self, name: str, view: frames.PaintedView, shutter: Shutter | None) -> str:
         if self.entry.image_noise is not None:
             return self._add_image_in_passes(name, view, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
-        parts = [frames.Image(exposure=exposure, view=view, rows=rows) for rows in self._bands]
+        parts = [frames.Image(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
         tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
-        params = frames.Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
+        still = {"view": None} if tiles else {"view": view, "shutter": shutter}
+        params = frames.Image(exposure=exposure, tiles=len(tiles), **still)
         reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
@@ -145,7 +156,7 @@ class FrameTasks:
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> frames.PaintedView:
         lighting = self.painted.lighting(frame, self.entry.name, self.entry.bounces)
         return frames.PaintedView(
-            targets=self.painted.targets(poses, named=False),
+            targets=self.painted.targets(poses, frame.motions.get(self.entry.name), named=False),
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
             lighting=lighting,
@@ -154,11 +165,12 @@ class FrameTasks:
         )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
-        targets = self.bare.targets(poses)
+        motions = frame.motions.get(self.entry.name)
+        targets = self.bare.targets(poses, motions)
         self._judged.append(frames.JudgedFrame(number=frame.number, targets=targets))
         # Only the saddle of a blurred corner depends on colours.
         if "saddle" in self.entry.truth.column_sets:
-            targets = self.painted.targets(poses)
+            targets = self.painted.targets(poses, motions)
         view = frames.PlacedView(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
         table = replace(self._table, frame=frame.number)
         reads = dict(self._reads)

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.records.plain import Shared, to_plain
 from pipeline.render.lighting.records import Lighting, PlacedLamp
-from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+from pipeline.scene.dataset import Dataset, Frame, Motions, TargetEntry
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import Target, bare, plain_from_target
@@ -41,20 +41,28 @@ class Things:
             for e in dataset.occluders
         }
 
-    def targets(self, poses: dict[str, np.ndarray], *, named: bool = True) -> tuple[PlacedTarget, ...]:
-        """All targets, posed as `target_poses` says."""
+    def targets(
+        self, poses: dict[str, np.ndarray], motions: Motions | None = None, *, named: bool = True
+    ) -> tuple[PlacedTarget, ...]:
+        """All targets, posed as `target_poses` says; with their motions before a camera whose shutter is open."""
         return tuple(
-            PlacedTarget(name=name if named else "", target=target, vision_from_target=matrix(poses[name]))
+            PlacedTarget(
+                name=name if named else "",
+                target=target,
+                vision_from_target=matrix(poses[name]),
+                motion=motions.targets.get(name) if motions else None,
+            )
             for name, target in self._targets.items()
         )
 
     def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
         """The visible occluders of a frame."""
-        vision = np.array(frame.camera_from_world[camera])
+        vision, motions = np.array(frame.camera_from_world[camera]), frame.motions.get(camera)
         return tuple(
             PlacedOccluder(
                 occluder=self._occluders[id(entry)],
                 vision_from_occluder=matrix(vision @ frame.world_from_occluder[entry.prim_path]),
+                motion=motions.things.get(entry.prim_path) if motions else None,
             )
             for entry in self._occluders_in(frame)
         )
@@ -63,9 +71,13 @@ class Things:
         """The lamps that shine in a frame, and what everything is made of; None if nothing lights the dataset."""
         if not self._lamps and not self._finishes:
             return None
-        vision = np.array(frame.camera_from_world[camera])
+        vision, motions = np.array(frame.camera_from_world[camera]), frame.motions.get(camera)
         lamps = [
-            PlacedLamp(lamp=lamp, vision_from_lamp=matrix(vision @ frame.world_from_lamp[path]))
+            PlacedLamp(
+                lamp=lamp,
+                vision_from_lamp=matrix(vision @ frame.world_from_lamp[path]),
+                motion=motions.things.get(path) if motions else None,
+            )
             for path, lamp in self._lamps.items()
             if path in frame.world_from_lamp
         ]

@@ -26,6 +26,7 @@ from pipeline.scene.sensor import (
     read_response,
     read_sensor,
 )
+from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import need, read, read_once, target, target_paths
@@ -91,6 +92,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         colorimetry=read_colorimetry(sensor, illuminant_of(prim)),
         response=read_response(sensor) if has_response(sensor) else None,
         irradiation=read_irradiation(prim),
+        shutter=read_shutter(prim),
         file=file,
         line=line,
     )
@@ -140,6 +142,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "several-targets", message)
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
+    yield from check_shutter(camera)
     contradictions = list(_check_request(camera))
     yield from contradictions
     lens = target(camera, "plen:camera:lens", "PlenLens")

@@ -12,6 +12,7 @@ from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
 from pipeline.formats import EXACT
+from pipeline.motion import Motion, Shutter
 from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.colours import Colorimetry
@@ -68,6 +69,7 @@ class CameraEntry:
     colorimetry: tuple[Colorimetry, ...] = ()
     response: SensorResponse | None = None  #: from photons to digital numbers; None where the stage states none
     irradiation: Irradiation | None = None  #: light of each frame; None: there are no raw images
+    shutter: Shutter | None = None  #: when its lines are exposed; None: a frame is an instant
     file: str | None = field(default=None, compare=False)  #: of its definition, for messages
     line: int | None = field(default=None, compare=False)  #: of its definition, for messages
 
@@ -173,9 +175,19 @@ class PictureEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Motions:
+    """Motions before a camera while its shutter is open, in its vision frame: of targets by name, and of occluders and
+    lamps by prim path; what does not move has none.
+    """
+
+    targets: dict[str, Motion]
+    things: dict[str, Motion]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """Poses at one integer time code: of cameras (vision frame) and targets by name, of visible occluders (any affine
-    transform of the frame of the mesh) and visible lamps by prim path.
+    transform of the frame of the mesh) and visible lamps by prim path; and motions, by name of cameras with a shutter.
     """
 
     number: int
@@ -183,6 +195,7 @@ class Frame:
     world_from_target: dict[str, Matrix]
     world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
     world_from_lamp: dict[str, Matrix] = field(default_factory=dict)
+    motions: dict[str, Motions] = field(default_factory=dict)
 
     def vision_from_target(self, camera: str, target: str) -> np.ndarray:
         """Pose of a target in a camera's vision frame, (4, 4) [mm]."""

@@ -11,11 +11,12 @@ from pxr import Sdf, Usd, UsdGeom
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.channels import images_of
-from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix
+from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix, Motions
 from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entries
 from pipeline.scene.pictures import read_pictures
+from pipeline.scene.shutters import check_motions, motions_before, read_shutter
 from pipeline.scene.targets import is_preview, read_target_entry
 from pipeline.scene.usd.meshes import is_drawn
 from pipeline.scene.usd.poses import (
@@ -102,6 +103,16 @@ def _read_frames(
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
     lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
+    shutters = {prim: read_shutter(prim) for prim in cameras}
+    things = {**dict.fromkeys(seen_meshes(root), world_from), **dict.fromkeys(lamps, world_from_lamp)}
+
+    def moving(number: int) -> dict[str, Motions]:
+        return {
+            camera_name(prim, root): motions_before(prim, shutter, boards, things, number, scale_mm)
+            for prim, shutter in shutters.items()
+            if shutter is not None
+        }
+
     return tuple(
         Frame(
             number=number,
@@ -109,6 +120,7 @@ def _read_frames(
             world_from_target={name: matrices[index] for name, matrices in world.items()},
             world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
             world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),
+            motions=sources.reading("poses/motions", moving, number),
         )
         for index, number in enumerate(numbers)
     )
@@ -138,6 +150,11 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if not prim.GetPath().HasPrefix(root.GetPath()):
             message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
             yield problem(prim, "outside-dataset", message)
+    yield from check_motions(
+        root,
+        [camera for camera in cameras if camera.GetPath() not in wrong],
+        targets(root, "plen:targets", "PlenTarget"),
+    )
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
     yield from check_occluders(root, wrong)

@@ -11,12 +11,14 @@ import numpy as np
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.tables import Table, read_table
+from pipeline.motion import Shutter
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
+from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.params.frames import Certificate, PlacedTarget
 from pipeline.truth.judging import ROWS, Rows, certify, rows_of_build
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes
 
 _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""
@@ -29,7 +31,7 @@ def run(params: Certificate, inputs: Inputs, out: Path) -> None:
     ]
     rig = rig_of(inputs, params.seed ^ _STREAM, params.square_px)
     of = sum(len(table.columns["x_px"]) for _, table in tables)
-    verdict = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of))
+    verdict = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of), params.shutter)
     write_json(out / "certificate.json", verdict)
     numbers = [frame.number for frame in params.frames]
     write_json(out / "points.json", points_seen(numbers, tables))
@@ -58,13 +60,15 @@ def certificate(
     claim_px: float | None,
     seed: int,
     rows: int = ROWS,
+    shutter: Shutter | None = None,
 ) -> Json:
     """Draw a sample of rows from the tables of all frames, solve it again, and state the differences."""
-    all_rows = Rows.joined([part for targets, table in tables for part in rows_of(rig, targets, table)])
+    all_rows = Rows.joined([part for targets, table in tables for part in rows_of(rig, targets, table, shutter)])
     return certify(rig, all_rows.drawn(seed, rows), len(all_rows.cell), claim_px)
 
 
-def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[Rows]:
+def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Shutter | None = None) -> list[Rows]:
+    """Rows of each target of a table, whose planes are those of the row's own time."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
     x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
@@ -74,9 +78,12 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[Row
     for entry in targets:
         target, pose = placed_target(entry)
         points = target.points()
-        planes = tangent_planes(pose, points.position_mm, points.plane_axes)
         here = names == entry.name
-        parts.append(Rows(planes[point[here]], cell[here], x[here], is_direct[here]))
+        posed = PosedPoints(entry.name, points, pose)
+        planes: Planes = StillPlanes(posed.planes)
+        if entry.motion and shutter:
+            planes = MovingPlanes(posed.of_target, entry.motion, shutter, rig.tracer.camera.sensor.height_px)
+        parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
 
 

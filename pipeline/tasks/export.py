@@ -42,8 +42,9 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
     def before(frame: int, camera: str, only: str | None) -> Surroundings:
         view = views[frame, camera]
         if only is not None:
-            return surroundings_of([target for target in view.targets if target.name == only], ())
-        return surroundings_of(view.targets, view.occluders)
+            some = tuple(target for target in view.targets if target.name == only)
+            view = replace(view, targets=some, occluders=())
+        return surroundings_of(view)
 
     material = gather(output_of(parts), sight, lambda: SeenScene(before), params.position)
     material = replace(material, frames=params.numbers)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import read_json, write_json
@@ -23,16 +24,18 @@ from pipeline.jit.work import work
 from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.pixel_rays import Batch, joined, noise_of, standard_error
+from pipeline.render.pixel_rays import Batch, Rows, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, stacked, tracer_alone
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
 from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
 from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
 
 WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
 MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
+Scene = TargetLight | GlowingView | LitView
+"""A view as the rooms of light take it."""
 
 
 class SoFar(NamedTuple):
@@ -185,11 +188,41 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     """The same rows of several frames, (frames, h, w) float64."""
     exposure, rows = images[0].exposure, images[0].rows
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
-    scenes = [scene_of(image.view, inputs) for image in images]
-    return imaging.pictures_in_lights(imaged_rig(inputs, exposure), exposure.samples, scenes, white, rows)
+    rig = imaged_rig(inputs, exposure)
+
+    def rendered(scenes: list[Scene], some: Rows) -> np.ndarray:
+        first = rows[0] if rows else 0
+        return imaging.pictures_in_lights(
+            rig, exposure.samples, scenes, white[:, some[0] - first : some[1] - first], some
+        )
+
+    rows_px = rows or (0, rig.tracer.camera.sensor.height_px)
+    if images[0].shutter is None:
+        return rendered([scene_of(image.view, inputs) for image in images], rows_px)
+    return np.stack([exposed(image, inputs, rig, rows_px, rendered) for image in images])
 
 
-def scene_of(view: PaintedView | None, inputs: Inputs) -> TargetLight | GlowingView | LitView:
+def exposed(
+    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows], np.ndarray]
+) -> np.ndarray:
+    """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
+
+    `rendered` returns images of rows of scenes that share their rays: instants do, and lines exposed together.
+    """
+    shutter, view, height_px = image.shutter, image.view, rig.tracer.camera.sensor.height_px
+    assert shutter is not None and view is not None
+    count = shutter.instants if shutter.exposure_s else 1
+    after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    together = [rows] if shutter.scan_order == "none" else [(line, line + 1) for line in range(*rows)]
+    parts = []
+    for some in together:
+        opens_s = shutter.opens_at_s(np.array([float(some[0])]), height_px)[0]
+        scenes = [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()]
+        parts.append(rendered(scenes, some).mean(axis=0))
+    return np.concatenate(parts, axis=-2)
+
+
+def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
     """The view as the rooms of light take it."""
     assert view is not None  # tiles, passes and images without them have one
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))

@@ -16,19 +16,27 @@ from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
-from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
-from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
+from pipeline.tasks.artefacts.surroundings import SurroundingsInTime, placed_target
+from pipeline.tasks.artefacts.truth_table import (
+    PosedPoints,
+    TargetNote,
+    column_order,
+    columns_of,
+    header_of,
+    time_columns,
+)
 from pipeline.tasks.params.frames import Truth
 from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
 from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
-from pipeline.truth.planes import faces_camera, plane_name
+from pipeline.truth.moving import solve_moving
+from pipeline.truth.planes import MovingPlanes, StillPlanes, faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.visibility import seen
+from pipeline.truth.visibility import PointBundles, seen
 
 ROWS, NOTES = "rows.csv", "notes.json"
 """Files that tiles write."""
@@ -117,7 +125,8 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
-    surroundings = surroundings_of(entries, view.occluders)
+    height_px = rig.tracer.camera.sensor.height_px
+    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, height_px)
     for number, entry in enumerate(entries):
         name = entry.name
         if params.points is not None and name not in params.points:
@@ -129,13 +138,23 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         image_of = by_two_planes(settings.method)
         if positions is not None:
             image_of = functools.partial(_traced, positions, name, len(points.frames))
-        truth = correspondences(rig, rays, settings, posed, image_of, some)
+        moving = None
+        if entry.motion is None or table.shutter is None:
+            truth = correspondences(rig, rays, settings, posed, image_of, some)
+        else:
+            moving = MovingPlanes(posed.of_target, entry.motion, table.shutter, height_px)
+            truth = solve_moving(rig, moving, some, settings.aim_px, settings.min_hit_fraction)
         if truth is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
         planes, sets = posed.planes, []
-        truth, visibility = seen(rig, surroundings, number, truth, planes)
-        rows = columns_of(table, posed, rig, truth, visibility)
+        solutions = truth.solutions
+        on = (moving or StillPlanes(planes)).middle(solutions.point, solutions.xy_px)
+        bundles = PointBundles(rig.microlens(solutions.cell), solutions.xy_px, on)
+        truth, share = seen(truth, in_time.visibility(rig, number, bundles))
+        rows = columns_of(table, posed, rig, truth, share)
+        if table.shutter is not None:
+            rows |= time_columns(rig, table.shutter, truth.solutions, moving)
         for extra in settings.column_sets:
             positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))

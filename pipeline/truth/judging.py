@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.integrals import Bundles, pooled, random_integrals
+from pipeline.camera.integrals import Bundles, Integral, pooled, random_integrals
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.records.shapes import Bool, Float64, Int64
-from pipeline.truth.direct.newton import Search, errors_px
+from pipeline.truth.direct.newton import Search, errors_px, mean_hit, over_exposure
+from pipeline.truth.planes import Pairs
 from pipeline.truth.settings import CLAIM_PX
 
 ROWS = 64
@@ -42,7 +43,7 @@ _BATCHES = 6
 class Rows:
     """Rows of a table that are to be judged."""
 
-    planes: Float64[np.ndarray, "n 4 3"]  # tangent planes at their target points
+    pairs: Pairs  # tangent planes at their target points
     cell: Int64[np.ndarray, "n"]  # index of their microlens; 0 for a conventional camera
     x_px: Float64[np.ndarray, "n 2"]
     is_direct: Bool[np.ndarray, "n"]  # whether they were found by quadrature
@@ -50,7 +51,7 @@ class Rows:
     stands_for: Float64[np.ndarray, "n"] | None = None
 
     def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
-        return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
+        return Rows(self.pairs.only(kept), self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
 
     @property
     def weights(self) -> np.ndarray:
@@ -60,9 +61,10 @@ class Rows:
     @staticmethod
     def joined(parts: list["Rows"]) -> "Rows":
         """Rows of several tables, one after the other."""
-        none = Rows(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))
-        names = ("planes", "cell", "x_px", "is_direct")
-        return Rows(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
+        pairs = Pairs.joined([part.pairs for part in parts])
+        none = Rows(pairs.only(slice(0, 0)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))
+        names = ("cell", "x_px", "is_direct")
+        return Rows(pairs, *(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
 
     def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
         """A sample of these rows with so many rows, which represents all of them."""
@@ -96,7 +98,8 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.n
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
-    search = Search(rig.tracer, rig.microlens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
+    microlens = rig.microlens(rows.cell)
+    search = Search(rig.tracer, microlens, lambda some, _: rows.pairs.only(some), rows.x_px, rows.x_px, rig.square_px)
     search.look()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
@@ -161,13 +164,16 @@ class _RandomRays:
     def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The remaining step from the present positions, and its standard error."""
         # Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
-        planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
-        microlens = self.rig.microlens(self.rows.cell[here])
-        bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
-        integral = random_integrals(self.rig.tracer, bundles, rays, stream)
+        x, microlens = self.rows.x_px[here] + self.apart_px[here], self.rig.microlens(self.rows.cell[here])
+
+        def integrate(planes: np.ndarray) -> Integral:
+            bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
+            return random_integrals(self.rig.tracer, bundles, rays, stream)
+
+        integral = over_exposure(self.rows.pairs.only(here), integrate)
         self._error_mm[here] = integral.error_mm
         sigma = errors_px(self.inverse[here], pooled(integral, self._coarser_mm[here]))
-        return -np.einsum("nij,nj->ni", self.inverse[here], integral.moments[:, :2]), sigma
+        return -np.einsum("nij,nj->ni", self.inverse[here], mean_hit(integral.moments)), sigma
 
 
 def rms(values: Float64[np.ndarray, "n"]) -> float:

@@ -45,14 +45,8 @@ class PointBundles(NamedTuple):
         return PointBundles(*(part[rows] for part in self))
 
 
-def seen(
-    rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"]
-) -> tuple[Correspondences, np.ndarray]:
-    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility, (n,)."""
-    solutions = rows.solutions
-    share, _ = visibility(
-        rig, surroundings, target, rig.microlens(solutions.cell), solutions.xy_px, planes[solutions.point]
-    )
+def seen(rows: Correspondences, share: Float64[np.ndarray, "n"]) -> tuple[Correspondences, np.ndarray]:
+    """The rows that are not hidden by their visibility, with counts of the hidden ones, and their visibility, (m,)."""
     kept = share != 0  # NaN (unknown) does not mean hidden
     counts = {name: count for name, count in rows.counts.items() if name != "rows"}
     counts |= {

@@ -17,7 +17,7 @@ from pipeline.truth.grid.correspond import find, with_light
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging import Rows
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import Pairs, tangent_planes
 from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.rows import Correspondences, Solutions, existing
 from pipeline.truth.settings import TruthSettings
@@ -36,7 +36,7 @@ def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float =
 
 
 def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
-    return Rows(planes[rows.point], rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
+    return Rows(Pairs.still(planes[rows.point]), rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
 
 
 UNFILTERED = TruthSettings(method="moments", filter="none")

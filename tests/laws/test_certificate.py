@@ -14,7 +14,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth import judging
 from pipeline.truth.judging import ROWS, Rows, _verdict, certify, rows_of_build, sample
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import Pairs, tangent_planes
 
 CLAIM_PX = 1e-4
 
@@ -140,6 +140,6 @@ def test_a_sample_has_both_kinds_and_stands_for_the_table(images: int, direct: i
     assert len(set(drawn)) == len(drawn) == min(ROWS, images + direct) and (np.diff(drawn) > 0).all()
     assert np.sum(~is_direct[drawn]) == expected
     n = len(is_direct)
-    rows = Rows(np.zeros((n, 4, 3)), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
+    rows = Rows(Pairs.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
     assert rows.weights[~rows.is_direct].sum() == pytest.approx(images)
     assert rows.weights[rows.is_direct].sum() == pytest.approx(direct)

@@ -32,7 +32,7 @@ from pipeline.truth.grid.correspond import correspond_points
 from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging import WITHIN, WORST, Rows, certify
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import Pairs, tangent_planes
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
@@ -97,7 +97,9 @@ def judged(scene: Scene, rows: Correspondences, bias_px: float, claim_px: float)
     found = rows.solutions.only(some)
     planes = tangent_planes(scene.pose, scene.points.position_mm, scene.points.plane_axes)[found.point]
     x = np.stack([found.x_px + bias_px, found.y_px], axis=1)
-    return certify(scene.rig, Rows(planes, found.cell, x, rows.method[some] == "direct"), len(some), claim_px)
+    return certify(
+        scene.rig, Rows(Pairs.still(planes), found.cell, x, rows.method[some] == "direct"), len(some), claim_px
+    )
 
 
 def most_by_chance(rows: int) -> float:

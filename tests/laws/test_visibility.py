@@ -27,6 +27,7 @@ from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import faces_camera, tangent_planes
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.visibility import LOOK_RAYS, RAYS, PointBundles, seen, shares, visibility
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9
@@ -333,7 +334,14 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
     rows, planes = solved_rows(rig, board, pose)
     wall = half_plane(0.0, 0.0, 430.0)
-    found, share = seen(rig, Surroundings([(board, pose)], [(wall, HERE)]), 0, rows, planes)
+    around = Surroundings([(board, pose)], [(wall, HERE)])
+
+    def among(rows: Correspondences) -> tuple[Correspondences, np.ndarray]:
+        solutions = rows.solutions
+        place = rig.microlens(solutions.cell), solutions.xy_px, planes[solutions.point]
+        return seen(rows, visibility(rig, around, 0, *place)[0])
+
+    found, share = among(rows)
     left = planes[rows.solutions.point, 0, 0] < 0
     assert np.array_equal(found.solutions.point, rows.solutions.point[left]) and (share == 1).all()
     assert found.counts["dropped_hidden"] == np.sum(~left) == 6
@@ -341,7 +349,7 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     before = {name: count for name, count in rows.counts.items() if name != "rows"}
     assert before and before.items() <= found.counts.items()  # the fate of the other points stays known
     dark = dataclasses.replace(rows, solutions=dataclasses.replace(rows.solutions, x_px=rows.solutions.x_px + 1e4))
-    unknown, share = seen(rig, Surroundings([(board, pose)], [(wall, HERE)]), 0, dark, planes)
+    unknown, share = among(dark)
     assert np.isnan(share).all() and len(share) == 12 and unknown.counts["dropped_hidden"] == 0
 
 

@@ -15,7 +15,9 @@ def path_of(at: str) -> str:
 
 
 def write(path: Path, values: dict[tuple[str, str], Any], is_whole: bool = True) -> Path:
-    """The stage with some values of (prim, attribute), as one file; None blocks one. Whole, or with two targets."""
+    """The stage with some values of (prim, attribute), as one file; None blocks one, and a dict has its
+    samples. Whole, or with two targets.
+    """
     path.write_text(STAGE, encoding="utf-8")
     stage = Usd.Stage.Open(str(path))
     stage.Reload()
@@ -29,6 +31,10 @@ def write(path: Path, values: dict[tuple[str, str], Any], is_whole: bool = True)
             continue
         attribute = prim.GetAttribute(name)
         assert attribute, f"{at} has no {name}"
-        attribute.Block() if value is None else attribute.Set(value)
+        if isinstance(value, dict):
+            for time, sample in value.items():
+                attribute.Set(sample, time)
+        else:
+            attribute.Block() if value is None else attribute.Set(value)
     stage.Save()
     return path

@@ -16,7 +16,7 @@ from pipeline.scene.usd.values import range_of
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = Sdf.Layer.FindOrOpen((ROOT / "schemas/plenScene/resources/plenScene/schema.usda").as_posix())
 CONCRETE = [prim.name for prim in SOURCE.rootPrims if prim.typeName]
-CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
+CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI", "PlenShutterAPI")
 APIS = [prim.name for prim in SOURCE.rootPrims if prim.name.endswith("API")]
 
 

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from pipeline.motion import Motion
+
 Rgb = tuple[float, float, float]
 """Linear components of sRGB's primaries."""
 Numbers = tuple[float, ...]
@@ -114,10 +116,11 @@ class Coat:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedLamp:
-    """A lamp in a frame; the transform is a rotation and a translation [mm]."""
+    """A lamp in a frame; the transform is a rotation and a translation [mm]. It may move before an open shutter."""
 
     lamp: dict[str, Any]
     vision_from_lamp: list[list[float]]
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

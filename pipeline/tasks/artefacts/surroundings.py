@@ -1,14 +1,22 @@
 """Targets and occluders of a frame, from the params of the tasks `image`, `truth` and `verify`."""
 
-from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
+from pipeline.motion import Motion, Shutter
 from pipeline.records.plain import from_plain
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget, target_from_plain
-from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget
+from pipeline.tasks.params.frames import PaintedView, PlacedOccluder, PlacedTarget, PlacedView
+from pipeline.truth.visibility import PointBundles, visibility
+
+_TIMES = 33
+"""Instants of a frame in which moving things hide rows [1]: each row is hidden as in the nearest one."""
+View = TypeVar("View", bound=PlacedView)
 
 
 def placed_target(entry: PlacedTarget) -> tuple[AnyTarget, np.ndarray]:
@@ -19,6 +27,68 @@ def placed_occluder(entry: PlacedOccluder) -> tuple[Occluder, np.ndarray]:
     return from_plain(Occluder, entry.occluder), np.array(entry.vision_from_occluder)
 
 
-def surroundings_of(targets: Iterable[PlacedTarget], occluders: Iterable[PlacedOccluder]) -> Surroundings:
+def surroundings_of(view: PlacedView) -> Surroundings:
     """All targets of a frame, in their order, and all occluders."""
-    return Surroundings(list(map(placed_target, targets)), list(map(placed_occluder, occluders)))
+    return Surroundings(list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders)))
+
+
+@dataclass(frozen=True, slots=True)
+class SurroundingsInTime:
+    """Targets and occluders of a frame at instants (n,) [s] while a shutter is open; what is still, at one."""
+
+    shutter: Shutter | None
+    times_s: np.ndarray
+    at: list[Surroundings]
+
+    @classmethod
+    def of(cls, view: PlacedView, shutter: Shutter | None, height_px: int) -> "SurroundingsInTime":
+        """Those of a view before a sensor with so many lines."""
+        if shutter is None or not moves(view):
+            return cls(None, np.zeros(1), [surroundings_of(view)])
+        times = np.linspace(*shutter.window_s(height_px), _TIMES)
+        return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
+
+    def visibility(self, rig: Rig, target: int, bundles: PointBundles) -> np.ndarray:
+        """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure."""
+        when, share = np.zeros(len(bundles.x_px), np.int64), np.empty(len(bundles.x_px))
+        if self.shutter is not None:
+            middle_s = self.shutter.middle_s(bundles.x_px[:, 1], rig.tracer.camera.sensor.height_px)
+            when = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
+        for number in np.unique(when):
+            here = when == number
+            share[here], _ = visibility(rig, self.at[number], target, *bundles.only(here))
+        return share
+
+
+def moves(view: PlacedView) -> bool:
+    """Whether anything in a view moves before the camera while its shutter is open."""
+    lighting = view.lighting if isinstance(view, PaintedView) else None
+    motions = [entry.motion for entry in view.targets] + [entry.motion for entry in view.occluders]
+    motions += [lamp.motion for lamp in lighting.lamps] if lighting else []
+    return any(motion is not None for motion in motions)
+
+
+def view_at(view: View, time_s: float) -> View:
+    """The view at a time after the time code of its frame; nothing in it moves."""
+
+    def pose(motion: Motion | None, still: list[list[float]]) -> list[list[float]]:
+        return still if motion is None else motion.at(np.array([time_s]))[0].tolist()  # type: ignore[no-any-return]
+
+    result = replace(
+        view,
+        targets=tuple(
+            replace(entry, vision_from_target=pose(entry.motion, entry.vision_from_target), motion=None)
+            for entry in view.targets
+        ),
+        occluders=tuple(
+            replace(entry, vision_from_occluder=pose(entry.motion, entry.vision_from_occluder), motion=None)
+            for entry in view.occluders
+        ),
+    )
+    if isinstance(result, PaintedView) and result.lighting is not None:
+        lamps = (
+            replace(lamp, vision_from_lamp=pose(lamp.motion, lamp.vision_from_lamp), motion=None)
+            for lamp in result.lighting.lamps
+        )
+        result = replace(result, lighting=replace(result.lighting, lamps=tuple(lamps)))
+    return result

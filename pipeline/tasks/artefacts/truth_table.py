@@ -8,11 +8,13 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.frames import apply
+from pipeline.motion import Shutter
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.frames import TruthTable
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.moving import time_of_rows, time_of_still
+from pipeline.truth.planes import MovingPlanes, tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
-from pipeline.truth.rows import Correspondences
+from pipeline.truth.rows import Correspondences, Solutions
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import METHOD
 
@@ -43,6 +45,8 @@ COLUMNS = (
     "method",
 )
 
+TIME = ("t_s", "motion_xx_px2", "motion_xy_px2", "motion_yy_px2", "lines")
+"""Further columns of a camera with a shutter."""
 CHANNEL = "channel"
 """Column of the tables of a camera with channels, after the camera."""
 
@@ -52,7 +56,15 @@ def column_order(table: TruthTable) -> list[str]:
     settings, after = table.settings, COLUMNS.index("camera") + 1
     channel = [] if table.channel is None else [CHANNEL]
     sets = (name for column_set in settings.column_sets for name in column_names(column_set))
-    return [*COLUMNS[:after], *channel, *COLUMNS[after:], *sets]
+    time = TIME if table.shutter else ()
+    return [*COLUMNS[:after], *channel, *COLUMNS[after:], *time, *sets]
+
+
+_TIME_NOTE = (
+    "time: t_s is the middle of the exposure of the line at y_px, after the time code of the frame, and camera_*_mm"
+    " are of then; motion: covariance of the position by motion during the exposure; lines: how many have the point in"
+    " them when they are exposed"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +74,11 @@ class PosedPoints:
     target: str
     points: TargetPoints
     vision_from_target: np.ndarray
+
+    @property
+    def of_target(self) -> np.ndarray:
+        """Tangent planes of all points in the frame of the target."""
+        return tangent_planes(np.eye(4), self.points.position_mm, self.points.plane_axes)
 
     @property
     def planes(self) -> np.ndarray:
@@ -100,6 +117,21 @@ def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspon
     columns: Json = dict(zip(COLUMNS, values, strict=True))
     channel = table.channel
     return columns if channel is None else {**columns, CHANNEL: [channel.name] * rows}
+
+
+def time_columns(rig: Rig, shutter: Shutter, solutions: Solutions, moving: MovingPlanes | None) -> Json:
+    """Columns of the time of rows, and of where their points are then if they move."""
+    if moving is None:
+        time = time_of_still(shutter, rig.tracer.camera.sensor.height_px, solutions)
+    else:
+        time = time_of_rows(rig, moving, solutions)
+    motion = time.motion_px2
+    values = (time.middle_s, motion[:, 0, 0], motion[:, 0, 1], motion[:, 1, 1], time.lines)
+    columns: Json = dict(zip(TIME, values, strict=True))
+    if moving is not None:
+        places = moving.middle(solutions.point, solutions.xy_px)[:, 0]
+        columns |= dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), places.T, strict=True))
+    return columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,6 +192,7 @@ def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> l
         f" stop: {camera.prescription.stop.aperture}; footprint: {light.footprint}",
         f"seed: {table.seed}" + (f"; K: {supersampling}; samples: {table.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
+        *([_TIME_NOTE] if table.shutter else []),
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),
     ]

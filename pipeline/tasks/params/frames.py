@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.parts.spectrum import Slices
 from pipeline.files.jsonfile import Json
+from pipeline.motion import Motion, Shutter
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.prints import Colours
 from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Rendering
@@ -16,11 +17,14 @@ Matrix = list[list[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedTarget:
-    """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it."""
+    """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it, and it
+    has a motion where a shutter is open while it moves.
+    """
 
     name: str
     target: Json
     vision_from_target: Matrix
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +33,7 @@ class PlacedOccluder:
 
     occluder: Json
     vision_from_occluder: Matrix
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,9 +87,10 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Image(Rendering):
-    """An image of what is in a frame: from tiles, or of the task's own view."""
+    """An image of what is in a frame: from tiles, or of the task's own view, which moves before a shutter."""
 
     view: PaintedView | None
+    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +125,7 @@ class TruthTable:
     seed: int
     samples: int | None
     channel: ChannelLabel | None = None
+    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,6 +153,7 @@ class Certificate:
     claim_px: float | None
     square_px: float
     seed: int
+    shutter: Shutter | None = None
 
 
 BASELINES = "baselines.csv"

@@ -20,7 +20,7 @@ from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
 from pipeline.truth.direct.newton import NEARLY_PX, Search, errors_px
 from pipeline.truth.grid.ray_grid import matrix_4
-from pipeline.truth.planes import faces_camera
+from pipeline.truth.planes import Pairs, Planes, StillPlanes, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
 from pipeline.truth.settings import TruthSettings
 
@@ -130,14 +130,19 @@ def guesses(rig: Rig, planes: Float64[np.ndarray, "n 4 3"]) -> tuple[Guess, int]
 def solve(
     rig: Rig,
     guess: Guess,
-    planes: Float64[np.ndarray, "p 4 3"],
+    planes: Float64[np.ndarray, "p 4 3"] | Planes,
     accuracy_px: float,
     min_hit_fraction: float,
     jacobian: Float64[np.ndarray, "n 2 2"] | None = None,
 ) -> Correspondences:
     """Solve J(x) = p for pairs and keep the rows that exist; `jacobian`: guesses are rough solutions already."""
+    of_points = StillPlanes(planes) if isinstance(planes, np.ndarray) else planes
+
+    def pairs(rows: np.ndarray, x_px: np.ndarray) -> Pairs:
+        return of_points.pairs(guess.point[rows], x_px)
+
     where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.microlens(guess.cell), planes[guess.point], *where, rig.square_px)
+    search = Search(rig.tracer, rig.microlens(guess.cell), pairs, *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
@@ -161,14 +166,15 @@ def solve(
     counts["dropped_outside_image"] += int(beside.sum())
     counts["dropped_outside_cell"] += int(np.sum(known & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
-    return _with_blur(rig, search, guess, rows, planes, {**counts, "rows": len(rows), "rays": search.rays})
+    return _with_blur(rig, search, guess, rows, of_points, {**counts, "rows": len(rows), "rays": search.rays})
 
 
 def _with_blur(
-    rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: np.ndarray, counts: dict[str, int]
+    rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: Planes, counts: dict[str, int]
 ) -> Correspondences:
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], planes[point], jacobian, moments)
+    on = planes.middle(point, search.x_px[rows])
+    blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], on, jacobian, moments)
     error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T
     solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)

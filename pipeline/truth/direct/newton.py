@@ -13,6 +13,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
+from pipeline.truth.planes import Pairs
 
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
@@ -53,12 +54,36 @@ exist at most so far from there, (m,) bool.
 """
 
 
+PairsOf = Callable[[np.ndarray, np.ndarray], Pairs]
+"""Function of row indices (m,) and image positions (m, 2) that returns their planes."""
+
+
+def over_exposure(pairs: Pairs, integrate: Callable[[np.ndarray], Integral]) -> Integral:
+    """The mean of the integrals on the planes (n, 2, 4, 3) of all stretches, by their shares."""
+    first, *others = (integrate(pairs.planes[:, stretch]) for stretch in range(pairs.share.shape[1]))
+    if not others:
+        return first
+    share = pairs.share[:, :, None]
+    moments, error_mm = share[:, 0] * first.moments, share[:, 0] * first.error_mm
+    is_random, rays = first.is_random, first.rays
+    for stretch, part in enumerate(others, 1):
+        moments, error_mm = moments + share[:, stretch] * part.moments, error_mm + share[:, stretch] * part.error_mm
+        is_random, rays = is_random | part.is_random, rays + part.rays
+    return Integral(moments, error_mm, is_random, rays)
+
+
+def mean_hit(moments: Float64[np.ndarray, "n COLUMNS"]) -> np.ndarray:
+    """Mean of the hits of bundles with both planes, (n, 2) [mm]: of equal planes that with one of them, to the bit."""
+    return (moments[:, :2] + moments[:, 2:4]) / 2
+
+
 class Search:
     """Newton's method for many candidates at once; finished rows drop out.
 
-    `planes` are tangent planes whose origins are the target points: J(x) = 0 is solved. `x_px` are first guesses,
-    `home_px` positions that certainly receive light, towards which a guess without light moves. `square_px` is the edge
-    of the square around a position on which its rays start; 0: they start at the position itself.
+    `planes` are tangent planes whose origins are the target points, over whose pairs J is the mean: J(x) = 0 is
+    solved. `x_px` are first guesses, `home_px` positions that certainly receive light, towards which a guess without
+    light moves. `square_px` is the edge of the square around a position on which its rays start; 0: they start at the
+    position itself.
 
     Attributes, a row for each candidate:
 
@@ -77,13 +102,13 @@ class Search:
         self,
         tracer: Tracer,
         microlens: Int64[np.ndarray, "n"],
-        planes: Float64[np.ndarray, "n 4 3"],
+        planes: PairsOf,
         x_px: Float64[np.ndarray, "n 2"],
         home_px: Float64[np.ndarray, "n 2"],
         square_px: float = 0.0,
     ) -> None:
         self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
-        self.planes = np.stack([planes, planes], axis=1)
+        self.planes = planes
         self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
         n = len(x_px)
         self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
@@ -98,7 +123,8 @@ class Search:
         It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
         """
         rows = self._leave_the_dark()
-        self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], self.planes[rows, 0])
+        planes = self.planes(rows, self.x_px[rows]).planes[:, 0, 0]
+        self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], planes)
         self.inverse[rows] = inverse(self.jacobian[rows])
         self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         self._step_nearer(rows, may_exist)
@@ -137,10 +163,10 @@ class Search:
             integral = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
             self.moments[rows] = integral.moments
             if turn:
-                self._measure(rows, step[rows], integral.moments[:, :2])
-                self._update(rows, step[rows], integral.moments[:, :2])
-            self.residual[rows] = integral.moments[:, :2]
-            step[rows] = -_times(self.inverse[rows], integral.moments[:, :2])
+                self._measure(rows, step[rows], mean_hit(integral.moments))
+                self._update(rows, step[rows], mean_hit(integral.moments))
+            self.residual[rows] = mean_hit(integral.moments)
+            step[rows] = -_times(self.inverse[rows], self.residual[rows])
             self.x_px[rows] += step[rows]
             left = self._left(rows, step[rows])
             self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], integral), left)
@@ -232,11 +258,14 @@ class Search:
         self.residual[rows] = j
 
     def _j(self, rows: np.ndarray, x_px: np.ndarray, level: int = 0) -> np.ndarray:
-        return self._integral(rows, x_px, level).moments[:, :2]
+        return mean_hit(self._integral(rows, x_px, level).moments)
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        bundles = Bundles(x_px, self.microlens[rows], self.planes[rows], self.square_px, self.anchor_px[rows])
-        integral = integrals(self.tracer, bundles, level)
+        def integrate(planes: np.ndarray) -> Integral:
+            bundles = Bundles(x_px, self.microlens[rows], planes, self.square_px, self.anchor_px[rows])
+            return integrals(self.tracer, bundles, level)
+
+        integral = over_exposure(self.planes(rows, x_px), integrate)
         self.rays += integral.rays
         self.is_random[rows] = integral.is_random
         self.random_mm[rows] = np.where(integral.is_random[:, None], integral.error_mm, np.nan)

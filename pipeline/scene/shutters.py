@@ -1,0 +1,184 @@
+"""Shutters of cameras, and what moves before them while they are open."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.motion import Motion, Shutter
+from pipeline.scene.dataset import Motions
+from pipeline.scene.usd.poses import (
+    ancestry,
+    camera_from_world,
+    frame_numbers,
+    product,
+    stage_mm_per_unit,
+    world_from,
+    xform_ops,
+)
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import need, read, take, target
+from pipeline.spelling import frames_in_words
+
+_ORDER, _OPENS = "plen:shutter:scanOrder", "plen:shutter:opens"
+_LINE, _EXPOSURE, _INSTANTS = "plen:shutter:lineOffset", "plen:shutter:exposure", "plen:shutter:instants"
+_DURATIONS = (_OPENS, _LINE, _EXPOSURE)
+"""Attributes that are fractions of a second."""
+_SAME_S = 1e-9
+"""Relative difference of two statements of one exposure time [1]."""
+_MORE_S = 2e-6
+"""Further time of a motion [s], in which the velocity at an instant is measured."""
+_RIGID = 1e-9
+"""Largest entry of R^T R - 1 of a rotation [1]: rounding leaves 1e-15."""
+
+
+def read_shutter(camera: Usd.Prim) -> Shutter | None:
+    """The shutter of a camera; None where a frame is the instant of its time code."""
+    shutter = Shutter(
+        scan_order=need(camera, _ORDER),
+        opens_s=_seconds(camera, _OPENS),
+        line_s=_seconds(camera, _LINE),
+        exposure_s=_seconds(camera, _EXPOSURE),
+        instants=need(camera, _INSTANTS),
+    )
+    is_instant = shutter.scan_order == "none" and not (shutter.opens_s or shutter.exposure_s)
+    return None if is_instant else shutter
+
+
+def _is_readable(camera: Usd.Prim) -> bool:
+    values = [read(camera, name) for name in (_ORDER, _INSTANTS, *_DURATIONS)]
+    return None not in values and all(below > 0 for _, below in values[2:])
+
+
+def _seconds(camera: Usd.Prim, name: str) -> float:
+    above, below = need(camera, name)
+    return float(above / below)
+
+
+def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
+    """Durations that are no fractions, and settings of a shutter that contradict each other or are not supported."""
+    for name in _DURATIONS:
+        if (value := read(camera, name)) and not value[1] > 0:
+            message = f'"{name}" = ({value[0]:g}, {value[1]:g}) is no duration: its second number must be above 0'
+            hint = "seconds as a fraction: (1, 1000) is a millisecond"
+            yield problem(camera.GetAttribute(name), "duration", message, hint=hint)
+            return
+    if not _is_readable(camera):
+        return  # reported with the values
+    shutter = read_shutter(camera)
+    scans, line = need(camera, _ORDER) != "none", camera.GetAttribute(_LINE)
+    if scans != bool(_seconds(camera, _LINE)):
+        message = f'"{_ORDER}" = "{need(camera, _ORDER)}" does not go with "{_LINE}" = {_seconds(camera, _LINE):g} s'
+        hint = f"a rolling shutter needs both, a global one neither; (1, 50000) for {_LINE} is 20 microseconds"
+        yield problem(line, "shutter", message, hint=hint)
+    if shutter is None:
+        return
+    time_s = read(camera, "plen:image:exposureTime")
+    if time_s is not None and abs(time_s - shutter.exposure_s) > _SAME_S * max(time_s, shutter.exposure_s):
+        message = (
+            f'"plen:image:exposureTime" = {time_s:g} s, but the shutter exposes lines for {shutter.exposure_s:g} s'
+        )
+        yield problem(camera.GetAttribute("plen:image:exposureTime"), "shutter", message, hint=f"or change {_EXPOSURE}")
+    others = {
+        "plen:truth:method": (read(camera, "plen:truth:method") != "direct", 'write "direct"'),
+        "plen:truth:columns": (bool(read(camera, "plen:truth:columns")), "write []"),
+        "plen:image:noise": (read(camera, "plen:image:noise") is not None, "write None, and more plen:image:samples"),
+        "plen:image:labels": (bool(read(camera, "plen:image:labels")), "write []"),
+    }
+    for name, (is_asked, hint) in others.items():
+        if is_asked:
+            message = f'"{name}" is not supported together with a shutter that is open for longer than an instant'
+            yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint=hint)
+
+
+WorldFrom = Callable[[Usd.Prim, Sequence[float], float], np.ndarray]
+"""Reader of transforms from a prim to the world at times, (n, 4, 4) [mm]."""
+
+
+def motions_before(
+    camera: Usd.Prim,
+    shutter: Shutter,
+    boards: Sequence[Usd.Prim],
+    things: Mapping[Usd.Prim, WorldFrom],
+    number: int,
+    unit_mm: float,
+) -> Motions:
+    """What moves before a camera in a frame: boards by name, things, which are shapes and lamps, by path."""
+    targets = {prim.GetName(): _motion(camera, shutter, prim, world_from, number, unit_mm) for prim in boards}
+    others = {
+        str(prim.GetPath()): _motion(camera, shutter, prim, reader, number, unit_mm) for prim, reader in things.items()
+    }
+    return Motions(
+        targets={name: motion for name, motion in targets.items() if motion is not None},
+        things={path: motion for path, motion in others.items() if motion is not None},
+    )
+
+
+def _motion(
+    camera: Usd.Prim, shutter: Shutter, prim: Usd.Prim, reader: WorldFrom, number: int, unit_mm: float
+) -> Motion | None:
+    """Vision frame of the camera from a prim while the shutter is open; None if it stays as at the time code."""
+    samples = _samples(camera) | _samples(prim)
+    if len(samples) < 2:
+        return None
+    first_s, end_s = _window_s(camera, shutter)
+    codes_per_s = _codes_per_s(camera)
+    bends_s = sorted((sample - number) / codes_per_s for sample in samples)
+    edges = np.array([first_s, *(time for time in bends_s if first_s < time < end_s), end_s])
+    codes = number + Motion.times_s(edges) * codes_per_s
+    times = [float(number), *codes.ravel().tolist()]
+    poses = product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm)) + 0.0
+    if (poses == poses[0]).all():
+        return None
+    pieces = poses[1:].reshape(*codes.shape, 4, 4).tolist()
+    return Motion(edges_s=tuple(edges.tolist()), poses=tuple(pieces))
+
+
+def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
+    """Time that a motion covers: the shutter's, and two lines more, where the search for a row may lead."""
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    first_s, end_s = shutter.window_s(need(sensor, "plen:resolution")[1])
+    more_s = 2 * shutter.line_s + _MORE_S
+    return first_s - more_s, end_s + more_s
+
+
+def _codes_per_s(prim: Usd.Prim) -> float:
+    take("/")  # metadata of the layer
+    return float(prim.GetStage().GetTimeCodesPerSecond())
+
+
+def _samples(prim: Usd.Prim) -> set[float]:
+    """Time codes of all samples of the transforms of a prim and of what it lies below."""
+    return {time for link in ancestry(prim) for op in xform_ops(link) for time in op.GetAttr().GetTimeSamples()}
+
+
+def check_motions(root: Usd.Prim, cameras: Sequence[Usd.Prim], boards: Sequence[Usd.Prim]) -> Iterator[Problem]:
+    """Prims that bend between samples, or whose samples end before the shutter of a frame closes."""
+    numbers, unit_mm = frame_numbers(root), stage_mm_per_unit(root)
+    for camera in cameras:
+        shutter = read_shutter(camera) if _is_readable(camera) else None
+        if shutter is None or not numbers:
+            continue
+        (first_s, end_s), codes_per_s = _window_s(camera, shutter), _codes_per_s(camera)
+        for prim in (camera, *boards):
+            samples = _samples(prim)
+            if len(samples) < 2:
+                continue
+            middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
+            turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
+            bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
+            if bent.any():
+                message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
+                hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
+                yield problem(prim, "not-rigid", message, hint=hint)
+            ends = np.array(
+                [number < max(samples) + 1 and number + end_s * codes_per_s > max(samples) for number in numbers]
+            )
+            if ends.any():
+                message = f"<{prim.GetPath()}> has no sample after {max(samples):g}, and the shutter is open later"
+                hint = f"it stands still then, in {_frames(numbers, ends)}: write one more sample"
+                yield problem(prim, "motion-ends", message, hint=hint, severity="warning")
+
+
+def _frames(numbers: Sequence[int], some: np.ndarray) -> str:
+    return frames_in_words([number for number, is_one in zip(numbers, some, strict=True) if is_one])

@@ -1,0 +1,94 @@
+"""Rows of targets that move while a frame is exposed. CONVENTIONS.md, Time, has the law.
+
+J(x) is the mean over the rays of x and over the exposure of the line at x, so that J(x) = p is solved as for a still
+target: planes are those of the time at x. The derivative of J then has the motion in it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.integrals import Bundles, integrals
+from pipeline.camera.rig import Rig
+from pipeline.motion import Shutter
+from pipeline.records.shapes import Float64, Int64
+from pipeline.truth.direct.candidates import inverse
+from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.planes import MovingPlanes, faces_camera
+from pipeline.truth.rows import Correspondences, Solutions
+
+_TURNS = 4
+"""Times that a point is looked for where it is then [1]: each leaves of the error of its time the part that the image
+moves during the scan, which is small."""
+_APART_S = 1e-6
+"""Least time between two planes by which a velocity is measured [s]: without exposure and lines there is none else."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeOfRows:
+    """Time of rows: the middle of their exposure after the time code of the frame, the covariance of their positions by
+    motion during the exposure, and how many lines have the point in them in the middle of their own exposure.
+    """
+
+    middle_s: Float64[np.ndarray, "n"]
+    motion_px2: Float64[np.ndarray, "n 2 2"]
+    lines: Int64[np.ndarray, "n"]
+
+
+def solve_moving(
+    rig: Rig, moving: MovingPlanes, some: slice, accuracy_px: float, min_hit_fraction: float
+) -> Correspondences | None:
+    """All rows of some points; None if none of the target's faces the camera when it is exposed."""
+    planes, rays = _at_own_times(rig, moving, some)
+    if not faces_camera(planes).any():
+        return None
+    asked = np.zeros_like(planes)
+    asked[:, 0], asked[some] = planes[:, 0], planes[some]
+    guess, more = guesses(rig, asked)
+    rows = solve(rig, guess, moving, accuracy_px, min_hit_fraction)
+    rows.counts["rays"] += rays + more
+    return rows
+
+
+def _at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, int]:
+    """Planes of points (p, 4, 3) about when their lines are exposed, and traced rays; unseen ones in the middle."""
+    first, end = moving.shutter.window_s(moving.height_px)
+    points = np.arange(len(moving.of_target))
+    times, rays = np.full(len(points), (first + end) / 2), 0
+    looked = points[some]
+    for turn in range(_TURNS if moving.shutter.line_by_y_s else 0):
+        asked = np.zeros((len(points), 4, 3))
+        asked[looked] = moving.at(looked, times[looked])
+        guess, more = guesses(rig, asked)
+        rays += more
+        count = np.bincount(guess.point, minlength=len(points))
+        y = np.bincount(guess.point, guess.x_px[:, 1], minlength=len(points)) / np.maximum(count, 1)
+        is_seen = count > 0
+        times[is_seen] = np.clip(moving.shutter.middle_s(y[is_seen], moving.height_px), first, end)
+        unseen = looked[~is_seen[looked]]
+        times[unseen] = (first, end, (first + end) / 2, (first + end) / 2)[turn]
+    return moving.at(points, times), rays
+
+
+def time_of_still(shutter: Shutter, height_px: int, solutions: Solutions) -> TimeOfRows:
+    """The time of rows of a target that does not move."""
+    middle, rows = shutter.middle_s(solutions.y_px, height_px), len(solutions.point)
+    return TimeOfRows(middle, np.zeros((rows, 2, 2)), np.ones(rows, np.int64))
+
+
+def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOfRows:
+    """The time of rows; velocities are those of the mean hits of their bundles."""
+    x_px, shutter = solutions.xy_px, moving.shutter
+    middle = shutter.middle_s(solutions.y_px, moving.height_px)
+    half = max(shutter.exposure_s, shutter.line_s, _APART_S) / 2
+    planes = np.stack([moving.at(solutions.point, middle + side * half) for side in (-1, 1)], axis=1)
+    hits = integrals(rig.tracer, Bundles(x_px, rig.microlens(solutions.cell), planes, rig.square_px), 0).moments
+    hits_mm_per_s = (hits[:, 2:4] - hits[:, :2]) / (2 * half)
+    # The derivative of J has the scan in it: where the point moves v in the image of an instant, it moves v / (1 - v D)
+    # in the image that is scanned, D the time from line to line.
+    way_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)
+    motion = way_px_per_s * shutter.exposure_s
+    # Line r is exposed while the point is (1 - v D) (y - r) from its middle.
+    y, reach = x_px[:, 1], np.abs(1 + way_px_per_s[:, 1] * shutter.line_by_y_s) / 2
+    lines = np.floor(y + reach) - np.floor(y - reach)
+    return TimeOfRows(middle, motion[:, :, None] * motion[:, None, :] / 12, lines.astype(np.int64))

@@ -1,0 +1,210 @@
+"""Claim: a row of a moving target lies where its own line sees it, and so does the image; stillness needs no time."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builds import made
+from laws import rigs
+from laws.solving import rig_of
+from scipy.spatial.transform import Rotation
+from stage_text import tiny_text
+
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.ideal_lens import with_ideal_lens
+from pipeline.camera.rig import Rig
+from pipeline.files.exr import read_exr
+from pipeline.files.tables import Table, read_table
+from pipeline.frames import rigid
+from pipeline.motion import Motion, Shutter
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.judging import Rows, differences
+from pipeline.truth.moving import solve_moving, time_of_rows
+from pipeline.truth.planes import MovingPlanes, tangent_planes
+
+EXACT_PX = 1e-9
+BOARD = Checkerboard(columns=4, rows=3, square_mm=2.0)
+DISTANCE_MM = 434.4
+Path_ = Callable[[float], np.ndarray]
+"""Place of the board by time [s]."""
+
+
+@pytest.fixture(scope="module")
+def pinhole() -> Rig:
+    camera = replace(rigs.conventional(), near_mm=None, far_mm=None)
+    return rig_of(focused(with_ideal_lens(camera, "pinhole", ())))
+
+
+def motion_of(pose: Path_, edges_s: list[float]) -> Motion:
+    times = Motion.times_s(np.array(edges_s))
+    return Motion(edges_s=tuple(edges_s), poses=tuple([[pose(t).tolist() for t in piece] for piece in times.tolist()]))
+
+
+def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float) -> MovingPlanes:
+    height = rig.tracer.camera.sensor.height_px
+    first, end = shutter.window_s(height)
+    motion = motion_of(pose, [first - 0.01, *bends_s, end + 0.01])
+    return MovingPlanes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, height)
+
+
+def shifted(x: float, y: float) -> np.ndarray:
+    pose = rigs.facing(DISTANCE_MM)
+    pose[:2, 3] += x, y
+    return pose
+
+
+def still(rig: Rig, pose: np.ndarray, accuracy_px: float = 1e-6) -> np.ndarray:
+    """Positions of all points of the board, (p, 2)."""
+    planes = tangent_planes(pose, BOARD.points_mm())
+    solutions = solve(rig, guesses(rig, planes)[0], planes, accuracy_px, 0.05).solutions
+    assert len(solutions.point) == len(planes)
+    return solutions.xy_px
+
+
+@pytest.mark.parametrize(("order", "sign"), [("topToBottom", 1), ("bottomToTop", -1)])
+def test_uniform_motion_before_a_rolling_shutter_lies_where_its_closed_form_says(pinhole, order, sign):
+    shutter = Shutter(scan_order=order, opens_s=0.002, line_s=5e-4)
+    rows = solve_moving(pinhole, moving(pinhole, lambda t: shifted(30 * t, -40 * t), shutter), slice(None), 1e-6, 0.05)
+    # In a pinhole's image of a board across the axis uniform motion is uniform: y = y0 + v (opens + D line).
+    first, last_line = still(pinhole, shifted(0, 0)), pinhole.tracer.camera.sensor.height_px - 1
+    v = 100 * (still(pinhole, shifted(0.3, -0.4)) - first)
+    start = 0.002 if sign > 0 else 0.002 + 5e-4 * last_line
+    y = (first[:, 1] + v[:, 1] * start) / (1 - sign * v[:, 1] * 5e-4)
+    time = start + sign * 5e-4 * y
+    assert np.abs(v).min() > 20  # px/s: what is to be seen is pixels
+    np.testing.assert_allclose(rows.solutions.xy_px, first + v * time[:, None], rtol=0, atol=EXACT_PX)
+
+
+def test_truth_is_the_mean_over_an_exposure_in_which_the_motion_bends(pinhole):
+    def pose(t: float) -> np.ndarray:
+        return shifted(100 * max(t - 0.004, 0), 20 * t)
+
+    exposed = moving(pinhole, pose, Shutter(exposure_s=0.01), 0.004)
+    rows = solve_moving(pinhole, exposed, slice(None), 1e-6, 0.05)
+    mean = shifted(100 * 0.006**2 / 2 / 0.01, 20 * 0.005)
+    np.testing.assert_allclose(rows.solutions.xy_px, still(pinhole, mean), rtol=0, atol=EXACT_PX)
+    way = still(pinhole, pose(0.01)) - still(pinhole, pose(0.0))
+    motion = time_of_rows(pinhole, exposed, rows.solutions).motion_px2
+    np.testing.assert_allclose(motion, way[:, :, None] * way[:, None, :] / 12, rtol=1e-6)
+
+
+def turning(t: float) -> np.ndarray:
+    turn = Rotation.from_rotvec([0.5 * t, 2.0 * t, -1.0 * t]).as_matrix()
+    return rigid(turn @ rigs.facing(DISTANCE_MM)[:3, :3], np.array([40 * t, -25 * t, DISTANCE_MM + 60 * t]))
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_each_row_is_that_of_a_still_board_at_its_own_time(kind, request):
+    rig = rig_of(request.getfixturevalue(kind))
+    shutter = Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4)
+    planes = moving(rig, turning, shutter)
+    rows = solve_moving(rig, planes, slice(None), 1e-5, 0.05).solutions
+    time = time_of_rows(rig, planes, rows).middle_s
+    assert len(rows.point) >= len(planes.of_target) and np.ptp(time) > 0.002
+    for number in range(0, len(time), 1 + len(time) // 8):
+        at = tangent_planes(turning(time[number]), BOARD.points_mm())
+        alone = solve(rig, guesses(rig, at)[0], at, 1e-5, 0.05).solutions
+        same = (alone.point == rows.point[number]) & (alone.cell == rows.cell[number])
+        np.testing.assert_allclose(alone.xy_px[same], rows.xy_px[None, number], rtol=0, atol=2e-5)
+
+
+def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
+    shutter, counts = Shutter(scan_order="topToBottom", line_s=1e-3), set()
+    for speed in (-50.0, 0.1, 50.0):
+        planes = moving(pinhole, lambda t, speed=speed: shifted(0, speed * (t - 0.03)), shutter)
+        rows = solve_moving(pinhole, planes, slice(None), 1e-6, 0.05).solutions
+        lines = time_of_rows(pinhole, planes, rows).lines
+        for point in range(0, len(rows.point), 5):
+            times = 1e-3 * np.arange(pinhole.tracer.camera.sensor.height_px)
+            at = np.stack(
+                [tangent_planes(shifted(0, speed * (t - 0.03)), BOARD.points_mm())[rows.point[point]] for t in times]
+            )
+            y = solve(pinhole, guesses(pinhole, at)[0], at, 1e-6, 0.0).solutions
+            assert lines[point] == np.sum(np.rint(y.y_px) == y.point)
+        counts |= set(lines.tolist())
+    assert counts == {0, 1, 2}
+
+
+def test_the_certificate_judges_rows_at_their_own_times(pinhole):
+    rig = rig_of(rigs.conventional())
+    planes = moving(rig, turning, Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4, exposure_s=5e-4))
+    rows = solve_moving(rig, planes, slice(None), 1e-4, 0.05).solutions
+    for shift_px in (0.0, 0.01):
+        x_px = rows.xy_px + np.array([0.0, shift_px])
+        judged = Rows(planes.pairs(rows.point, x_px), rows.cell, x_px, np.ones(len(x_px), bool))
+        apart, sigma = differences(rig, judged, 1e-3)
+        np.testing.assert_allclose(apart[:, 1], -shift_px, rtol=0.2, atol=5 * sigma.max() + 1e-4)
+
+
+SCAN = """
+token scanOrder = "topToBottom"
+double2 opens = (1, 500)
+double2 lineOffset = (1, 1000)
+"""
+_ORIENTS = (
+    "1: (0.9990482215818578, 0, 0, 0.043619387365336),\n            2: (0.9762960071199334, 0, 0.21643961393810288, 0),"
+)
+_PLACES = "1: (0, 0, -434.4),\n            2: (0.3, -0.2, -432),"
+
+
+def stage(folder: Path, shutter: str, places: tuple[str, str], *edits: tuple[str, str]) -> Path:
+    """The first frame of the tiny dataset with a shutter, whose board moves from one place to another in 1/24 s."""
+    lines = "".join(f"            uniform {line.strip()}\n" for line in shutter.strip().splitlines())
+    lines = re.sub(r"(token|double2|int) ", r"\1 plen:shutter:", lines)
+    text = tiny_text(
+        "conventional",
+        (_ORIENTS, "1: (1, 0, 0, 0),"),
+        (_PLACES, f"1: {places[0]},\n            2: {places[1]},"),
+        ('            uniform token plen:truth:method = "moments"\n', lines),
+        ("endTimeCode = 2", "endTimeCode = 1"),
+        *edits,
+    )
+    folder.mkdir(parents=True)
+    (folder / "dataset.usda").write_text(text, encoding="utf-8")
+    return folder / "dataset.usda"
+
+
+def built(path: Path, store: Path) -> tuple[Table, np.ndarray]:
+    """The table of a build, and its image."""
+    made(path, path.parent / "out", store)
+    folder = path.parent / "out/frames/0001/Rig.Camera"
+    (channel,) = read_exr(folder / "image.exr")["image"].channels.values()
+    return read_table(folder / "correspondences.csv"), np.asarray(channel)
+
+
+def test_what_is_still_before_the_camera_is_that_of_an_instant_bit_for_bit(tmp_path, common_store):
+    place, other = "(-0.3, 0.2, -434.4)", "(0.7, -0.8, -434.4)"
+    instant, image = built(stage(tmp_path / "i", "", (place, place)), common_store)
+    still, still_image = built(stage(tmp_path / "s", SCAN, (place, place)), common_store)
+    carried = """double3 xformOp:translate.timeSamples = {1: (0, 0, 0), 2: (1, -1, 0)}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        over "Camera\""""
+    both, both_image = built(stage(tmp_path / "b", SCAN, (place, other), ('over "Camera"', carried)), common_store)
+    for table, picture in ((still, still_image), (both, both_image)):
+        for name in ("x_px", "y_px", "blur_xx_px2", "visibility"):
+            atol = 1e-9 if table is both else 0  # two motions that cancel leave rounding
+            np.testing.assert_allclose(table.numbers(name), instant.numbers(name), rtol=0, atol=atol)
+        assert (picture == image).all()
+        assert (table.numbers("lines") == 1).all() and (table.numbers("motion_xx_px2") < 1e-15).all()
+
+
+def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(tmp_path, common_store):
+    ends = "(-0.4, 1.2, -434.4)", "(-0.4, -6.8, -434.4)"  # the board passes half of the image in a frame
+    exposed = "double2 exposure = (1, 240)\nint instants = 2"
+    _, scanned = built(stage(tmp_path / "scanned", f"{SCAN}{exposed}", ends), common_store)
+    _, global_ = built(stage(tmp_path / "global", exposed, ends), common_store)
+
+    def still(time_s: float) -> np.ndarray:
+        place = f"(-0.4, {1.2 - 8.0 * 24 * time_s!r}, -434.4)"
+        return built(stage(tmp_path / f"still{time_s}", "", (place, place)), common_store)[1]
+
+    for line in (6, 17):
+        opens_s = 0.002 + 0.001 * line
+        instants = [still(opens_s + share / 240)[line] for share in (0.25, 0.75)]
+        np.testing.assert_allclose(scanned[line], np.mean(instants, axis=0), rtol=0, atol=1e-6)
+        assert np.abs(scanned[line] - global_[line]).max() > 0.1
+    np.testing.assert_allclose(global_, np.mean([still(0.25 / 240), still(0.75 / 240)], axis=0), rtol=0, atol=1e-6)

@@ -1,0 +1,64 @@
+"""Mistakes with shutters and moving things: what check says, and where."""
+
+import re
+from pathlib import Path
+
+import pytest
+from stage_text import tiny_text
+
+from pipeline.scene.load import load
+
+OPEN = "double2 exposure = (1, 100)"
+ROLLS = 'token scanOrder = "bottomToTop"\ndouble2 lineOffset = (1, 1000)'
+_METHOD = '            uniform token plen:truth:method = "moments"\n'
+_LAST = "2: (0.3, -0.2, -432),"
+
+
+def problems(folder: Path, camera: str, *edits: tuple[str, str], last: str = f"{_LAST}\n3: (1, 0, -432),") -> list:
+    lines = "".join(f"            uniform {line.strip()}\n" for line in camera.splitlines())
+    lines = re.sub(r"uniform (token|double2|int) (?!plen)", r"uniform \1 plen:shutter:", lines)
+    path = folder / "dataset.usda"
+    path.write_text(tiny_text("conventional", (_METHOD, lines), (_LAST, last), *edits), encoding="utf-8")
+    return load(path).problems
+
+
+@pytest.mark.parametrize("camera", [OPEN, ROLLS, f"{ROLLS}\n{OPEN}", "double2 opens = (-1, 1000)", ""])
+def test_shutters_that_say_all_are_right(tmp_path, camera):
+    rotation = "2: (0.9762960071199334, 0, 0.21643961393810288, 0),"
+    assert problems(tmp_path, camera, (rotation, f"{rotation}\n3: (1, 0, 0, 0),")) == []
+
+
+@pytest.mark.parametrize(
+    ("camera", "code", "where", "says"),
+    [
+        ("double2 exposure = (1, 0)", "duration", "plen:shutter:exposure", "second number"),
+        ("double2 exposure = (-1, 100)", "out-of-range", "plen:shutter:exposure", "outside [0"),
+        ('token scanOrder = "topToBottom"', "shutter", "plen:shutter:lineOffset", "rolling shutter needs both"),
+        ("double2 lineOffset = (1, 1000)", "shutter", "plen:shutter:lineOffset", "a global one neither"),
+        ('token scanOrder = "leftToRight"', "bad-token", "plen:shutter:scanOrder", "topToBottom"),
+        (f"{OPEN}\n{_METHOD.strip()[8:]}", "not-yet-supported", "plen:truth:method", "direct"),
+        (f'{OPEN}\ntoken[] plen:truth:columns = ["saddle"]', "not-yet-supported", "plen:truth:columns", "[]"),
+        (f"{OPEN}\ndouble plen:image:noise = 0.1", "not-yet-supported", "plen:image:noise", "samples"),
+        (f'{OPEN}\ntoken[] plen:image:labels = ["depth"]', "not-yet-supported", "plen:image:labels", "[]"),
+    ],
+)
+def test_mistakes_of_a_shutter_are_told_once_where_they_are(tmp_path, camera, code, where, says):
+    errors = [problem for problem in problems(tmp_path, camera) if problem.severity == "error"]
+    assert [(error.code, error.at.rpartition(".")[2]) for error in errors] == [(code, where)]
+    assert says in f"{errors[0].message} {errors[0].hint}"
+
+
+def test_what_stands_still_because_its_samples_end_is_a_warning(tmp_path):
+    (warning,) = [one for one in problems(tmp_path, OPEN, last=_LAST) if one.code == "motion-ends"]
+    assert warning.severity == "warning" and "after 2" in warning.message and "frame 2" in warning.hint
+
+
+def test_matrices_that_bend_between_samples_are_an_error(tmp_path):
+    turned = "1: ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,-434.4,1)), 2: ((0,1,0,0),(-1,0,0,0),(0,0,1,0),(0,0,-434.4,1)),"
+    matrix = (
+        "double3 xformOp:translate.timeSamples = {",
+        f"matrix4d xformOp:transform.timeSamples = {{ {turned} }}\n        double3 xformOp:translate.timeSamples = {{",
+    )
+    order = ('["xformOp:translate", "xformOp:orient"]', '["xformOp:transform"]')
+    (error,) = [one for one in problems(tmp_path, OPEN, matrix, order) if one.code == "not-rigid"]
+    assert "translate and orient" in error.hint
