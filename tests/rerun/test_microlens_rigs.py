@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shorter import few
 from stage_text import tiny_text
 
 import pipeline
@@ -43,52 +44,33 @@ PIXELS = """
             uniform int2 plen:resolution"""
 
 
-@pytest.fixture(
-    scope="module",
-    params=[SQUARE, pytest.param(REFRACTIVE, marks=pytest.mark.heavy)],
-    ids=["square discs", "refractive columns, tilted"],
-)
-def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    folder = tmp_path_factory.mktemp("rig")
-    sensor = '\n        over "Sensor"'
-    pixels = ("\n            uniform int2 plen:resolution", PIXELS)
-    text = tiny_text("plenoptic", (sensor, request.param + sensor), pixels)
-    (folder / "dataset.usda").write_text(text, encoding="utf-8")
-    result = pipeline.build(folder / "dataset.usda", folder / "out", jobs=1)
+@pytest.mark.parametrize("array", few([SQUARE], REFRACTIVE), ids=["square discs", "refractive columns, tilted"])
+def test_rigs_with_other_microlenses_are_built(array: str, tmp_path: Path) -> None:
+    """Rows and types, what camera.json says, and the share of light in white.exr that came through neighbours."""
+    sensor, pixels = '\n        over "Sensor"', ("\n            uniform int2 plen:resolution", PIXELS)
+    stage = tmp_path / "dataset.usda"
+    stage.write_text(tiny_text("plenoptic", (sensor, array + sensor), pixels), encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]
-    return request.param, folder / "out"
 
-
-def test_the_truth_of_the_rig_is_built(built: tuple[str, Path]) -> None:
-    """Rows of every type, each seen through its own microlens."""
-    kind, out = built
-    table = read_table(out / "frames/0001/Rig.Camera/correspondences.csv")
-    assert len(table.numbers("x_px")) > 0
-    types = read_table(out / "cameras/Rig.Camera/micro_images.csv").numbers("microlens_type")
-    assert set(types) == ({0} if kind is SQUARE else {0, 1, 2})
-
-
-def test_the_report_names_the_microlenses(built: tuple[str, Path]) -> None:
-    """Layout, model, apertures, acceptance, and the focal lengths that faces make."""
-    kind, out = built
-    document = json.loads((out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
-    array = document["mla"]
+    assert len(read_table(result.out / "frames/0001/Rig.Camera/correspondences.csv").numbers("x_px")) > 0
+    folder = result.out / "cameras/Rig.Camera"
+    types = set(read_table(folder / "micro_images.csv").numbers("microlens_type"))
+    document = json.loads((folder / "camera.json").read_text(encoding="utf-8"))
+    mla = document["mla"]
     assert document["pixel_acceptance"] == {"shape": "cosine", "power": 2.0}
-    if kind is SQUARE:
-        assert (array["layout"], array["count"], array["disc_diameter_mm"]) == ("square", 120, 0.19)
-        return
-    assert (array["layout"], array["model"]) == ("hexagonal-columns", "refractive")
-    assert array["tilt_deg"] == [0.02, -0.015]
-    found = [entry["focal_length_mm"] for entry in array["types"]]
-    np.testing.assert_allclose(found, [1.9, 2.1, 2.3], rtol=1e-3)
-    assert found != [1.9, 2.1, 2.3]
+    if array is SQUARE:
+        assert (types, mla["layout"], mla["count"], mla["disc_diameter_mm"]) == ({0}, "square", 120, 0.19)
+    else:
+        assert (types, mla["layout"], mla["model"]) == ({0, 1, 2}, "hexagonal-columns", "refractive")
+        found = [entry["focal_length_mm"] for entry in mla["types"]]
+        np.testing.assert_allclose(found, [1.9, 2.1, 2.3], rtol=1e-3)
+        assert (mla["tilt_deg"], found == [1.9, 2.1, 2.3]) == (
+            [0.02, -0.015],
+            False,
+        )  # the focal lengths that faces make
 
-
-def test_the_white_image_says_what_came_through_neighbours(built: tuple[str, Path]) -> None:
-    """Per pixel a share of its light, NaN where there is none, and over all of it one in the header."""
-    white = read_exr(built[1] / "cameras/Rig.Camera/white.exr")
-    share = white["crosstalk"].channels["Y"]
-    lit = white["white"].channels["Y"] > 0
-    assert np.all((share[lit] >= 0) & (share[lit] <= 1))
-    assert np.isnan(share[~lit]).all()
+    white = read_exr(folder / "white.exr")
+    share, lit = white["crosstalk"].channels["Y"], white["white"].channels["Y"] > 0
+    assert np.all((share[lit] >= 0) & (share[lit] <= 1)) and np.isnan(share[~lit]).all()
     assert 0 <= float(white["crosstalk"].attributes["of_all_light"]) < 0.5
