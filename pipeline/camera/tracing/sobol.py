@@ -4,6 +4,8 @@ Sources: direction numbers of Joe and Kuo (2008); scrambling as in Burley, "Prac
 JCGT 9(4), 2020, with the hash of Laine and Karras in the form improved by Vegdahl (2021).
 """
 
+import functools
+
 import numpy as np
 
 from pipeline.jit.decorators import inline
@@ -22,10 +24,12 @@ _PRIMITIVE = {
 """Per dimension after the first: degree s, coefficients a, initial m of Joe and Kuo's table."""
 
 
+@functools.lru_cache(maxsize=8)
 def sobol_bits(count: int) -> np.ndarray:
     """The first `count` points of the unscrambled sequence with their bits reversed, ready for scrambling.
 
-    Returns (DIMENSIONS, count) uint32: bit 0 holds the most significant binary digit.
+    Returns (DIMENSIONS, count) uint32: bit 0 holds the most significant binary digit. Bundles of one camera ask for the
+    same points again and again: the array is shared, and nobody writes to it.
     """
     return sobol_bits_at(np.arange(count, dtype=np.uint32))
 
