@@ -6,6 +6,7 @@ artwork of targets is evaluated by its formula at the exact hit, as in scenes wi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -42,7 +43,7 @@ _Passes = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int], None]
 _Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LitView:
     """Everything before a camera."""
 
@@ -57,6 +58,31 @@ class LitView:
     def in_light(self, number: int) -> "LitScene":
         """The view at one of its wavelengths."""
         return LitScene(self, number)
+
+    @cached_property
+    def surfaces(self) -> "_Surfaces":
+        """What is the same at all wavelengths."""
+        table, pieces = MaterialTable(self.pictures), list[shapes.Shapes]()
+        for (target, pose), coat in zip(self.targets, self.lighting.coats, strict=True):
+            row = table.add_coat(coat)
+            for patch in target.patches():
+                pieces.append(shapes.of_patch(patch, pose @ patch.target_from_patch, row))
+        for (occluder, pose), plain in zip(self.occluders, self.lighting.finishes, strict=True):
+            finish = from_plain(Finish, plain)
+            columns = shapes.columns_of(finish)
+            rows = [table.add(material, occluder.radiance, columns) for material in finish.materials]
+            pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
+        ends, together = np.cumsum([0, *(len(piece.corners) for piece in pieces)]), shapes.joined(pieces)
+        return _Surfaces(table, ends, together, MeshScene([together.corners]))
+
+
+class _Surfaces(NamedTuple):
+    """Materials, first triangle of each piece and of none, triangles, and the same for Embree."""
+
+    table: MaterialTable
+    ends: np.ndarray
+    shapes: shapes.Shapes
+    embree: MeshScene
 
 
 class _Tint(NamedTuple):
@@ -74,19 +100,7 @@ class LitScene:
         from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
 
         self._light, lighting = (number, len(view.lights)), view.lighting
-        table, pieces = MaterialTable(view.pictures), []
-        for (target, pose), coat in zip(view.targets, lighting.coats, strict=True):
-            row = table.add_coat(coat)
-            for patch in target.patches():
-                pieces.append(shapes.of_patch(patch, pose @ patch.target_from_patch, row))
-        for (occluder, pose), plain in zip(view.occluders, lighting.finishes, strict=True):
-            finish = from_plain(Finish, plain)
-            columns = shapes.columns_of(finish)
-            rows = [table.add(material, occluder.radiance, columns) for material in finish.materials]
-            pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
-        self._ends = np.cumsum([0, *(len(piece.corners) for piece in pieces)])
-        self._shapes = shapes.joined(pieces)
-        self._embree = MeshScene([self._shapes.corners])
+        table, self._ends, self._shapes, self._embree = view.surfaces
         corners = self._shapes.corners.reshape(-1, 3)
         weights = np.array([weights_of_rgb(light) for light in view.lights[number]])
         sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
