@@ -1,6 +1,6 @@
-"""OpenEXR files larger than memory: written band by band, read by windows of rows.
+"""OpenEXR files larger than memory, written band by band.
 
-OpenEXR's binding takes and gives whole files only. So its own encoder makes a file of each band, and the compressed
+OpenEXR's binding takes whole files only. So its own encoder makes a file of each band, and the compressed
 tiles of these are strung together: the same bytes as `exr.write_exr` writes, whatever the height of a band. Headers
 are the binding's, too, of parts of one pixel, with other windows. Only the container is ours: headers, tables of
 offsets and chunks, as in https://openexr.com/en/latest/OpenEXRFileLayout.html; all numbers are little-endian.
@@ -9,8 +9,6 @@ OpenImageIO 3.2 writes bands, too, but the time of day into each header, so that
 referee.
 """
 
-import io
-import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -20,14 +18,20 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.files.damaged import DamagedFile
-from pipeline.files.exr import CRC, PART_COUNT, RESERVED, TILE_PX, Part, write_exr
+from pipeline.files.exr import (
+    CRC,
+    MAGIC,
+    MULTIPART,
+    RESERVED,
+    TILE_PX,
+    Header,
+    Part,
+    UnknownLayout,
+    read_headers,
+    tile_at,
+    write_exr,
+)
 
-_MAGIC, _MULTIPART = b"v/1\x01", 0x1000
-_CHANNEL = 16
-"""Bytes that follow the name of a channel: pixel type, flags, sampling."""
-_LONGEST = 1 << 20
-"""Longest header [bytes]: ours have a few hundred."""
 Rows = Callable[[int, int], dict[str, np.ndarray]]
 """First and end row to channels (rows, w)."""
 _BAND_PX = 1 << 20
@@ -39,64 +43,6 @@ _POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
 """x^32 less its remainder; x^0; x^8."""
 
 
-class UnknownLayout(ValueError):
-    """The bytes are not a file with this layout, or end too early."""
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """Header of a part: attributes by name, each with its type and value as bytes, in the order of the file."""
-
-    attributes: dict[str, tuple[str, bytes]]
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """Attributes that are text."""
-        return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
-
-    @property
-    def channels(self) -> list[str]:
-        """Names of the channels, in the order of the pixels."""
-        names, data = [], self._value("channels", "chlist")
-        while data and data[0]:
-            name, _, rest = data.partition(b"\0")
-            names.append(name.decode())
-            data = rest[_CHANNEL:]
-        return names
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width [px]."""
-        left, top, right, bottom = struct.unpack("<4i", self._value("dataWindow", "box2i"))
-        if not 0 <= right - left < 1 << 30 or not 0 <= bottom - top < 1 << 30:
-            raise UnknownLayout("a part without pixels")
-        return bottom - top + 1, right - left + 1
-
-    @property
-    def tile_px(self) -> int:
-        """Edge of its square tiles."""
-        across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
-        if across != down or not 0 < across <= 1 << 12:
-            raise UnknownLayout(f"tiles of {across} x {down} pixels")
-        return int(across)
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Rows and columns of tiles."""
-        height, width = self.shape
-        return -(-height // self.tile_px), -(-width // self.tile_px)
-
-    def having(self, **values: bytes) -> "Header":
-        """The same header with other values for some of its attributes."""
-        return Header({name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()})
-
-    def _value(self, name: str, kind: str) -> bytes:
-        stored, value = self.attributes.get(name, ("", b""))
-        if stored != kind:
-            raise UnknownLayout(f"no attribute {name} of type {kind}")
-        return value
-
-
 def _box(shape: tuple[int, int]) -> bytes:
     """A window from (0, 0) with a number of rows and columns, as bytes."""
     return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
@@ -104,58 +50,12 @@ def _box(shape: tuple[int, int]) -> bytes:
 
 def _head(headers: list[Header], tables: list[np.ndarray]) -> bytes:
     """Bytes of everything before the chunks: headers and tables of offsets."""
-    result = [_MAGIC, struct.pack("<I", 2 | (_MULTIPART if len(headers) > 1 else 0x200))]
+    result = [MAGIC, struct.pack("<I", 2 | (MULTIPART if len(headers) > 1 else 0x200))]
     for header in headers:
         for name, (kind, value) in header.attributes.items():
             result += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
         result.append(b"\0")
     return b"".join([*result, b"\0" if len(headers) > 1 else b"", *(table.tobytes() for table in tables)])
-
-
-def _read_headers(stream: BinaryIO) -> list[Header]:
-    """Headers of a file; afterwards the stream is at the tables of offsets."""
-    magic, version = stream.read(4), stream.read(4)
-    if magic != _MAGIC or len(version) < 4:
-        raise UnknownLayout("not an OpenEXR file")
-    data = stream.read(_LONGEST)
-    many, taken = bool(struct.unpack("<I", version)[0] & _MULTIPART), io.BytesIO(data)
-    headers = [_header(taken)]
-    while many and (following := _header(taken)).attributes:
-        headers.append(following)
-    stream.seek(8 + taken.tell())
-    return headers
-
-
-def _header(stream: io.BytesIO) -> Header:
-    attributes = {}
-    while name := _name(stream):
-        kind, size = _name(stream), struct.unpack("<i", _exactly(stream, 4))[0]
-        attributes[name.decode()] = kind.decode(), _exactly(stream, size)
-    return Header(attributes)
-
-
-def _name(stream: io.BytesIO) -> bytes:
-    name = bytearray()
-    while (byte := _exactly(stream, 1)) != b"\0":
-        name += byte
-    return bytes(name)
-
-
-def _exactly(stream: BinaryIO, size: int) -> bytes:
-    data = stream.read(size) if size >= 0 else b""
-    if size < 0 or len(data) < size:
-        raise UnknownLayout("the file ends too early")
-    return data
-
-
-def _tile(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
-    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a file of one."""
-    stream.seek(offset)
-    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
-    column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
-    if stored_part != part or level != [0, 0]:
-        raise UnknownLayout("a tile of another part")
-    return (column, row), _exactly(stream, size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,7 +103,7 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
     small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
     write_exr(scratch, small)
     with scratch.open("rb") as stream:
-        headers = _read_headers(stream)
+        headers = read_headers(stream)
     display = _box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
     sized = [
         header.having(dataWindow=_box(p.shape), displayWindow=display) for header, p in zip(headers, parts, strict=True)
@@ -227,10 +127,10 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
     """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions."""
     with band_file.open("rb") as band:
-        (header,) = _read_headers(band)
+        (header,) = read_headers(band)
         offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")
         for offset in offsets:
-            (column, row), data = _tile(band, int(offset), None)
+            (column, row), data = tile_at(band, int(offset), None)
             table[above + row, column] = stream.tell()
             stream.write(b"" if part is None else struct.pack("<i", part))
             stream.write(struct.pack("<5i", column, above + row, 0, 0, len(data)) + data)
@@ -244,76 +144,6 @@ def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> byte
         whole = zlib.crc32(f"{channel} {part.shape}".encode(), whole)
         whole = _joined(whole, crc, 4 * part.shape[0] * part.shape[1])
     return f"{whole:08x}".encode()
-
-
-class ExrWindows:
-    """A file that `write_exr` or `write_bands` wrote, opened to read rows of its parts.
-
-    Of each part the rows of tiles that were read last are kept, so that overlapping windows decode a tile once. Every
-    tile carries a checksum of its own; that of the whole part is not looked at.
-
-    Raises DamagedFile: it is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-        with self._path.open("rb") as stream:
-            try:
-                headers = _read_headers(stream)
-                self.headers = {header.texts["name"]: header for header in headers}
-                sizes = [8 * header.grid[0] * header.grid[1] for header in headers]
-                room = os.fstat(stream.fileno()).st_size
-                if {header.texts[PART_COUNT] for header in headers} != {str(len(headers))} or sum(sizes) > room:
-                    raise UnknownLayout("parts are missing")
-                self._tables = [
-                    np.frombuffer(stream.read(size), "<u8").reshape(header.grid)
-                    for size, header in zip(sizes, headers, strict=True)
-                ]
-            except (ValueError, KeyError, struct.error) as error:
-                raise DamagedFile(self._path, f"not a readable OpenEXR file of this program ({error})") from error
-        self._decoded: dict[str, dict[int, np.ndarray]] = {}
-
-    def rows(self, name: str, first: int, end: int) -> dict[str, np.ndarray]:
-        """Channels of the rows [first, end) of a part, (end - first, w) float32 each."""
-        header = self.headers[name]
-        edge, kept = header.tile_px, self._decoded.get(name, {})
-        wanted = range(first // edge, (end - 1) // edge + 1)
-        self._decoded[name] = {row: kept[row] if row in kept else self._tiles(name, row) for row in wanted}
-        pixels = np.concatenate(list(self._decoded[name].values()), axis=1)[:, first - wanted[0] * edge :]
-        return dict(zip(header.channels, pixels[:, : end - first], strict=True))
-
-    def _tiles(self, name: str, row: int) -> np.ndarray:
-        """A row of tiles, (channels, h, w) float32."""
-        header, number = self.headers[name], list(self.headers).index(name)
-        (height, width), edge = header.shape, header.tile_px
-        result = np.empty((len(header.channels), min(edge, height - row * edge), width), np.float32)
-        with self._path.open("rb") as stream:
-            try:
-                for column, offset in enumerate(self._tables[number][row]):
-                    stored, data = _tile(stream, int(offset), number if len(self.headers) > 1 else None)
-                    here = result[:, :, column * edge : (column + 1) * edge]
-                    if stored != (column, row):
-                        raise UnknownLayout("another tile")
-                    pixels = np.frombuffer(_pixels(data, here.nbytes), "<f4")
-                    here[:] = pixels.reshape(here.shape[1], here.shape[0], here.shape[2]).transpose(1, 0, 2)
-            except (ValueError, OverflowError, struct.error, zlib.error) as error:
-                raise DamagedFile(self._path, f'a tile of part "{name}" cannot be read ({error})') from error
-        return result
-
-
-def _pixels(data: bytes, size: int) -> np.ndarray:
-    """Bytes of a tile, from its chunk: as they are, or deflated differences of halves (`ZIP_COMPRESSION`)."""
-    if len(data) == size:
-        return np.frombuffer(data, np.uint8)
-    inflated = zlib.decompressobj().decompress(data, size + 1)
-    if len(inflated) != size:
-        raise UnknownLayout("a tile of another size")
-    differences = np.frombuffer(inflated, np.uint8).copy()
-    differences[1:] -= 128
-    halves = np.cumsum(differences, dtype=np.uint8)
-    result = np.empty(size, np.uint8)
-    result[0::2], result[1::2] = halves[: (size + 1) // 2], halves[(size + 1) // 2 :]
-    return result
 
 
 def _joined(first: int, second: int, second_bytes: int) -> int:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.channel_names import colour_of
-from pipeline.files.exr import PRIMARIES_XY
-from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.exr import PRIMARIES_XY, ExrWindows
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, in_bands

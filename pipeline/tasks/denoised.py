@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.files.exr_bands import ExrWindows
+from pipeline.files.exr import ExrWindows
 from pipeline.files.png import write_png
 from pipeline.render.denoising import denoised
 from pipeline.tasks.artefacts.cameras import Inputs

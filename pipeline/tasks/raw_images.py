@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.channel_names import colour_of
-from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.exr import ExrWindows
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
 from pipeline.files.tiff import Negative, mapped, write_dng, write_tiff

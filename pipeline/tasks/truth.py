@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera.rig import Rig
-from pipeline.files.exr_bands import ExrWindows
+from pipeline.files.exr import ExrWindows
 from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records.plain import from_plain, to_plain

@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.files import exr_bands
 from pipeline.files.damaged import DamagedFile
-from pipeline.files.exr import Part, read_exr, write_exr
-from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.exr import ExrWindows, Part, read_exr, write_exr
+from pipeline.files.exr_bands import BandedPart, write_bands
 
 
 def parts() -> list[Part]:

@@ -13,8 +13,8 @@ import pytest
 import rawpy
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from pipeline.files.exr import Part, read_exr, write_exr
-from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.exr import ExrWindows, Part, read_exr, write_exr
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load
