@@ -12,8 +12,11 @@ from laws.lit import matt, plate, scene
 from laws.solving import rig_of, solved
 from laws.test_model_cameras import model
 
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.integrals import Bundles, integrals
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import parallel_planes
 from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
 from pipeline.render.labels.pixels import RANKS, Asked, labels_of
@@ -239,6 +242,39 @@ def test_flow_behind_microlenses_is_that_of_each_micro_image():
     u = seen.at("board.U", before.xy_px[first[inner]])
     spread = seen.at("spread.board", before.xy_px[first[inner]])
     assert (np.abs(u - BOARD.points_mm()[before.point[first[inner]], 0]) < OF_SAMPLES * spread).all()
+
+
+def test_light_through_other_microlenses_is_seen_and_does_not_flow():
+    """A stop so wide that micro-images overlap: what the others show lies ten pixels away and grows, too.
+
+    A plate that is larger by a twentieth moves each point in proportion to its place, so J(x + flow) is 1.05 J(x)
+    through the microlens of the pixel's own cell, and no mixture of other places is.
+    """
+    sensor, growth = Sensor(width_px=32, height_px=24, pitch_mm=0.01), 1.05
+    lens, array = rigs.tronnier(9.0), rigs.michels_array(1.5)
+    camera = focused(Camera(prescription=lens, sensor=sensor, sensor_distance_mm=125.0, microlenses=array))
+    here, still = plate(434.4, 60.0), np.eye(4)
+    corners = tuple((growth * x, growth * y, z) for x, y, z in here.vertices_mm)
+    there = Occluder(vertices_mm=corners, triangles=here.triangles)
+    seen = labelled(camera, occluders=[(here, still)], later=Later([], [(there, still)]))
+    y, x = np.mgrid[: sensor.height_px, : sensor.width_px].reshape(2, -1)
+    at_mm, images = seen.rig.tracer.positions_mm(x, y), seen.rig.images
+    cell = images.owner(at_mm)
+    flow = np.stack([seen["flow.X"], seen["flow.Y"]], axis=-1).reshape(-1, 2).astype(float)
+    lit = np.isfinite(flow).all(axis=1) & (np.hypot(*(at_mm - images.centre_mm[cell]).T) < images.radius_mm / 2)
+
+    def meets(x_px: np.ndarray) -> np.ndarray:
+        planes = np.broadcast_to(parallel_planes(434.4, 900.0), (lit.sum(), 2, 4, 3))
+        bundles = Bundles(x_px, seen.rig.microlens(cell[lit]), planes)
+        return integrals(seen.rig.tracer, bundles, 2).moments[:, :2]
+
+    places = np.stack([x, y], axis=1)[lit].astype(float)
+    now = meets(places)
+    mm_per_px = np.linalg.norm(meets(places + np.array([0.1, 0.0])) - now, axis=1) / 0.1
+    mixed = seen["spread.P"].ravel()[lit] > 5 * mm_per_px
+    assert mixed.mean() > 0.3, "light of other places arrives"
+    off_px = np.linalg.norm(meets(places + flow[lit]) - growth * now, axis=1) / mm_per_px
+    assert off_px.max() < FLOW_PX
 
 
 def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
