@@ -25,7 +25,7 @@ from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
+from pipeline.render.lighting.records import Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.mesh import MeshTarget, Occluder
@@ -99,15 +99,19 @@ def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
 
 def _paths_of_light() -> None:
     card = Occluder(vertices_mm=((-9.0, -9.0, 50.0), (9.0, -9.0, 50.0), (0.0, 9.0, 50.0)), triangles=((0, 1, 2),))
+    prism = Occluder(
+        vertices_mm=(*card.vertices_mm, (0.0, 0.0, 60.0)), triangles=((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
+    )
     hole = Material(opacity_threshold=0.5, opacity=Input(value=(0.0,)))
+    glass = Material(roughness=Input(value=(0.0,)), glass=Glass(wavelengths_nm=(550.0,), indices=(1.5,)))
     sky = PlacedLamp(
         lamp=to_plain(Lamp(kind="dome", radiance=(1.0, 1.0, 1.0), texture="sky")), vision_from_lamp=np.eye(4).tolist()
     )
     view = LitView(
         targets=[],
-        occluders=[(card, np.eye(4)), (card, np.diag([1.0, 1.0, 2.0, 1.0]))],
+        occluders=[(card, np.eye(4)), (prism, np.diag([1.0, 1.0, 1.2, 1.0])), (card, np.diag([1.0, 1.0, 2.0, 1.0]))],
         lighting=Lighting(
-            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(part,))) for part in (hole, Material()))
+            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(part,))) for part in (hole, glass, Material()))
         ),
         pictures={"sky": np.ones((2, 4, 4), np.float32)},
         background=0.0,

@@ -259,7 +259,7 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
 def _lets_pass(dataset: Dataset) -> bool:
     """Whether something may not be opaque."""
     finishes, solid = [each.finish for each in dataset.occluders if each.finish], Material().opacity
-    return any(material.opacity != solid for finish in finishes for material in finish.materials)
+    return any(material.opacity != solid or material.glass for finish in finishes for material in finish.materials)
 
 
 def _paths(dataset: Dataset, frame: Frame) -> list[str]:

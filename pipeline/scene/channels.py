@@ -223,20 +223,26 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         yield problem(attribute, "printed-wavelength", message, hint=hint)
 
 
+def seen_nm(camera: Usd.Prim) -> list[float]:
+    """Wavelengths that a camera or its channels use, as far as they can be read."""
+    lights_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    for channel in channel_prims(sensor) if sensor else []:
+        with contextlib.suppress(SpectrumError, UnreadableValue):  # reported where the channel is checked
+            lights_nm += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
+    return lights_nm
+
+
 def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     """Doubts about formulas in place of glasses, at the wavelengths that a camera or its channels use; one for each
     surface."""
     if not uses_catalogue(lens):
         return
-    seen_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
-    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    for channel in channel_prims(sensor) if sensor else []:
-        with contextlib.suppress(SpectrumError, UnreadableValue):  # reported where the channel is checked
-            seen_nm += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
+    lights_nm = seen_nm(camera)
     for prim in ordered_surfaces(lens):
         try:
             medium = medium_behind(prim, lens)
-            doubt = next(filter(None, (doubt_of(medium, wavelength_nm) for wavelength_nm in seen_nm)), None)
+            doubt = next(filter(None, (doubt_of(medium, wavelength_nm) for wavelength_nm in lights_nm)), None)
         except (GlassError, UnreadableValue):
             continue  # reported where the glass or the wavelength is checked
         if doubt:

@@ -13,10 +13,13 @@ from typing import Any, NamedTuple
 from pxr import Sdr, Usd, UsdGeom, UsdShade
 
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
+from pipeline.scene.glass import read_glass
 from pipeline.scene.lamps import is_mesh_light, mesh_light
 from pipeline.scene.pictures import picture_name
+from pipeline.scene.usd.meshes import drawn
 from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
+from pipeline.targets.mesh import is_closed
 
 _COLOUR = 3
 """Components of colours [1]."""
@@ -105,6 +108,13 @@ _PLACE = 2
 def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     """Warnings about what is not drawn of the materials of a shape as they ask for it."""
     shaded, _ = shades(mesh)
+    shape, is_glass = drawn(mesh), any(each.material.glass for each in shaded)
+    if is_glass:
+        what = "points that are seen through this glass have no ground truth: it hides them as if it were opaque"
+        yield _drawn(mesh, what, "keep it away from target points whose rows matter")
+    if is_glass and len(shape.corners) and not is_closed(shape.points, shape.triangles):
+        what = f"<{mesh.GetPath()}> is of glass and does not close a volume: it is drawn as panes, which bend no light"
+        yield _drawn(mesh, what, "close the mesh, with all faces turned to the same side, for glass that refracts")
     for each in shaded:
         yield from each.flaws
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
@@ -160,22 +170,27 @@ def read_material(material: UsdShade.Material) -> Shaded:
     """The record of a Material; NotSupported without a UsdPreviewSurface, UnreadableValue for values of no use."""
     surface = _surface(material)
     network = _Network(surface)
-    fields = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
+    fields: dict[str, Any] = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
     if network.value(surface, "useSpecularWorkflow", 0):
         fields["specular_color"] = network.read("specularColor", (0.0, 0.0, 0.0))
     numbers = {
         name: float(network.value(surface, name, idle)) for name, idle in (("opacityThreshold", 0.0), ("ior", 1.5))
     }
     is_presence = network.value(surface, "opacityMode", "transparent") == "presence"
-    record = Material(
-        **fields, ior=numbers["ior"], opacity_threshold=numbers["opacityThreshold"], is_presence=is_presence
-    )
+    glass, doubts = read_glass(material, surface, numbers["ior"])
+    threshold = numbers["opacityThreshold"]
+    record = Material(**fields, ior=numbers["ior"], opacity_threshold=threshold, is_presence=is_presence, glass=glass)
+    network.flaws += doubts
     displacement = network.source(surface, "displacement")
     if isinstance(displacement, _Connected) or displacement:
         network.flaws.append(
             _drawn(surface.GetInput("displacement").GetAttr(), "surfaces are drawn without displacement")
         )
-    if record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1:
+    if glass:
+        for name, field in (("metallic", record.metallic), ("clearcoat", record.clearcoat)):
+            if field.texture or field.primvar or any(field.value):
+                network.flaws.append(_drawn(surface.GetInput(name).GetAttr(), f"glass is drawn without its {name}"))
+    elif record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1:
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
     return Shaded(record, tuple(network.primvars.values()), tuple(network.flaws))
 

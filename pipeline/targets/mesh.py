@@ -5,12 +5,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from pipeline.records.shapes import Float64, Int64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.points import TargetPoints, frames_at
 from pipeline.targets.surfaces import MESH, Patch
 
 Triple = tuple[float, float, float]
+_SAME = 1e-7
+"""Distance within which two vertices are one, as a part of the mesh [1]: files hold single precision."""
 
 
 def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) -> None:
@@ -19,6 +22,18 @@ def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) ->
         raise TargetError("the mesh has no faces", code="bad-mesh")
     if not 0 <= min(map(min, triangles)) <= max(map(max, triangles)) < vertices:
         raise TargetError(f"a face names a vertex beyond the {vertices} of the mesh", code="bad-mesh")
+
+
+def is_closed(points: Float64[np.ndarray, "n 3"], triangles: Int64[np.ndarray, "m 3"]) -> bool:
+    """Whether triangles close a volume: along each edge, as many of them run one way as the other. Vertices at the same
+    place, as at the seams of textures, are one."""
+    off = points - points.mean(axis=0)
+    grain = max(_SAME * float(np.abs(off).max()), np.finfo(float).tiny)
+    _, same = np.unique(np.round(off / grain), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[triangles]
+    start, end = corners.ravel(), corners[:, [1, 2, 0]].ravel()
+    _, edge = np.unique(np.minimum(start, end) * len(points) + np.maximum(start, end), return_inverse=True)
+    return not np.bincount(edge.reshape(-1), weights=np.sign(end - start)).any()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +53,10 @@ class Occluder:
     def corners_mm(self) -> np.ndarray:
         """Corners of the triangles, (m, 3, 3)."""
         return np.array(self.vertices_mm, float)[np.array(self.triangles)]
+
+    def is_closed(self) -> bool:
+        """Whether its triangles close a volume."""
+        return is_closed(np.array(self.vertices_mm, float), np.array(self.triangles))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

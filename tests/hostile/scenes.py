@@ -15,13 +15,14 @@ class Scene:
     """A scene and the attributes that it is there for: edits of BASE by prim below /Scene and attribute.
 
     `kind` and `lamp` are the types of "Board" and "Lamp". Of `whole` prims every property is tried, of other prims than
-    ours USD's own; `responds` gives "Sensor" its PlenSensorResponseAPI.
+    ours USD's own; `responds` gives "Sensor" its PlenSensorResponseAPI, and `is_glass` makes "Paint" glass.
     """
 
     edits: dict[tuple[str, str], Any] = field(default_factory=dict)
     kind: str = "PlenCheckerboard"
     whole: tuple[str, ...] = ()
     responds: bool = False
+    is_glass: bool = False
     lamp: str = "RectLight"
 
     def stage(self) -> Usd.Stage:
@@ -44,6 +45,8 @@ class Scene:
         stage = Usd.Stage.Open(layer)
         if self.responds:
             stage.GetPrimAtPath("/Scene/Sensor").ApplyAPI("PlenSensorResponseAPI")
+        if self.is_glass:
+            stage.GetPrimAtPath("/Scene/Paint").ApplyAPI("PlenGlassAPI")
         for (at, name), value in self.edits.items():
             put(stage, at, name, value)
         return stage
@@ -169,6 +172,7 @@ _FILMS = _of("Lens", transmittanceSource="catalogue") | _of(
 )
 
 SCENES: dict[str, Scene] = {
+    "glass": Scene(_of("Paint", glass="schott:N-BK7"), whole=("Paint",), is_glass=True),
     "conventional": Scene(
         whole=("", "Camera", "Lens", "Lens/Front", "Lens/Stop", "Lens/Group", "Sensor", "Board", "Screen")
     ),

@@ -1,6 +1,7 @@
 """Small lit scenes for the laws of light: plates and lamps before an eye at the origin; vision frame, mm."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene, LitView
-from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
+from pipeline.render.lighting.records import Coat, Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -46,13 +47,31 @@ def plate(z_mm: float, half_mm: float = 400.0, x_mm: float = 0.0) -> Occluder:
     return Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)))
 
 
+def block(low_mm: Sequence[float], high_mm: Sequence[float], pose: np.ndarray | None = None) -> Occluder:
+    """A box between two corners, moved by a pose."""
+    ends = (low_mm, high_mm)
+    places = [(ends[a][0], ends[b][1], ends[c][2], 1.0) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
+    faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    points = (np.array(places) @ (np.eye(4) if pose is None else pose).T)[:, :3]
+    return Occluder(
+        vertices_mm=tuple(map(tuple, points.tolist())),
+        triangles=tuple(three for a, b, c, d in faces for three in ((a, b, c), (a, c, d))),
+    )
+
+
+def glass(index: float = 1.5, roughness: float = 0.0, **more: Any) -> Material:
+    """Glass of one index, which absorbs nothing unless more is said of it."""
+    of_glass = Glass(wavelengths_nm=(550.0,), indices=(index,), **more)
+    return Material(roughness=Input(value=(roughness,)), glass=of_glass)
+
+
 def matt(reflectance: float) -> Material:
     """A material without a specular layer: its index is that of air."""
     return Material(diffuse_color=Input(value=(reflectance,) * 3), ior=1.0)
 
 
 def scene(
-    things: Sequence[tuple[Occluder, Material]],
+    things: Sequence[tuple[Occluder, Material | Finish]],
     lamps: Sequence[PlacedLamp],
     *,
     targets: Sequence[tuple[AnyTarget, np.ndarray, Coat | None]] = (),
@@ -61,11 +80,13 @@ def scene(
     pictures: dict[str, np.ndarray] | None = None,
     background: float = 0.0,
 ) -> LitScene:
-    """A lit scene of meshes, each with its material, and targets, each with its pose and its coat."""
+    """A lit scene of meshes, each with its material or more, and targets, each with its pose and its coat."""
     lighting = Lighting(
         lamps=tuple(lamps),
         coats=tuple(coat for *_, coat in targets),
-        finishes=tuple(to_plain(Finish(materials=(material,))) for _, material in things),
+        finishes=tuple(
+            to_plain(Finish(materials=(made,)) if isinstance(made, Material) else made) for _, made in things
+        ),
         bounces=bounces,
     )
     view = LitView(

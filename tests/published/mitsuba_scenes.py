@@ -5,11 +5,12 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from laws.lit import lamp, named, scene
+from laws.lit import block, lamp, named, scene
 
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene
-from pipeline.render.lighting.records import Material, PlacedLamp
+from pipeline.render.lighting.records import Finish, Material, PlacedLamp
+from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
 
 mi.set_variant("scalar_rgb")
@@ -19,7 +20,7 @@ WIDTH_PX, HEIGHT_PX, FOV_DEG = 24, 18, 50.0
 
 @dataclass
 class Both:
-    things: list[tuple[Occluder, Material]] = field(default_factory=list)
+    things: list[tuple[Occluder, Material | Finish]] = field(default_factory=list)
     lamps: list[PlacedLamp] = field(default_factory=list)
     theirs: dict[str, Any] = field(default_factory=dict)
     pictures: dict[str, np.ndarray] = field(default_factory=dict)
@@ -33,8 +34,24 @@ class Both:
         self.theirs[f"plate{len(self.things)}"] = {
             "type": "rectangle",
             "to_world": shape,
-            "bsdf": bsdf if bsdf["type"] == "mask" else {"type": "twosided", "bsdf": bsdf},
+            "bsdf": bsdf if bsdf["type"] in ("mask", "thindielectric") else {"type": "twosided", "bsdf": bsdf},
         }
+
+    def block(self, pose: np.ndarray, half_mm: tuple[float, float, float], material: Material, bsdf: dict) -> None:
+        """A box about the origin of its frame, which is of glass."""
+        self.things.append((block([-half for half in half_mm], half_mm, pose), material))
+        shape = mi.ScalarTransform4f(pose) @ mi.ScalarTransform4f().scale(list(half_mm))
+        self.theirs[f"block{len(self.things)}"] = {"type": "cube", "to_world": shape, "bsdf": bsdf}
+
+    def ball(self, centre_mm: tuple[float, float, float], radius_mm: float, material: Material, bsdf: dict) -> None:
+        """A ball of glass, as fine triangles here."""
+        ball = solids.sphere(radius_mm, 2e-4 * radius_mm)
+        points = tuple(map(tuple, (ball.points + centre_mm).tolist()))
+        mesh = Occluder(vertices_mm=points, triangles=tuple(map(tuple, ball.triangles.tolist())))
+        normals = tuple(map(tuple, ball.normals.reshape(-1, 9).tolist()))
+        self.things.append((mesh, Finish(materials=(material,), normals=normals)))
+        shape = {"type": "sphere", "center": list(centre_mm), "radius": radius_mm, "bsdf": bsdf}
+        self.theirs[f"ball{len(self.things)}"] = shape
 
     def lamp(self, kind: str, size: tuple[float, float], pose: np.ndarray, radiance: float) -> None:
         """A lamp that shines along the -z of its pose."""

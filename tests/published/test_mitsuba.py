@@ -6,7 +6,7 @@ Pictures of several seeds say how noisy each pixel is; the difference of the mea
 
 import numpy as np
 import pytest
-from laws.lit import matt, towards
+from laws.lit import glass, matt, towards
 from tolerances import SAME_NOISE, SINGLE, WORST_PIXEL
 
 from pipeline.render.lighting.records import Input, Material
@@ -112,3 +112,49 @@ def test_sheets_that_are_there_in_part_look_alike():
     both.lamp("rect", (90.0, 70.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
     both.lamp("dome", (0.0, 0.0), np.eye(4), 0.2)
     agree(both, 8, 24)
+
+
+def dark_room():
+    """Walls so dark that it does not matter how many bounces are left for them behind glass."""
+    from published.mitsuba_scenes import Both
+
+    both = Both()
+    both.plate(at(0, 0, 500), 500.0, matt(0.3), grey(0.3))
+    both.plate(at(60, 20, 420, (-0.6, 0.2, -0.8)), 50.0, matt(0.1), grey(0.1))
+    return both
+
+
+def clear(index: float = 1.5, **more) -> dict:
+    return {"type": "dielectric", "int_ior": index, "ext_ior": 1.0, **more}
+
+
+def test_a_plate_and_a_ball_of_glass_look_alike_below_an_even_sky():
+    """What they bend, mirror and gather of the sky's light, too."""
+    both = dark_room()
+    both.block(at(-40, 10, 350, (0.3, -0.2, -0.9)), (70.0, 60.0, 8.0), glass(1.5), clear(1.5))
+    both.ball((75.0, 30.0, 380.0), 45.0, glass(1.7), clear(1.7))
+    both.lamp("dome", (0.0, 0.0), np.eye(4), 1.0)
+    agree(both, 8, 60)
+
+
+@pytest.mark.parametrize("roughness", [0.35, 0.6])
+def test_rough_glass_looks_alike(roughness):
+    """A plate with a lamp before it and one behind it, below an even sky."""
+    both = dark_room()
+    rough = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, "int_ior": 1.5, "ext_ior": 1.0}
+    both.block(at(-20, 10, 350, (0.3, -0.2, -0.9)), (90.0, 60.0, 8.0), glass(1.5, roughness), rough)
+    both.lamp("rect", (60.0, 40.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 4.0)
+    both.lamp("sphere", (20.0, 0.0), at(-20, 20, 440), 2.0)
+    both.lamp("dome", (0.0, 0.0), np.eye(4), 0.3)
+    agree(both, 16, 40)
+
+
+def test_thin_panes_look_alike():
+    """Two, one behind the other, before the walls and the lamp."""
+    both = dark_room()
+    thin = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    both.plate(at(-30, 10, 420), 60.0, glass(1.5), thin)
+    both.plate(at(10, 30, 400, (-0.3, 0.1, -0.9)), 60.0, glass(1.5), thin)
+    both.lamp("rect", (90.0, 70.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
+    both.lamp("dome", (0.0, 0.0), np.eye(4), 0.2)
+    agree(both, 8, 40)

@@ -99,6 +99,7 @@ FACES = _array(model="refractive", index=1.5, thickness=0.1, frontRadii=[1.0, 1.
 DISCS = _array(aperture="disc", discDiameter=0.2)
 COSINE = {(SENSOR, "plen:acceptance"): "cosine", (SENSOR, "plen:acceptancePower"): 2.0}
 CONE = {(SENSOR, "plen:acceptance"): "cone", (SENSOR, "plen:acceptanceHalfAngle"): 20.0}
+LIT: dict[tuple[str, str], Any] = {("Sun", "visibility"): "inherited"}
 DECENTRED = {(GROUP, "plen:decentre"): (0.1, 0.0)}
 TILTED = {(GROUP, "plen:tilt"): (0.1, 0.0)}
 WARPED = _shaped("warped", deflection=(0.1, 0.2))
@@ -185,6 +186,8 @@ PARTS = {
         Case(GLASS, "SCHOTT N-BK7"),
         Case(GLASS, "constant(1.6701)", CAMERA, given=CATALOGUE, along={(GLASS, "plen:abbe"): None}),
         Case(ARRAY, "schott:N-BK7", CAMERA, given=FACES, along=_array(index=None)),
+        Case("Clear", "constant(1.6)"),
+        Case("Clear", "constant(1.6)", {"image"}, given=LIT),
     ],
     "plen:offset": [Case(ARRAY, (0.01, 0.0), CAMERA), Case(SENSOR, (0.01, 0.0), CAMERA)],
     "plen:tilt": [
@@ -302,7 +305,8 @@ RAW_IMAGES = {
     "plen:transmittanceSource": [Case(LENS, "catalogue", LOST, given=LOSSY | KNOWN)],
     "plen:internalTransmittance": [Case(GLASS, 0.99, LOST, given=LOSSY)],
     "plen:internalTransmittanceThickness": [
-        Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99})
+        Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99}),
+        Case("Clear", 20.0, {"image"}, given=LIT),
     ],
     "plen:internalTransmittanceWavelengths": [Case(GLASS, [500.0, 620.0], LOST, given=ABSORBING)],
     "plen:internalTransmittanceTable": [Case(GLASS, [0.9, 0.95], LOST, given=ABSORBING)],
@@ -508,7 +512,6 @@ METHOD = {
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 
-LIT: dict[tuple[str, str], Any] = {("Sun", "visibility"): "inherited"}
 COATED = {("One", "plen:coat:roughness"): 0.2}
 LIGHTING = {
     # With lamps a mesh that nobody named is in the image, so it may hide points, too.
@@ -516,6 +519,7 @@ LIGHTING = {
     "inputs:intensity": [Case("Sun", 4.0), Case("Sun", 4.0, {"image"}, given=LIT)],
     "inputs:color": [Case("Sun", Gf.Vec3f(1.0, 0.5, 0.2), {"image"}, given=LIT)],
     "inputs:angle": [Case("Sun", 2.0, {"image"}, given=LIT)],
+    "plen:internalTransmittanceColor": [Case("Clear", Gf.Vec3d(0.9, 0.8, 0.7), {"image"}, given=LIT)],
     "plen:coat:roughness": [Case("One", 0.3), Case("One", 0.3, {"image"}, given=LIT)],
     "plen:coat:ior": [Case("One", 1.4, {"image"}, given=LIT | COATED)],
     "plen:image:bounces": [Case(A, 1), Case(A, 1, {"image"}, given=LIT)],

@@ -24,6 +24,12 @@ _COLOUR = 1 << 20
 """Stage at which a ray gets its slice of the spectrum [1]: beyond those of all vertices."""
 _PASSING = 1 << 21
 """First stage at which surfaces let a ray pass by chance [1]: beyond that of colours."""
+_CROSSING = 1 << 22
+"""First stage at which a path is reflected or refracted by a smooth face of glass [1]: beyond that of passing."""
+CROSSINGS = 32
+"""Most smooth faces of glass that a path crosses one after the other [1]: then it ends."""
+_VERTICES = 128
+"""Stages of passing between two crossings [1]: more than a path has vertices."""
 LAYERS = 64
 """Most surfaces that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""
 _STREAM = 1 << 26
@@ -58,9 +64,14 @@ def draw(points, key, place, stage):
     return scrambled(index, hash32(seed, np.uint32(1))), scrambled(second, hash32(seed, np.uint32(2)))
 
 
-def passing_stage(vertex: int, layer: int) -> int:
-    """Stage at which a ray to a vertex may pass a surface, the layer-th in its way."""
-    return _PASSING + LAYERS * vertex + layer
+def passing_stage(vertex: int, crossing: int, layer: int) -> int:
+    """Stage at which a ray to a vertex, behind so many faces of glass, may pass a surface, the layer-th in its way."""
+    return _PASSING + LAYERS * (vertex + _VERTICES * crossing) + layer
+
+
+def crossing_stage(vertex: int, crossing: int) -> int:
+    """Stage at which the light of a path to a vertex is reflected or refracted by a face of glass."""
+    return _CROSSING + CROSSINGS * vertex + crossing
 
 
 @kernel

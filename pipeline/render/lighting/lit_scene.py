@@ -22,9 +22,10 @@ from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.emitting import emitting_of
+from pipeline.render.lighting.glass_kernels import cross
 from pipeline.render.lighting.lamps import TOUCHING, Lamps, lamps_of
-from pipeline.render.lighting.materials import SOLID, THRESHOLD, VEIL, Materials, MaterialTable
-from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
+from pipeline.render.lighting.materials import INDEX, SOLID, THRESHOLD, VEIL, Materials, MaterialTable
+from pipeline.render.lighting.paths import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.reflection import Layers, tabled_layers
 from pipeline.render.lighting.skies import sky_of
@@ -70,8 +71,10 @@ class LitView:
         for (occluder, pose), plain in zip(self.occluders, self.lighting.finishes, strict=True):
             finish = from_plain(Finish, plain)
             columns = shapes.columns_of(finish)
-            rows = [table.add(material, occluder.radiance, columns) for material in finish.materials]
-            pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
+            is_body = any(material.glass for material in finish.materials) and occluder.is_closed()
+            rows = [table.add(material, occluder.radiance, columns, is_body) for material in finish.materials]
+            piece = shapes.of_mesh(occluder, pose, finish, rows)
+            pieces.append(shapes.outward(piece) if is_body else piece)
         ends, together = np.cumsum([0, *(len(piece.corners) for piece in pieces)]), shapes.joined(pieces)
         return _Surfaces(table, ends, together, MeshScene([together.corners]))
 
@@ -106,7 +109,7 @@ class LitScene:
         sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
         emitting = emitting_of(lighting.lamps, view.pictures)
         for k, raised in enumerate(weights):
-            materials, art = table.arrays(raised), list[PatchLight]()
+            materials, art = table.arrays(raised, view.lights[number][k]), list[PatchLight]()
             for target, pose in inked(view.targets, view.colours, number, slice(k, k + 1)):
                 art += [PatchLight(patch, pose @ patch.target_from_patch) for patch in target.patches()]
             glow = shapes.glow_of(self._shapes, materials)
@@ -114,6 +117,7 @@ class LitScene:
             self._tints.append(_Tint(art, materials, lamps))
         flags = self._tints[0].materials.flags
         self._lets_pass = bool(((flags[:, THRESHOLD] > 0) | (flags[:, VEIL] != SOLID)).any())
+        self._has_glass = bool((flags[:, INDEX] > 0).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
         self._scene = tabled_layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
@@ -159,6 +163,8 @@ class LitScene:
                 break
             hits = self._meet(tint, vertex, paths)
             kernels.gather(lamps, paths, hits, light)
+            if self._has_glass:
+                self._cross_glass(tint, vertex, paths, hits, light)
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
@@ -169,6 +175,22 @@ class LitScene:
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
             paths = _those(paths, goes_on)
         return light
+
+    def _cross_glass(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
+        """Replace paths that meet smooth glass, and what they meet, by what is behind it."""
+        for crossing in range(draws.CROSSINGS + 1):
+            rows = np.flatnonzero(hits.is_smooth_glass)
+            if not len(rows):
+                return
+            if crossing == draws.CROSSINGS:
+                hits.distance[rows] = np.inf
+                return
+            some, faces = Paths(*(each[rows] for each in paths)), Hits(*(each[rows] for each in hits))
+            cross(self._scene, draws.crossing_stage(vertex, crossing), some, faces)
+            there = self._meet(tint, vertex, some, crossing + 1)
+            kernels.gather(tint.lamps, some, there, light)
+            for whole, part in (*zip(paths, some, strict=True), *zip(hits, there, strict=True)):
+                whole[rows] = part
 
     def _names(self, rays: PixelRays) -> Names:
         owner = np.ascontiguousarray(rays.leaving.owner)
@@ -181,7 +203,9 @@ class LitScene:
     def _ask_lamps(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
         """Add the light that lamps send to some surfaces directly."""
         lamps, count = tint.lamps, len(paths.power)
-        shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
+        shadows = Shadows(
+            np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count), np.zeros(count, bool)
+        )
         kernels.send_to_lamps(lamps, self._scene, vertex, paths, hits, shadows)
         some = shadows.light > 0.0
         shadows = _those(shadows, some)
@@ -190,7 +214,16 @@ class LitScene:
         def dimmed(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
             rest = left[some] - np.sum((start - shadows.origin[some]) * shadows.direction[some], axis=1)
             light_there = shadows.light[some]
-            shapes.dim(self._surfaces(tint), triangle, start, shadows.direction[some], rest, light_there, past)
+            shapes.dim(
+                self._surfaces(tint),
+                triangle,
+                start,
+                shadows.direction[some],
+                shadows.straight[some],
+                rest,
+                light_there,
+                past,
+            )
             shadows.light[some] = light_there
 
         triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
@@ -199,21 +232,26 @@ class LitScene:
     def first_seen(self, of_pixels: PixelRays) -> np.ndarray:
         """First triangle that each ray of the camera does not pass, (n,), of targets, then of occluders; -1: none."""
         rays = of_pixels.leaving
-        passes = self._by_chance(self._tints[0], 0, self._names(of_pixels), rays.direction)
+        passes = self._by_chance(self._tints[0], (0, 0), self._names(of_pixels), rays.direction)
         return self._first_triangle(rays.origin, rays.direction, passes)
 
-    def _by_chance(self, tint: _Tint, vertex: int, names: Names, direction: np.ndarray) -> _Passes:
+    def _by_chance(self, tint: _Tint, place: tuple[int, int], names: Names, direction: np.ndarray) -> _Passes:
+        """`place`: number of the vertex, and of faces of glass before it."""
+
         def passes(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
-            dice = draws.points(), names.key[some], names.place[some], draws.passing_stage(vertex, layer)
+            dice = draws.points(), names.key[some], names.place[some], draws.passing_stage(*place, layer)
             shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, direction[some], past)
 
         return passes
 
-    def _meet(self, tint: _Tint, vertex: int, paths: Paths) -> Hits:
-        count, passes = len(paths.power), self._by_chance(tint, vertex, Names(paths.key, paths.place), paths.direction)
+    def _meet(self, tint: _Tint, vertex: int, paths: Paths, crossing: int = 0) -> Hits:
+        names, count = Names(paths.key, paths.place), len(paths.power)
+        passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
         triangle = self._first_triangle(paths.origin, paths.direction, passes)
         point, flat, normal = np.empty((3, count, 3))
-        hits = Hits(np.empty(count), triangle, point, flat, normal, np.empty((count, 5)), np.empty(count))
+        hits = Hits(
+            np.empty(count), triangle, point, flat, normal, np.empty((count, 6)), np.empty(count), np.empty(count)
+        )
         albedo = np.full(count, np.nan)
         for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
@@ -255,5 +293,5 @@ def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:
 def _first(origin: np.ndarray, direction: np.ndarray, names: Names) -> Paths:
     """The rays of the camera as paths."""
     count = len(origin)
-    from_none = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
+    from_none = np.zeros(count), np.zeros((count, 3)), np.zeros(count), np.zeros(count)
     return Paths(origin.copy(), direction.copy(), np.ones(count), *from_none, names.key, names.place, np.arange(count))

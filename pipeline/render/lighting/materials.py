@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import Slice
 from pipeline.jit.decorators import inline, unit
 from pipeline.records.shapes import Float64, Num
-from pipeline.render.lighting.records import Coat, Input, Material
+from pipeline.render.lighting.records import Coat, Glass, Input, Material
 from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint, let_through
+from pipeline.render.lighting.refraction import through_face, through_pane
 
 DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z, COAT, COAT_ROUGHNESS = range(
     11
@@ -33,18 +35,24 @@ COLUMNS = 15
 """Number of columns of an input."""
 PRIMVAR = -2
 """Entry in place of a texture [1]."""
-WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY, VEIL, COATED = range(7)
+WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY, VEIL, COATED, INDEX, ABSORPTION = range(9)
 """Flags of a material: whether `specularColor` counts; reflectance of a facet of its dielectric face on; opacity below
 which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant; what light passes, one
-of `SOLID`, `GLASS` and `PRESENCE`; whether it has a clear coat."""
-FLAGS = 7
+of `SOLID` and those below it; whether it has a clear coat; of glass its index, and the coefficient of its absorption
+[1/mm]."""
+FLAGS = 9
 """Number of flags."""
 WRAPS = ("repeat", "mirror", "clamp", "black")
 """Wrap modes, by their number in kernels."""
 REPEAT, MIRROR, CLAMP, BLACK = range(4)
 """Numbers of the wrap modes."""
-SOLID, GLASS, PRESENCE = range(3)
-"""What the opacity is that of: of nothing; of the paint, so that layers above it still reflect; of all."""
+SOLID, CLEAR, PRESENCE, BODY, PANE = range(5)
+"""What light passes: nothing; by its opacity the paint, so that layers above it still reflect, or all; bent, the faces
+of a body of glass; both faces of a thin pane of it."""
+
+
+_DARKEST = 1e-12
+"""Least share of light that glass lets pass [1]: its logarithm is finite."""
 
 
 class Materials(NamedTuple):
@@ -135,10 +143,12 @@ def passing(layers, materials, m, spot, cosine):
     flags = materials.flags[m]
     if flags[THRESHOLD] > 0.0:
         return 1.0 if input_at(materials, m, OPACITY, spot) < flags[THRESHOLD] else 0.0
-    if flags[VEIL] == SOLID:
+    if flags[VEIL] in (SOLID, BODY):
         return 0.0
+    if flags[VEIL] == PANE:
+        return through_pane(cosine, flags[INDEX])
     clear = 1.0 - _share(input_at(materials, m, OPACITY, spot))
-    return clear * let_through(layers, paint_at(materials, m, spot), abs(cosine)) if flags[VEIL] == GLASS else clear
+    return clear * let_through(layers, paint_at(materials, m, spot), abs(cosine)) if flags[VEIL] == CLEAR else clear
 
 
 @unit
@@ -146,7 +156,7 @@ def veiled(layers, materials, m, spot, cosine, paint):
     """Clear glass for rays that happen not to pass it: its paint, and the factor of its light."""
     passed = passing(layers, materials, m, spot, cosine)
     opacity = _share(input_at(materials, m, OPACITY, spot))
-    faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha)
+    faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha, 0.0)
     return faint, 1.0 / max(1.0 - passed, 1e-12)
 
 
@@ -175,7 +185,37 @@ def paint_at(materials, m, spot):
             metal = _share(input_at(materials, m, METALLIC, spot))
             facing = (1.0 - metal) * materials.flags[m, FACING] + metal * colour
             colour *= 1.0 - metal
-    return Paint(colour, facing, alpha, coat, coat_alpha)
+    return Paint(colour, facing, alpha, coat, coat_alpha, 0.0)
+
+
+@inline
+def _alpha_of_glass(materials, m, spot):
+    """Width of facets of a body of glass; 0 where it is smooth, or of the index of air."""
+    alpha = _share(input_at(materials, m, ROUGHNESS, spot)) ** 2
+    return alpha if alpha > LEAST_ALPHA and materials.flags[m, INDEX] != 1.0 else 0.0
+
+
+@inline
+def glass_at(materials, m, spot, side):
+    """The paint of a face of glass as it is seen from its front, side 1, or from inside, -1."""
+    index = materials.flags[m, INDEX]
+    if materials.flags[m, VEIL] == PANE:  # what has not passed is mirrored
+        return Paint(0.0, 1.0, 0.0, 0.0, LEAST_ALPHA, index)
+    ratio = index if side > 0.0 else 1.0 / index
+    return Paint(0.0, 0.0, _alpha_of_glass(materials, m, spot), 0.0, LEAST_ALPHA, ratio)
+
+
+@unit
+def passing_to_lamps(materials, m, spot, cosine, path):
+    """Share of the light of a lamp that passes a face of a body of glass straight on, 0 if it is rough; of the path
+    before it, too, where that is inside.
+
+    Right for plane-parallel plates, except that their light is shifted; of others it is an estimate.
+    """
+    if _alpha_of_glass(materials, m, spot) > 0.0:
+        return 0.0
+    share, stretch = through_face(cosine, materials.flags[m, INDEX])
+    return share * math.exp(-materials.flags[m, ABSORPTION] * stretch * path) if cosine > 0.0 else share
 
 
 class MaterialTable:
@@ -192,26 +232,51 @@ class MaterialTable:
         self._materials: list[tuple[Material, float, Mapping[str, int]]] = []
         self._flags: list[tuple[float, ...]] = []
 
-    def add(self, material: Material, radiance: float = 0.0, columns: Mapping[str, int] = MappingProxyType({})) -> int:
-        """Add a material that also shines by itself, with the first columns of primvars; returns its row."""
+    def add(
+        self,
+        material: Material,
+        radiance: float = 0.0,
+        columns: Mapping[str, int] = MappingProxyType({}),
+        is_closed: bool = True,
+    ) -> int:
+        """Add a material that also shines by itself, with the first columns of primvars; returns its row. Glass of a
+        mesh that is not closed is a pane."""
         bumpy = material.normal.texture is not None
         self._materials.append((material, radiance, columns))
-        facing, is_cut = facing_of(material.ior), material.opacity_threshold > 0
-        veil = SOLID if is_cut or not _may_vary(material.opacity, 1.0) else PRESENCE if material.is_presence else GLASS
-        flags = (material.specular_color is not None, facing, material.opacity_threshold, _has_layer(material))
-        self._flags.append((*flags, bumpy, veil, _may_vary(material.clearcoat, 0.0)))
+        facing, threshold = facing_of(material.ior), material.opacity_threshold
+        if material.glass:
+            veil, threshold = BODY if is_closed else PANE, 0.0
+        elif threshold > 0 or not _may_vary(material.opacity, 1.0):
+            veil = SOLID
+        else:
+            veil = PRESENCE if material.is_presence else CLEAR
+        flags = (material.specular_color is not None, facing, threshold, _has_layer(material))
+        self._flags.append((*flags, bumpy, veil, _may_vary(material.clearcoat, 0.0), 0.0, 0.0))
         return len(self._flags) - 1
 
     def add_coat(self, coat: Coat | None) -> int:
         """Add what lies on the artwork of a target; returns its row."""
         row = self.add(Material(roughness=Input(value=(coat.roughness if coat else 0.0,)), ior=coat.ior if coat else 1))
-        self._flags[row] = (False, facing_of(coat.ior) if coat else 0.0, 0.0, coat is not None, False, SOLID, False)
+        self._flags[row] = (
+            False,
+            facing_of(coat.ior) if coat else 0.0,
+            0.0,
+            coat is not None,
+            False,
+            SOLID,
+            False,
+            0.0,
+            0.0,
+        )
         return row
 
-    def arrays(self, raised: Float64[np.ndarray, "3"]) -> Materials:
+    def arrays(self, raised: Float64[np.ndarray, "3"], light: Slice) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
         inputs = [self._inputs(*material, raised) for material in self._materials]
         flags = np.array(self._flags, float).reshape(-1, FLAGS)
+        for row, (material, *_) in zip(flags, self._materials, strict=True):
+            if material.glass:
+                row[INDEX], row[ABSORPTION] = _in_light(material.glass, raised, light)
         return Materials(np.array(inputs).reshape(-1, INPUTS, COLUMNS), flags, self._pictures, self._texels)
 
     def _inputs(
@@ -250,6 +315,13 @@ class MaterialTable:
         row[[COEFFICIENTS + place for place in places]] = weights * np.array(texture.scale)[places]
         row[MAP : MAP + 6], row[FIRST] = texture.st_from_primvar, columns.get(texture.primvar, 0)
         return row
+
+
+def _in_light(glass: Glass, raised: Float64[np.ndarray, "3"], light: Slice) -> tuple[float, float]:
+    """Index and coefficient of absorption [1/mm] of glass in a slice of light."""
+    indices = np.interp(light.wavelengths_nm, glass.wavelengths_nm, glass.indices)
+    share = float(np.clip(raised @ np.array(glass.transmittance), _DARKEST, 1.0))
+    return float(indices @ np.array(light.shares)), -math.log(share) / glass.thickness_mm + 0.0
 
 
 def facing_of(ior: float) -> float:

@@ -4,17 +4,15 @@ Each step is a loop over all paths of a batch: Embree has named the triangle tha
 is there, add the light of lamps that the path has met, send a ray to a lamp, and choose the next direction.
 
 Light of a lamp is found in two ways, by rays sent to a point of the lamp and by paths that meet it; both count,
-weighted by the power heuristic (Veach 1997). Arguments are named in the records below.
+weighted by the power heuristic (Veach 1997). Arguments are named in `paths`.
 """
 
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from pipeline.jit.decorators import borrowed, inline, kernel
 from pipeline.render.lighting import draws
-from pipeline.render.lighting.emitting import EVEN
+from pipeline.render.lighting.emitting import EVEN, PICTURE
 from pipeline.render.lighting.lamps import (
     DOME,
     KIND,
@@ -30,8 +28,21 @@ from pipeline.render.lighting.lamps import (
     sample_lamp,
 )
 from pipeline.render.lighting.lamps import RADIANCE as OF_LAMP
-from pipeline.render.lighting.materials import EMISSION, GLASS, VEIL, Spot, input_at, paint_at, veiled
+from pipeline.render.lighting.materials import (
+    ABSORPTION,
+    CLEAR,
+    EMISSION,
+    INDEX,
+    VEIL,
+    Spot,
+    glass_at,
+    input_at,
+    paint_at,
+    veiled,
+)
+from pipeline.render.lighting.paths import RATIO
 from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, reflected_as, scattered, seen_along
+from pipeline.render.lighting.refraction import glass_reflected, glass_scattered
 from pipeline.render.lighting.shapes import (
     glow_density,
     sample_glow,
@@ -53,51 +64,12 @@ _LEAST = 0.05
 """Least probability with which a path goes on from a later surface [1]: it bounds what one path can add."""
 
 
-class Paths(NamedTuple):
-    """Paths of a batch, each with the ray (n, 3) on which it continues, away from the camera."""
-
-    origin: np.ndarray
-    direction: np.ndarray
-    power: np.ndarray  # part of the light along this ray that reaches the camera
-    # of the surface that it comes from: density with which the direction was chosen [1/sr], 0 for rays of the camera;
-    # unit normal for shading (n, 3); and the number of points of lamps that were candidates there
-    density: np.ndarray
-    normal: np.ndarray
-    asked: np.ndarray
-    # (n,) uint32, (n,) int64, `draws.Names`
-    key: np.ndarray
-    place: np.ndarray
-    ray: np.ndarray  # (n,) int64, the ray of the camera that it belongs to
-
-
-class Hits(NamedTuple):
-    """Surfaces that paths meet."""
-
-    distance: np.ndarray  # infinite where there is nothing
-    triangle: np.ndarray
-    point: np.ndarray
-    # (n, 3), unit normals of the triangle and for shading, on the side that the ray comes from
-    flat: np.ndarray
-    normal: np.ndarray
-    paint: np.ndarray  # (n, 5), fields of `reflection.Paint`
-    emission: np.ndarray
-
-
-class Shadows(NamedTuple):
-    """Rays towards lamps."""
-
-    origin: np.ndarray
-    direction: np.ndarray
-    end: np.ndarray  # path to the lamp
-    light: np.ndarray  # light that arrives if nothing is in between; 0: there is no such ray
-
-
 @kernel
 def reach_lamps(lamps, paths, reaches):
     """Whether each path meets a lamp or the light of the sky, (n,) bool, written, if nothing else is in its way."""
     lamps, paths, reaches = borrowed((lamps, paths, reaches))
     for i in range(reaches.size):
-        start, way, reaches[i] = row(paths.origin, i), row(paths.direction, i), False
+        start, way, reaches[i] = row(paths.origin, i), row(paths.direction, i), paths.density[i] == math.inf
         for k in range(lamps.table.shape[0]):
             reaches[i] = reaches[i] or meet_lamp(lamps.table, k, start, way)[0] < math.inf
             reaches[i] = reaches[i] or far_light(lamps, k, way, 1.0)[0] > 0.0
@@ -126,18 +98,22 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
         shading = shading if dot(shading, way) < 0.0 else flat
-        paint = paint_at(materials, m, spot)
-        if materials.flags[m, VEIL] == GLASS:
+        paint, hits.beyond[i] = paint_at(materials, m, spot), 0.0
+        if paths.absorption[i] > 0.0:
+            paths.power[i] *= math.exp(-paths.absorption[i] * path)
+        if materials.flags[m, INDEX] > 0.0:
+            paint, hits.beyond[i] = glass_at(materials, m, spot, side), max(0.0, side) * materials.flags[m, ABSORPTION]
+        elif materials.flags[m, VEIL] == CLEAR:
             paint, more = veiled(layers, materials, m, spot, dot(flat, way), paint)
             paths.power[i] *= more
         if not math.isnan(albedo[i]):
-            front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha)
-            paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha)
+            front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha, 0.0)
+            paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha, 0.0)
         hits.distance[i], hits.emission[i] = path, input_at(materials, m, EMISSION, spot)
         for k in range(3):
             hits.point[i, k], hits.flat[i, k], hits.normal[i, k] = point[k], flat[k], shading[k]
         hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2] = paint.diffuse, paint.facing, paint.alpha
-        hits.paint[i, 3], hits.paint[i, 4] = paint.coat, paint.coat_alpha
+        hits.paint[i, 3], hits.paint[i, 4], hits.paint[i, RATIO] = paint.coat, paint.coat_alpha, paint.ratio
 
 
 @kernel
@@ -183,8 +159,10 @@ def _chance(lamps, paths, i, k):
 
 @inline
 def _share(taken, other):
-    """Weight of the power heuristic; rays of the camera are found in one way only."""
-    return 1.0 / (1.0 + (other / taken) ** 2) if taken > 0.0 else 1.0
+    """Weight of the power heuristic. Lamps that the camera sees are found in one way only; others behind glass, too."""
+    if taken > 0.0:
+        return 1.0 / (1.0 + (other / taken) ** 2)
+    return 1.0 if taken == 0.0 else 0.0
 
 
 @inline
@@ -195,24 +173,41 @@ def _from_far(lamps, paths, i, way):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
         radiance, density_there = far_light(lamps, k, way, cosine)
         if radiance > 0.0:
-            total += radiance * _share(paths.density[i], _chance(lamps, paths, i, k) * density_there)
-    return total if has_dome or paths.density[i] > 0.0 else total + lamps.background
+            by_path = paths.density[i] < 0.0 and not _goes_straight(lamps.table, k)
+            share = _share(paths.density[i], _chance(lamps, paths, i, k) * density_there)
+            total += radiance if by_path else radiance * share
+    return total if has_dome or paths.density[i] != 0.0 else total + lamps.background
+
+
+@inline
+def _goes_straight(table, k):
+    """Whether a lamp is asked through bodies of glass: not an even dome, which paths behind glass meet easily."""
+    return k == table.shape[0] or table[k, KIND] != DOME or table[k, PICTURE] >= 0.0
 
 
 @inline
 def _paint(hits, i):
-    return Paint(hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2], hits.paint[i, 3], hits.paint[i, 4])
+    return Paint(
+        hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2], hits.paint[i, 3], hits.paint[i, 4], hits.paint[i, 5]
+    )
+
+
+@inline
+def _outside(paint):
+    """1 if a surface is seen from outside, -1 if from inside of glass."""
+    return -1.0 if 0.0 < paint.ratio < 1.0 else 1.0
 
 
 @inline
 def _start(hits, i, way, gap_mm):
     """Start of a ray that leaves a surface: a gap off it, because Embree works in single precision."""
     flat, point = row(hits.flat, i), row(hits.point, i)
-    return along(point, math.copysign(_gap(point, gap_mm), dot(way, flat)), flat)
+    return along(point, math.copysign(gap_at(point, gap_mm), dot(way, flat)), flat)
 
 
 @inline
-def _gap(point, least_mm):
+def gap_at(point, least_mm):
+    """Distance from a surface at which rays that leave it start."""
     return max(least_mm, _GAP * (abs(point[0]) + abs(point[1]) + abs(point[2])))
 
 
@@ -236,8 +231,9 @@ def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
         normal, paint = row(hits.normal, i), _paint(hits, i)
         x, y = across(normal)
         seen = seen_along(layers, paint, local(times(-1.0, row(paths.direction, i)), x, y, normal))
-        place = SurfacePoint(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
-        asked, estimates, dice = _candidates(vertex, paint), estimates_at(lamps, place.point, normal), 0.0
+        out = _outside(paint)
+        place = SurfacePoint(row(hits.point, i), x, y, times(out, normal), times(out, row(hits.flat, i)), seen)
+        asked, estimates, dice = _candidates(vertex, paint), estimates_at(lamps, place.point, place.normal), 0.0
         if asked > 1:
             dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.CHOICE)[0]
         for c in range(asked):
@@ -255,7 +251,7 @@ def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
             continue
         start, way, shadows.end[i] = _aimed(hits, i, row(shadows.direction, i), shadows.end[i], gap_mm)
         if not blocked_by_lamp(lamps.table, kept, start, way, shadows.end[i]):
-            shadows.light[i] = paths.power[i] * total
+            shadows.light[i], shadows.straight[i] = paths.power[i] * total, _goes_straight(lamps.table, kept)
             for axis in range(3):
                 shadows.origin[i, axis], shadows.direction[i, axis] = start[axis], way[axis]
 
@@ -274,7 +270,8 @@ def _aimed(hits, i, way, end, gap_mm):
 
 
 class SurfacePoint(NamedTuple):
-    """A place of a surface: point, unit axes of its frame and normal of the triangle, and how it is seen."""
+    """A place of a surface: point, unit axes of its frame, normal of the triangle, and how it is seen. Both normals are
+    outside of glass."""
 
     point: tuple[float, float, float]
     x: tuple[float, float, float]
@@ -299,7 +296,10 @@ def _candidate(lamps, layers, estimates, place, paint, pair, asked):
             radiance = radiance_of(lamps, k, place.point, way, end)
     if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, place.flat) > 0.0):
         return k, way, end, 0.0
-    value, by_surface = reflected_as(layers, paint, place.seen, local(way, place.x, place.y, place.normal))
+    lit = local(way, place.x, place.y, place.normal)
+    value, by_surface = reflected_as(layers, paint, place.seen, lit)
+    if paint.ratio > 0.0:
+        value, by_surface = glass_reflected(paint, place.seen.direction, (lit[0], lit[1], _outside(paint) * lit[2]))
     if by_lamp == math.inf:
         return k, way, end, value * radiance / (asked * chance)
     chance *= asked * by_lamp
@@ -317,7 +317,7 @@ def arrive(corners, triangle, shadows, ray, gap_mm, light):
     for i in range(triangle.size):
         if triangle[i] >= 0:
             path, _ = path_to(corners[triangle[i]], row(shadows.origin, i), row(shadows.direction, i))
-            if path < shadows.end[i] - 2.0 * _gap(row(shadows.origin, i), gap_mm):
+            if path < shadows.end[i] - 2.0 * gap_at(row(shadows.origin, i), gap_mm):
                 continue
         light[ray[i]] += shadows.light[i]
 
@@ -333,21 +333,31 @@ def scatter(scene, vertex, paths, hits, goes_on):
         pair = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SCATTER)
         x, y = across(normal)
         seen = local(times(-1.0, row(paths.direction, i)), x, y, normal)
-        lit = scattered(layers, paint, seen, pair)
-        value, chance = reflected(layers, paint, seen, lit)
+        dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SURVIVAL)
+        if paint.ratio > 0.0:
+            lit = glass_scattered(paint, seen, pair, dice[1])
+            value, chance = glass_reflected(paint, seen, lit)
+        else:
+            lit = scattered(layers, paint, seen, pair)
+            value, chance = reflected(layers, paint, seen, lit)
+        if not (value > 0.0 and chance > 0.0):
+            continue
         way = unit(world(lit, x, y, normal))
-        if not (value > 0.0 and chance > 0.0 and dot(way, flat) > 0.0):
+        if not dot(way, flat) * lit[2] > 0.0:
             continue
         power = paths.power[i] * value / chance
         if vertex >= _WHOLE:
             survives = min(1.0, max(value / chance, _LEAST))
-            dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SURVIVAL)
             if dice[0] >= survives:
                 continue
             power /= survives
         goes_on[i] = True
         start = _start(hits, i, way, gap_mm)
         paths.power[i], paths.density[i], paths.asked[i] = power, chance, _candidates(vertex, paint)
+        if paint.ratio > 0.0 and _outside(paint) * lit[2] < 0.0:
+            paths.density[i] = math.inf  # in glass, from where no lamp is asked
+        if lit[2] < 0.0:
+            paths.absorption[i] = hits.beyond[i]
         for axis in range(3):
-            paths.normal[i, axis] = normal[axis]
+            paths.normal[i, axis] = _outside(paint) * normal[axis]
             paths.origin[i, axis], paths.direction[i, axis] = start[axis], way[axis]

@@ -76,10 +76,22 @@ class Input:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Glass:
+    """A clear medium below a surface: its refractive index, relative to air, and what it absorbs."""
+
+    # ascending, and the index at each; linear in between, and constant beyond
+    wavelengths_nm: Numbers
+    indices: Numbers
+    transmittance: Rgb = (1.0, 1.0, 1.0)  # share of white light that `thickness_mm` of it let pass
+    thickness_mm: float = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """A UsdPreviewSurface. `specular_color` replaces `metallic` and `ior` where it is there.
 
-    Without a threshold the opacity is that of all of the surface with `is_presence`, otherwise that of its paint.
+    Without a threshold the opacity is that of all of the surface with `is_presence`, otherwise that of its paint. Of
+    one with `glass`, only `roughness`, `normal` and `emissive_color` count.
     """
 
     diffuse_color: Input = Input(value=(0.18, 0.18, 0.18))
@@ -94,6 +106,7 @@ class Material:
     clearcoat: Input = Input(value=(0.0,))
     clearcoat_roughness: Input = Input(value=(0.01,))
     is_presence: bool = False
+    glass: Glass | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -64,6 +64,7 @@ class Paint(NamedTuple):
     alpha: float  # width of the distribution of facets; 0: there is no specular layer
     coat: float = 0.0  # share of the surface that has a clear coat, of the index 1.5
     coat_alpha: float = LEAST_ALPHA
+    ratio: float = 0.0  # of glass, see `refraction`, which is smooth with the alpha 0; 0: the surface is opaque
 
 
 class Layer(NamedTuple):
@@ -122,7 +123,7 @@ def _many(facing, others, root):
 
 
 @inline
-def _masking(alpha, cosine):
+def masking(alpha, cosine):
     """Smith's term: the visible part of facets in a direction."""
     if not cosine > 0.0:
         return 0.0
@@ -188,7 +189,7 @@ def _coated_along(layers, paint, seen):
 @inline
 def _coat(layers, paint, cosine):
     """The clear coat in a direction."""
-    whole = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA), cosine)
+    whole = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA, 0.0), cosine)
     return Layer(paint.coat * whole.many, paint.coat * whole.returned)
 
 
@@ -257,9 +258,9 @@ def _once(facing, alpha, seen, lit):
     glance = max(dot(seen, half), 1e-12)
     # Density of facets with this normal, times their visible part.
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
-    facets, visible = alpha * alpha / (math.pi * inner * inner), _masking(alpha, seen[2])
+    facets, visible = alpha * alpha / (math.pi * inner * inner), masking(alpha, seen[2])
     single = facets * visible / (4.0 * seen[2])
-    return fresnel(facing, glance) * single * _both(visible, _masking(alpha, lit[2])), single
+    return fresnel(facing, glance) * single * _both(visible, masking(alpha, lit[2])), single
 
 
 @inline
@@ -290,13 +291,13 @@ def scattered(layers, paint, seen, pair):
 @inline
 def _mirrored(alpha, seen, u, v):
     """A direction that a visible facet mirrors."""
-    half = _visible_facet(alpha, seen, u, v)
+    half = visible_facet(alpha, seen, u, v)
     twice = 2.0 * dot(seen, half)
     return twice * half[0] - seen[0], twice * half[1] - seen[1], twice * half[2] - seen[2]
 
 
 @inline
-def _visible_facet(alpha, seen, u, v):
+def visible_facet(alpha, seen, u, v):
     """Normal of a facet, by the visible area of facets."""
     # Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
     x, y, z = of_length_one((alpha * seen[0], alpha * seen[1], seen[2]))
@@ -350,14 +351,14 @@ def fill_sums(sums, steps, turns):
         for j in range(nodes):
             cosine = max(1e-4, (j / (nodes - 1)) ** 2)
             seen = math.sqrt(1.0 - cosine * cosine), 0.0, cosine
-            whole, grazing, others, visible = 0.0, 0.0, 0.0, _masking(alpha, cosine)
+            whole, grazing, others, visible = 0.0, 0.0, 0.0, masking(alpha, cosine)
             for a in range(steps):
                 s, step = (a + 0.5) / steps, ((a + 1) ** 4 - a**4) / steps**4
                 for b in range(turns):
-                    half = _visible_facet(alpha, seen, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
+                    half = visible_facet(alpha, seen, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
                     glance = seen[0] * half[0] + seen[2] * half[2]
                     lit = 2.0 * glance * half[2] - seen[2]
-                    part = step * _both(visible, _masking(alpha, lit))
+                    part = step * _both(visible, masking(alpha, lit))
                     schlick = (1.0 - min(max(glance, 0.0), 1.0)) ** 5
                     whole += part
                     grazing += part * schlick

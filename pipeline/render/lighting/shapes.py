@@ -12,7 +12,15 @@ from pipeline.jit.decorators import borrowed, inline, kernel, unit
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting import materials as column
 from pipeline.render.lighting.draws import draw
-from pipeline.render.lighting.materials import Materials, Spot, input_at, passing, presence_at
+from pipeline.render.lighting.materials import (
+    BODY,
+    Materials,
+    Spot,
+    input_at,
+    passing,
+    passing_to_lamps,
+    presence_at,
+)
 from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares
@@ -143,12 +151,14 @@ def _step_of_st(shapes, t, texture, first, corner):
 
 
 @inline
-def _met(surfaces, t, start, way):
-    """Path to a triangle, and the share of light that passes it there."""
+def _met(surfaces, t, start, way, straight):
+    """Path to a triangle, and the share of light that passes it there; also of what goes straight on through glass."""
     shapes, materials, layers = surfaces
     path, normal = path_to(shapes.corners[t], start, way)
     w, m = weights(shapes.corners[t], normal, along(start, path, way)), shapes.material[t]
     cosine = dot(of_length_one(normal), way)
+    if straight and materials.flags[m, column.VEIL] == BODY:
+        return path, passing_to_lamps(materials, m, Spot(shapes.primvars, t, w), cosine, path)
     return path, passing(layers, materials, m, Spot(shapes.primvars, t, w), cosine)
 
 
@@ -165,24 +175,25 @@ def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
         past[i] = math.nan
         if triangle[i] < 0:
             continue
-        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i))
+        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i), False)
         if share >= 1.0 or (share > 0.0 and draw(points, key[i], place[i], stage)[0] < share):
             past[i] = path
 
 
 @kernel
-def dim(surfaces, triangle, origin, direction, left, light, past):
+def dim(surfaces, triangle, origin, direction, straight, left, light, past):
     """Path of each ray to its triangle if light passes it, (n,), written; NaN if it does not, or needs not.
 
+    `straight`, (n,) bool: whether light goes through bodies of glass, unbent.
     `left`, (n,): path that the light has before it; `light`, (n,): what there is of it, multiplied by what passes.
     """
-    surfaces, triangle, left, light, past = borrowed((surfaces, triangle, left, light, past))
+    surfaces, triangle, straight, left, light, past = borrowed((surfaces, triangle, straight, left, light, past))
     origin, direction = borrowed((origin, direction))
     for i in range(triangle.size):
         past[i] = math.nan
         if triangle[i] < 0:
             continue
-        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i))
+        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i), straight[i])
         if share > 0.0 and path < left[i]:
             light[i] *= share
             past[i] = path
@@ -232,6 +243,15 @@ def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish
     primvars = np.concatenate([np.zeros((count, 3, 0)), *tables], axis=2)
     chosen = np.array(rows)[np.array(finish.material_of, int)] if finish.material_of else np.full(count, rows[0])
     return Shapes(corners, normals, primvars, chosen)
+
+
+def outward(piece: Shapes) -> Shapes:
+    """A closed mesh with the fronts of its triangles outside, whichever way round it was written."""
+    a, b, c = piece.corners.transpose(1, 0, 2)
+    if np.sum(a * np.cross(b, c)) >= 0:
+        return piece
+    corners, normals, primvars = (np.ascontiguousarray(values[:, [0, 2, 1]]) for values in piece[:3])
+    return Shapes(corners, normals, primvars, piece.material)
 
 
 def columns_of(finish: Finish) -> dict[str, int]:

@@ -41,6 +41,8 @@ _FAMILIES = {
 }
 """Error codes for missing or meaningless attributes, by the property that decides; all others share one code."""
 
+_APIS = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI", "Material": "PlenGlassAPI"}
+"""The schema to apply where a prim of a type has attributes of ours."""
 _NAMED = 5
 """Number of wrong values of one attribute that are listed."""
 _LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", re.MULTILINE)
@@ -134,7 +136,7 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
     hint = did_you_mean(name, known)
     if not is_ours and not (type_name and (hint or type_name.startswith("Plen"))):  # programs add what they like
         return
-    api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(str(prim.GetTypeName()))
+    api = _APIS.get(str(prim.GetTypeName()))
     if name.startswith("plen:response:"):
         api = "PlenSensorResponseAPI"
     if not hint and not is_ours:

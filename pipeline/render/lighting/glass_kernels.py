@@ -1,0 +1,52 @@
+"""Paths that cross smooth faces of glass. Kernels only; vision frame, mm."""
+
+import math
+
+from pipeline.jit.decorators import borrowed, inline, kernel
+from pipeline.render.lighting import draws
+from pipeline.render.lighting.path_kernels import gap_at
+from pipeline.render.lighting.paths import FACING, RATIO
+from pipeline.render.lighting.refraction import bent, dielectric
+from pipeline.targets.vectors import along, dot, row, unit
+
+_FLAT = 0.01
+"""Least cosine of a ray behind a face of glass for which its start has the whole gap [1]."""
+
+
+@kernel
+def cross(scene, stage, paths, hits):
+    """Let each path go on from a smooth face of glass, reflected or refracted by chance. Its ray is replaced."""
+    scene, paths, hits = borrowed((scene, paths, hits))
+    _, points, gap_mm = scene
+    for i in range(paths.power.size):
+        way, normal, flat, ratio = (
+            row(paths.direction, i),
+            row(hits.normal, i),
+            row(hits.flat, i),
+            hits.paint[i, RATIO],
+        )
+        dice = draws.draw(points, paths.key[i], paths.place[i], stage)[0]
+        on, behind = _crossed(way, normal, ratio, hits.paint[i, FACING], dice)
+        if (dot(on, flat) < 0.0) != behind:  # the normal for shading is too far off that of the triangle
+            on, behind = _crossed(way, flat, ratio, hits.paint[i, FACING], dice)
+        if behind:
+            # A bundle of light is narrower in glass, and brighter.
+            paths.power[i] /= ratio * ratio
+            paths.absorption[i] = hits.beyond[i]
+        if 0.0 < paths.density[i] < math.inf:
+            paths.density[i] = -1.0
+        # Along the ray, so that it meets what is behind the glass where it should.
+        point = row(hits.point, i)
+        start = along(point, gap_at(point, gap_mm) / max(abs(dot(on, flat)), _FLAT), on)
+        for axis in range(3):
+            paths.origin[i, axis], paths.direction[i, axis] = start[axis], on[axis]
+
+
+@inline
+def _crossed(way, normal, ratio, mirrored, dice):
+    """Direction behind a smooth face of glass, or before it, and whether it is behind it."""
+    cosine = -dot(way, normal)
+    share, beyond = dielectric(cosine, ratio)
+    if dice < max(share, mirrored):
+        return unit(along(way, 2.0 * cosine, normal)), False
+    return unit(bent(way, normal, cosine, beyond, ratio)), True

@@ -1,0 +1,86 @@
+"""Faces of glass: the exact reflectance of a dielectric (Fresnel), refraction (Snell), and rough faces as a layer of
+microfacets (Walter, Marschner, Li and Torrance, "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007)
+with the distribution of Trowbridge and Reitz and a masking term for each direction. Light that goes from facet to facet
+is lost.
+
+A `ratio` is the index beyond a face over that before it, as a path that comes from the camera sees it: above 1 into
+glass, below 1 out of it, and 0 where there is no glass. Radiance in glass is that in air times the square of its index.
+"""
+
+import math
+
+from pipeline.jit.decorators import inline, unit
+from pipeline.render.lighting.reflection import masking, visible_facet
+from pipeline.targets.vectors import along, dot, times
+from pipeline.targets.vectors import unit as of_length_one
+
+
+@inline
+def dielectric(cosine, ratio):
+    """Reflectance of a face for unpolarised light, and the cosine of refracted light, 0 if all is reflected."""
+    inner = 1.0 - (1.0 - cosine * cosine) / (ratio * ratio)
+    if not inner > 0.0:
+        return 1.0, 0.0
+    beyond = math.sqrt(inner)
+    across = (cosine - ratio * beyond) / (cosine + ratio * beyond)
+    within = (ratio * cosine - beyond) / (ratio * cosine + beyond)
+    return 0.5 * (across * across + within * within), beyond
+
+
+@inline
+def through_pane(cosine, index):
+    """Share of light that passes both faces of a pane, with all reflections between them, from outside."""
+    share, _ = dielectric(abs(cosine), index)
+    return (1.0 - share) / (1.0 + share)
+
+
+@inline
+def through_face(cosine, index):
+    """Share of light that passes one of two parallel faces, and a path between them over one that does not bend."""
+    _, inside = dielectric(abs(cosine), index)
+    return math.sqrt(through_pane(cosine, index)), abs(cosine) / inside
+
+
+@inline
+def bent(way, normal, cosine, beyond, ratio):
+    """Direction of light behind a face, for its cosines before and behind it; the normal points to where it is."""
+    return along(times(1.0 / ratio, way), cosine / ratio - beyond, normal)
+
+
+@unit
+def glass_reflected(paint, seen, lit):
+    """Light that facets of rough glass bring from a direction, times its cosine, and the density of `glass_scattered`.
+
+    Frame of the surface, on whose side z > 0 it is seen; `lit` may be on either side.
+    """
+    ratio, alpha = paint.ratio, paint.alpha
+    if lit[2] > 0.0:
+        half = of_length_one((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
+    else:
+        half = seen[0] + ratio * lit[0], seen[1] + ratio * lit[1], seen[2] + ratio * lit[2]
+        half = of_length_one(times(math.copysign(1.0, half[2]), half))
+    glance, other = dot(seen, half), dot(lit, half)
+    if not (seen[2] > 0.0 and glance > 0.0 and other * lit[2] > 0.0):
+        return 0.0, 0.0
+    share, _ = dielectric(glance, ratio)
+    inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
+    facets = alpha * alpha / (math.pi * inner * inner) * masking(alpha, seen[2]) / seen[2]
+    if lit[2] > 0.0:
+        density = share * facets / 4.0
+        return density * masking(alpha, lit[2]), density
+    spread = glance + ratio * other
+    once = (1.0 - share) * facets * glance * -other / (spread * spread)
+    return once * masking(alpha, -lit[2]), once * ratio * ratio
+
+
+@unit
+def glass_scattered(paint, seen, pair, dice):
+    """A direction in which light may have come, on either side of rough glass; zero if a facet sends it to another."""
+    half = visible_facet(paint.alpha, seen, pair[0], pair[1])
+    glance = dot(seen, half)
+    share, beyond = dielectric(glance, paint.ratio)
+    if dice < share:
+        lit, side = along(times(-1.0, seen), 2.0 * glance, half), 1.0
+    else:
+        lit, side = bent(times(-1.0, seen), half, glance, beyond, paint.ratio), -1.0
+    return lit if side * lit[2] > 0.0 else (0.0, 0.0, 0.0)

@@ -1,0 +1,76 @@
+"""Glass of things in a scene: what PlenGlassAPI says of a Material, which then refracts light."""
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd, UsdShade
+
+from pipeline.optics.glass import row
+from pipeline.optics.glass.medium import Constant, GlassError, Medium
+from pipeline.render.lighting.records import Glass
+from pipeline.scene.channels import seen_nm
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import UnreadableValue, need, targets
+
+_RANGE_NM = 200.0, 20000.0
+"""Wavelengths at which indices are tabled where a formula holds everywhere: all that a camera may have."""
+_MOST = 10.0
+"""Largest index [1]: germanium has 4."""
+_ENTRIES = 300
+"""Entries of a table of indices [1]: between two of them N-BK7 is linear to 2e-6."""
+
+
+def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float) -> tuple[Glass | None, list[Problem]]:
+    """What a Material with PlenGlassAPI is made of, None without it, and doubts about that; UnreadableValue for glass
+    that is not known at a wavelength of a camera, or has an index there that nothing has.
+
+    `ior`: that of its UsdPreviewSurface, which counts without a name.
+    """
+    prim = material.GetPrim()
+    if not prim.HasAPI("PlenGlassAPI"):
+        return None, []
+    name = need(prim, "plen:glass")
+    place = prim.GetAttribute("plen:glass") if name else surface.GetInput("ior").GetAttr() or surface.GetPrim()
+    lights_nm = list(_camera_nm(prim.GetStage())) or [_RANGE_NM[0]]
+    try:
+        medium = Medium(label="glass", dispersion=Constant(n=ior))
+        if name:
+            medium = row.medium(glass=name, index=None, abbe=None, wavelength_nm=lights_nm[0])
+        doubts = [row.doubt_of(medium, nm) for nm in lights_nm]
+        wrong = next((index for index in map(medium.index, lights_nm) if not 1 <= index <= _MOST), None)
+    except GlassError as error:
+        raise UnreadableValue(error.what, place, error.hint, error.code) from None
+    if wrong is not None:
+        hint = "glass, acrylic and water have indices from 1.3 to 2"
+        raise UnreadableValue(f"the index of this glass is {wrong:g}, not 1 to {_MOST:g}", place, hint)
+    nm, indices = _tabled(medium)
+    glass = Glass(
+        wavelengths_nm=nm,
+        indices=indices,
+        transmittance=need(prim, "plen:internalTransmittanceColor"),
+        thickness_mm=need(prim, "plen:internalTransmittanceThickness"),
+    )
+    doubt = next(filter(None, doubts), None)
+    flaws = [problem(place, "glass-resonance", doubt.what, hint=doubt.hint, severity="warning")] if doubt else []
+    return glass, flaws
+
+
+def _camera_nm(stage: Usd.Stage) -> Iterator[float]:
+    """Wavelengths that cameras of a dataset see."""
+    root = stage.GetDefaultPrim()
+    for camera in targets(root, "plen:cameras", "Camera") if root and root.IsA("PlenDataset") else ():
+        with contextlib.suppress(UnreadableValue):  # reported where the camera is checked
+            yield from seen_nm(camera)
+
+
+def _tabled(medium: Medium) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Wavelengths [nm] and indices of a medium, where it has any."""
+    if isinstance(medium.dispersion, Constant):
+        return (_RANGE_NM[0],), (medium.dispersion.n,)
+    table = list[tuple[float, float]]()
+    for nm in np.geomspace(max(medium.min_nm, _RANGE_NM[0]), min(medium.max_nm, _RANGE_NM[1]), _ENTRIES).tolist():
+        nm = min(max(nm, medium.min_nm), medium.max_nm)
+        with contextlib.suppress(GlassError):  # no camera sees such light
+            table.append((nm, medium.index(nm)))
+    return tuple(nm for nm, _ in table), tuple(index for _, index in table)
