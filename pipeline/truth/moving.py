@@ -20,6 +20,8 @@ from pipeline.truth.rows import Correspondences, Solutions
 _TURNS = 4
 """Times that a point is looked for where it is then [1]: each leaves of the error of its time the part that the image
 moves during the scan, which is small."""
+_NEAR_LINES = 2.0
+"""Lines within which the time of a first guess is good enough [1]: guesses are right to a pixel or two."""
 _APART_S = 1e-6
 """Least time between two planes by which a velocity is measured [s]: without exposure and lines there is none else."""
 
@@ -64,9 +66,11 @@ def _at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarr
         count = np.bincount(guess.point, minlength=len(points))
         y = np.bincount(guess.point, guess.x_px[:, 1], minlength=len(points)) / np.maximum(count, 1)
         is_seen = count > 0
+        before, unseen = times.copy(), looked[~is_seen[looked]]
         times[is_seen] = np.clip(moving.shutter.middle_s(y[is_seen], moving.height_px), first, end)
-        unseen = looked[~is_seen[looked]]
         times[unseen] = (first, end, (first + end) / 2, (first + end) / 2)[turn]
+        if np.abs(times - before)[is_seen].max(initial=0.0) < _NEAR_LINES * moving.shutter.line_s and not len(unseen):
+            break
     return moving.at(points, times), rays
 
 
