@@ -102,7 +102,11 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if it is cut, altered or not of it."""
     file, parts = ExrWindows(path), dict[str, Part]()
     for name, header in file.headers.items():
-        channels, texts = file.rows(name, 0, header.shape[0]), header.texts
+        channels = {channel: np.empty(header.shape, np.float32) for channel in header.channels}
+        for first in range(0, header.shape[0], TILE_PX):  # a file may be as large as half of the memory
+            for channel, pixels in file.rows(name, first, min(first + TILE_PX, header.shape[0])).items():
+                channels[channel][first : first + TILE_PX] = pixels
+        texts = header.texts
         attributes: dict[str, str | float | int] = {key: text for key, text in texts.items() if key not in RESERVED}
         if _crc32(name, channels, attributes) != texts.get(CRC):
             raise DamagedFile(Path(path), f'the content of part "{name}" does not match its checksum')
