@@ -51,7 +51,7 @@ def test_red_and_blue_differ_as_textbook_rays_of_all_wavelengths_say() -> None:
         x = found.xy_px[0]
         places.append(x)
         start = rig.tracer.positions_mm(*x[:, None])[0]
-        parts = [polar.mean_hit(at(off_axis(8.0), nm), start, pose, directions=2048) for nm in light]
+        parts = [polar.mean_hit(at(off_axis(8.0), nm), start, pose, directions=1024) for nm in light]
         weight = np.array([share * w for share, (_, w) in zip(light.values(), parts, strict=True)])
         j = weight @ np.array([hit for hit, _ in parts]) / weight.sum()
         missed_mm = np.abs(j - pattern.points_mm()[found.point[0], :2])
