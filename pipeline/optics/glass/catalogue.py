@@ -25,7 +25,8 @@ class Glass(Medium):
 
     vendor: str
     name: str
-    stated_nd: float | None  # as the vendor prints it, rounded; for tests only
+    stated_nd: float | None  # as the vendor prints them, rounded; for tests only
+    stated_vd: float | None
 
 
 def find(name: str) -> Glass:
@@ -115,6 +116,7 @@ def _glass(number: int) -> Glass:
         vendor=row["vendor"],
         name=row["glass"],
         stated_nd=_number(row["nd_vendor"]),
+        stated_vd=_number(row["Vd_vendor"]),
     )
 
 
