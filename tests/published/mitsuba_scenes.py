@@ -24,6 +24,7 @@ class Both:
     lamps: list[PlacedLamp] = field(default_factory=list)
     theirs: dict[str, Any] = field(default_factory=dict)
     pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    integrator: str = "path"
 
     def plate(self, pose: np.ndarray, half_mm: float, material: Material, bsdf: dict[str, Any]) -> None:
         """A square plate in z = 0 of its frame, with the same material twice."""
@@ -37,20 +38,24 @@ class Both:
             "bsdf": bsdf if bsdf["type"] in ("mask", "thindielectric") else {"type": "twosided", "bsdf": bsdf},
         }
 
-    def block(self, pose: np.ndarray, half_mm: tuple[float, float, float], material: Material, bsdf: dict) -> None:
+    def block(
+        self, pose: np.ndarray, half_mm: tuple[float, float, float], material: Material, bsdf: dict, **more: Any
+    ) -> None:
         """A box about the origin of its frame, which is of glass."""
         self.things.append((block([-half for half in half_mm], half_mm, pose), material))
         shape = mi.ScalarTransform4f(pose) @ mi.ScalarTransform4f().scale(list(half_mm))
-        self.theirs[f"block{len(self.things)}"] = {"type": "cube", "to_world": shape, "bsdf": bsdf}
+        self.theirs[f"block{len(self.things)}"] = {"type": "cube", "to_world": shape, "bsdf": bsdf, **more}
 
-    def ball(self, centre_mm: tuple[float, float, float], radius_mm: float, material: Material, bsdf: dict) -> None:
+    def ball(
+        self, centre_mm: tuple[float, float, float], radius_mm: float, material: Material, bsdf: dict, **more: Any
+    ) -> None:
         """A ball of glass, as fine triangles here."""
         ball = solids.sphere(radius_mm, 2e-4 * radius_mm)
         points = tuple(map(tuple, (ball.points + centre_mm).tolist()))
         mesh = Occluder(vertices_mm=points, triangles=tuple(map(tuple, ball.triangles.tolist())))
         normals = tuple(map(tuple, ball.normals.reshape(-1, 9).tolist()))
         self.things.append((mesh, Finish(materials=(material,), normals=normals)))
-        shape = {"type": "sphere", "center": list(centre_mm), "radius": radius_mm, "bsdf": bsdf}
+        shape = {"type": "sphere", "center": list(centre_mm), "radius": radius_mm, "bsdf": bsdf, **more}
         self.theirs[f"ball{len(self.things)}"] = shape
 
     def lamp(self, kind: str, size: tuple[float, float], pose: np.ndarray, radiance: float) -> None:
@@ -100,7 +105,7 @@ class Both:
             },
             "sampler": {"type": "independent", "sample_count": samples},
         }
-        path = {"type": "path", "max_depth": bounces + 2, "rr_depth": 100}
+        path = {"type": self.integrator, "max_depth": bounces + 2, "rr_depth": 100}
         loaded = mi.load_dict({"type": "scene", "integrator": path, "sensor": sensor, **self.theirs})
         return np.array([np.array(mi.render(loaded, spp=samples, seed=seed))[..., 0] for seed in range(seeds)])
 

@@ -158,3 +158,31 @@ def test_thin_panes_look_alike():
     both.lamp("rect", (90.0, 70.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
     both.lamp("dome", (0.0, 0.0), np.eye(4), 0.2)
     agree(both, 8, 40)
+
+
+def test_coloured_glass_looks_alike():
+    """A ball and a plate that absorb half of the light over 40 and 20 mm."""
+    both = dark_room()
+    for half_mm in (40.0, 20.0):
+        medium = {"type": "homogeneous", "sigma_t": float(np.log(2) / half_mm), "albedo": 0.0}
+        grey_glass, bsdf = glass(1.5, transmittance=(0.5,) * 3, thickness_mm=half_mm), clear(1.5)
+        if half_mm == 40.0:
+            both.ball((60.0, 30.0, 380.0), 45.0, grey_glass, bsdf, interior=medium)
+        else:
+            both.block(at(-40, 10, 350, (0.3, -0.2, -0.9)), (60.0, 60.0, 15.0), grey_glass, bsdf, interior=medium)
+    both.lamp("dome", (0.0, 0.0), np.eye(4), 1.0)
+    both.integrator = "volpath"
+    agree(both, 8, 60)
+
+
+def test_the_shadow_of_a_plate_is_right_within_a_hundredth():
+    """Lamps are asked straight through it, see docs/lighting.md: regions of 4 x 6 pixels, below a wide lamp."""
+    from published.mitsuba_scenes import our_pictures
+
+    both = dark_room()
+    both.block(at(0, 0, 470), (120.0, 90.0, 4.0), glass(1.5), clear(1.5))
+    both.lamp("rect", (160.0, 120.0), at(0, -60, -50, (0.0, -0.1, -1.0)), 3.0)
+    one, other = our_pictures(both.ours(6), SAMPLES, SEEDS), both.reference(40, SAMPLES, SEEDS)
+    ours, theirs = (picture.mean(axis=0).reshape(3, 6, 4, 6).mean(axis=(1, 3)) for picture in (one, other))
+    print(np.round(ours / theirs, 4))
+    assert np.abs(ours / theirs - 1).max() < 0.01
