@@ -103,8 +103,8 @@ def lit(folder, content: str, frame: int = 0) -> LitScene:
     return LitView(targets, occluders, lighting, pictures, 0.0, (alone(550.0),)).in_light(0)
 
 
-def wall_light(folder, content: str, at=(0.0, 0.0, 500.0), frame: int = 0) -> float:
-    return looked(lit(folder, content, frame), at, rays=16)[0]
+def wall_light(folder, content: str, at=(0.0, 0.0, 500.0), frame: int = 0, rays: int = 16) -> float:
+    return looked(lit(folder, content, frame), at, rays=rays)[0]
 
 
 def test_a_matt_mesh_below_a_distant_light_has_its_display_colour(tmp_path):
@@ -350,7 +350,10 @@ def test_a_lamp_is_shaped_as_its_stage_says_and_its_profile_is_delivered(tmp_pat
     cone = plain + "\nfloat inputs:shaping:cone:angle = 30\nfloat inputs:shaping:focus = 2"
     profile = plain + "\nfloat inputs:shaping:cone:angle = 180\nasset inputs:shaping:ies:file = @down.ies@"
     lights = {
-        at: [wall_light(tmp_path, LAMP % ("SphereLight", lines) + WALL % "", at) for lines in (plain, cone, profile)]
+        at: [
+            wall_light(tmp_path, LAMP % ("SphereLight", lines) + WALL % "", at, rays=1 << 12)
+            for lines in (plain, cone, profile)
+        ]
         for at in ((30.0, 0.0, 500.0), (-45.0, 45.0, 500.0))
     }
     for (x, y, _), (even, focused, profiled) in lights.items():
