@@ -206,6 +206,7 @@ def labels_of(entry: CameraEntry) -> cameras.CameraLabels:
         light=light_of(entry),
         focus_request=focus,
         channels=entry.channels,
+        shutter=entry.shutter and dataclasses.replace(entry.shutter, instants=1),
     )
 
 

@@ -72,6 +72,9 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> J
     if labels.channels:
         light["channels"] = [_channel(camera, channel) for channel in labels.channels]
     head["focus_request"] = to_plain(labels.focus_request)
+    if shutter := labels.shutter:
+        times = {"opens_s": shutter.opens_s, "line_offset_s": shutter.line_s, "exposure_s": shutter.exposure_s}
+        head["shutter"] = {"scan_order": shutter.scan_order, **times}
     pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
 

@@ -12,7 +12,7 @@ from pipeline.formats import Cameras, Centre, Format, Origin, Reads
 
 FORMAT = Format(
     consumer="NCore of NVIDIA: from_dict of its camera model parameters",
-    note="opencv-pinhole or opencv-fisheye, global shutter",
+    note="opencv-pinhole or opencv-fisheye",
     source="proof: nvidia-ncore 19.8.3",
     cameras=Cameras.CONVENTIONAL,
     reads=frozenset({Reads.RAYS}),
@@ -22,6 +22,8 @@ FORMAT = Format(
     models=("fisheye", "rational"),
 )
 
+_SHUTTERS = {"none": "GLOBAL", "topToBottom": "ROLLING_TOP_TO_BOTTOM", "bottomToTop": "ROLLING_BOTTOM_TO_TOP"}
+"""Types of shutters, by `plen:shutter:scanOrder`."""
 _BEYOND = 1.01
 """Largest angle that it projects, over that of the rays of the image [1]: the rays of its corners are to pass."""
 
@@ -43,7 +45,7 @@ def write(material: Material, folder: Path) -> None:
 def _common(camera: ExportCamera) -> Json:
     return {
         "resolution": list(camera.size_px),
-        "shutter_type": "GLOBAL",
+        "shutter_type": _SHUTTERS[camera.built.record.get("shutter", {}).get("scan_order", "none")],
         "external_distortion_parameters": None,
         "principal_point": camera.image_model.principal_point_px,
         "focal_length": camera.image_model.focal_px,

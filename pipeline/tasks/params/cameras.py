@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
+from pipeline.motion import Shutter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +118,7 @@ class CameraLabels:
     light: BundleLight
     focus_request: FocusLabels | None
     channels: tuple[Channel, ...] = ()
+    shutter: Shutter | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
