@@ -178,7 +178,7 @@ def _judge(out: Path, name: str, points: Any, camera: _JudgedCamera, seed: int, 
     if len(tables) == len(camera.tables) and points_seen([frame.truth.frame for frame, _ in tables], judged) != points:
         verdict.problems.append(f"camera {name}: the manifest counts other rows or points than its tables have")
     verdict.problems.extend(f"camera {name}, {wrong}" for wrong in _wrong_visibilities(rig, tables, seed))
-    verdict.cameras[name] = certificate(rig, judged, camera.truth.settings.claim_px, seed)
+    verdict.cameras[name] = certificate(rig, judged, camera.truth.shutter, camera.truth.settings.claim_px, seed)
 
 
 def _judged_camera(build: Project, name: str) -> _JudgedCamera:

@@ -31,7 +31,7 @@ def run(params: Certificate, inputs: Inputs, out: Path) -> None:
     ]
     rig = rig_of(inputs, params.seed ^ _STREAM, params.square_px)
     of = sum(len(table.columns["x_px"]) for _, table in tables)
-    verdict = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of), params.shutter)
+    verdict = certificate(rig, tables, params.shutter, params.claim_px, params.seed, rows_of_build(of))
     write_json(out / "certificate.json", verdict)
     numbers = [frame.number for frame in params.frames]
     write_json(out / "points.json", points_seen(numbers, tables))
@@ -57,17 +57,17 @@ def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget
 def certificate(
     rig: Rig,
     tables: Sequence[tuple[Sequence[PlacedTarget], Table]],
+    shutter: Shutter | None,
     claim_px: float | None,
     seed: int,
     rows: int = ROWS,
-    shutter: Shutter | None = None,
 ) -> Json:
     """Draw a sample of rows from the tables of all frames, solve it again, and state the differences."""
     all_rows = Rows.joined([part for targets, table in tables for part in rows_of(rig, targets, table, shutter)])
     return certify(rig, all_rows.drawn(seed, rows), len(all_rows.cell), claim_px)
 
 
-def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Shutter | None = None) -> list[Rows]:
+def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Shutter | None) -> list[Rows]:
     """Rows of each target of a table, whose planes are those of the row's own time."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)

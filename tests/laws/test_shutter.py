@@ -13,6 +13,7 @@ from laws.solving import rig_of
 from scipy.spatial.transform import Rotation
 from stage_text import tiny_text
 
+from pipeline.app.verify import verify
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.ideal_lens import with_ideal_lens
 from pipeline.camera.rig import Rig
@@ -196,6 +197,7 @@ def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(tmp_p
     ends = "(-0.4, 1.2, -434.4)", "(-0.4, -6.8, -434.4)"  # the board passes half of the image in a frame
     exposed = "double2 exposure = (1, 240)\nint instants = 2"
     _, scanned = built(stage(tmp_path / "scanned", f"{SCAN}{exposed}", ends), common_store)
+    assert verify(tmp_path / "scanned/out").agrees
     _, global_ = built(stage(tmp_path / "global", exposed, ends), common_store)
 
     def still(time_s: float) -> np.ndarray:
