@@ -24,8 +24,8 @@ _PARTS = {
     "lamps": {"lamps"},
 }
 """Names in parameters of tasks, by the part of a dataset that they are made of; all others are of cameras."""
-_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm")
-"""Parameters that are made of poses."""
+_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm|\.motion\b")
+"""Parameters that are made of poses; motions are made of those of other frames, too, and of the camera's shutter."""
 _TARGET = re.compile(r"\btargets(?:\[(\d+)\]|\.(\w+))")
 """The target of a parameter, by number or by name."""
 
@@ -89,7 +89,8 @@ class _Since:
         field = reason.field or ""
         frame, words = frame_of(self._graph[task.name], field), set(re.findall(r"[a-z_]+", field))
         parts = [kind for kind, names in _PARTS.items() if words & names]
-        pose = "poses/" if _POSE.search(field) else ""
+        pose, owners = "poses/" if _POSE.search(field) else "", list[str]()
+        is_motion = ".motion" in field
         if match := _TARGET.search(field):
             number, name = match.groups()
             parts = [f"targets/{name or self._targets[int(number)]}"]
@@ -97,7 +98,9 @@ class _Since:
             owner = (*task.name.split("@")[0].split("/"), "")[1]
             owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits]
             parts += owners or ["cameras"]
-        yield self._of_parts(*(pose + part for part in parts), frame=frame)
+        yield self._of_parts(*(pose + part for part in parts), frame=None if is_motion else frame)
+        if is_motion:
+            yield self._of_parts(*owners, frame=None)
         if not pose:
             yield self._of_parts(f"{task.kind}s", "dataset", frame=frame)
 
