@@ -7,8 +7,8 @@ import numpy as np
 
 from pipeline.records.shapes import Float64
 
-_NODES = 9
-"""Poses of a piece of a motion: a turn by 30 degrees in a piece is right to 1e-13 then."""
+_NODES = 13
+"""Poses of a piece of a motion [1]: half a turn in a piece is right to 1e-10 then, see docs/motion.md."""
 Poses = list[list[list[float]]]
 """Transforms a_from_b, row by row, (n, 4, 4) [mm]."""
 

@@ -93,6 +93,17 @@ def test_truth_is_the_mean_over_an_exposure_in_which_the_motion_bends(pinhole):
     np.testing.assert_allclose(motion, way[:, :, None] * way[:, None, :] / 12, rtol=1e-6)
 
 
+def test_a_motion_turns_by_half_a_turn_in_a_piece_as_a_rotation_does():
+    def turned(t: float) -> np.ndarray:
+        return rigid(
+            Rotation.from_rotvec(np.pi * t * np.array([0.36, 0.48, 0.8])).as_matrix(), np.array([t, -t, 400.0])
+        )
+
+    motion, times = motion_of(turned, [-1.0, 0.0, 1.0]), np.linspace(-1, 1, 41)
+    np.testing.assert_allclose(motion.at(times), [turned(t) for t in times.tolist()], rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(motion.at(np.array([-9.0, 9.0])), motion.at(np.array([-1.0, 1.0])))
+
+
 def turning(t: float) -> np.ndarray:
     turn = Rotation.from_rotvec([0.5 * t, 2.0 * t, -1.0 * t]).as_matrix()
     return rigid(turn @ rigs.facing(DISTANCE_MM)[:3, :3], np.array([40 * t, -25 * t, DISTANCE_MM + 60 * t]))
