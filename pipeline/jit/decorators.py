@@ -210,7 +210,6 @@ def _numba() -> Any:
     os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
     import numba
     from numba import extending, types
-    from numba.core import cgutils
 
     class KernelType(types.Dispatcher):
         """Type of a kernel that another one calls. It is compiled for numbers, and not once more for 0 and 1."""
@@ -237,8 +236,8 @@ def _numba() -> Any:
 
     def uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         if isinstance(kind, types.Array):
-            array = cgutils.create_struct_proxy(kind)(context, builder, value)
-            array.meminfo = cgutils.get_null_value(array.meminfo.type)
+            array = context.make_helper(builder, kind, value)
+            array.meminfo = array.meminfo.type(None)  # the null pointer: nobody to count for
             return array._getvalue()
         if isinstance(kind, types.BaseTuple):
             parts: Any = kind

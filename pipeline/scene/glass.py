@@ -22,7 +22,7 @@ _ENTRIES = 300
 
 
 def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float) -> tuple[Glass | None, list[Problem]]:
-    """What a Material with PlenGlassAPI is made of, None without it, and doubts about that; UnreadableValue for glass
+    """The glass of a Material with PlenGlassAPI, None without it, and doubts about that; UnreadableValue for glass
     that is not known at a wavelength of a camera, or has an index there that nothing has.
 
     `ior`: that of its UsdPreviewSurface, which counts without a name.

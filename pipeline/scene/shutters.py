@@ -103,7 +103,7 @@ def motions_before(
     number: int,
     unit_mm: float,
 ) -> Motions:
-    """What moves before a camera in a frame: boards by name, things, which are shapes and lamps, by path."""
+    """Motions before a camera in a frame: of boards by name, of things, which are shapes and lamps, by path."""
     targets = {prim.GetName(): _motion(camera, shutter, prim, world_from, number, unit_mm) for prim in boards}
     others = {
         str(prim.GetPath()): _motion(camera, shutter, prim, reader, number, unit_mm) for prim, reader in things.items()

@@ -56,7 +56,7 @@ class Lamps(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """What all lamps together may send to a surface: their estimates, and how many may send anything."""
+    """Light that all lamps together may send to a surface: the sum of their estimates, and how many have any."""
 
     total: float
     number: int

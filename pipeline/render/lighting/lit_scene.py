@@ -62,7 +62,7 @@ class LitView:
 
     @cached_property
     def surfaces(self) -> "_Surfaces":
-        """What is the same at all wavelengths."""
+        """Triangles, materials and their tree, which are the same at all wavelengths."""
         table, pieces = MaterialTable(self.pictures), list[shapes.Shapes]()
         for (target, pose), coat in zip(self.targets, self.lighting.coats, strict=True):
             row = table.add_coat(coat)

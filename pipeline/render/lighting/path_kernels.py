@@ -150,7 +150,7 @@ def gather(lamps, paths, hits, light):
 
 @inline
 def _chance(lamps, paths, i, k):
-    """How many points of a lamp are asked for on average where a path comes from, by `_candidate`."""
+    """Mean number of points of a lamp that are asked for where a path comes from, by `_candidate`."""
     if not paths.density[i] > 0.0:
         return 0.0
     point, normal = row(paths.origin, i), row(paths.normal, i)

@@ -45,7 +45,7 @@ class Hits(NamedTuple):
 
     @property
     def is_smooth_glass(self) -> np.ndarray:
-        """Where paths go on as by a mirror."""
+        """Whether each path meets smooth glass and goes on as by a mirror, (n,) bool."""
         return np.isfinite(self.distance) & (self.paint[:, RATIO] > 0.0) & (self.paint[:, ALPHA] == 0.0)
 
 
