@@ -80,13 +80,13 @@ def test_uniform_motion_before_a_rolling_shutter_lies_where_its_closed_form_says
     np.testing.assert_allclose(rows.solutions.xy_px, first + v * time[:, None], rtol=0, atol=EXACT_PX)
 
 
-def test_truth_is_the_mean_over_an_exposure_in_which_the_motion_bends(pinhole):
+def test_truth_is_the_mean_over_an_exposure_in_which_the_motion_bends_and_gains_speed(pinhole):
     def pose(t: float) -> np.ndarray:
-        return shifted(100 * max(t - 0.004, 0), 20 * t)
+        return shifted(100 * max(t - 0.004, 0), 20 * t + 2000 * t**2)
 
     exposed = moving(pinhole, pose, Shutter(exposure_s=0.01), 0.004)
     rows = solve_moving(pinhole, exposed, slice(None), 1e-6, 0.05)
-    mean = shifted(100 * 0.006**2 / 2 / 0.01, 20 * 0.005)
+    mean = shifted(100 * 0.006**2 / 2 / 0.01, 20 * 0.005 + 2000 * 0.01**2 / 3)
     np.testing.assert_allclose(rows.solutions.xy_px, still(pinhole, mean), rtol=0, atol=EXACT_PX)
     way = still(pinhole, pose(0.01)) - still(pinhole, pose(0.0))
     motion = time_of_rows(pinhole, exposed, rows.solutions).motion_px2
