@@ -1,6 +1,7 @@
 """Poses that change while a frame is exposed, and the times at which lines of a sensor are."""
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ _NODES = 13
 """Poses of a piece of a motion [1]: half a turn in a piece is right to 1e-10 then, see docs/motion.md."""
 Poses = list[list[list[float]]]
 """Transforms a_from_b, row by row, (n, 4, 4) [mm]."""
+_SCANS = {"none": (1, 0), "leftToRight": (0, 1), "rightToLeft": (0, -1), "topToBottom": (1, 1), "bottomToTop": (1, -1)}
+"""Axis of the image, 0: x, 1: y, along which lines follow each other, and whether their time grows or falls with it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,23 +26,46 @@ class Shutter:
     exposure_s: float = 0.0
     instants: int = 1
 
-    def opens_at_s(self, y_px: Float64[np.ndarray, "n"], height_px: int) -> np.ndarray:
-        """Start of the exposure at each y, (n,) [s]: continuous, and that of a line in the middle of its row."""
-        line = {"none": 0.0 * y_px, "topToBottom": y_px, "bottomToTop": height_px - 1 - y_px}[self.scan_order]
-        return self.opens_s + self.line_s * line
-
-    def middle_s(self, y_px: Float64[np.ndarray, "n"], height_px: int) -> np.ndarray:
-        """Middle of the exposure at each y, (n,) [s]."""
-        return self.opens_at_s(y_px, height_px) + self.exposure_s / 2
+    @property
+    def axis(self) -> int:
+        """Axis of the image along which lines follow each other, 0: x, lines are columns, 1: y, lines are rows."""
+        return _SCANS[self.scan_order][0]
 
     @property
-    def line_by_y_s(self) -> float:
-        """Derivative of `opens_at_s` by y [s per px]."""
-        return {"none": 0.0, "topToBottom": 1.0, "bottomToTop": -1.0}[self.scan_order] * self.line_s
+    def line_by_px_s(self) -> float:
+        """Derivative of `opens_at_s` by the position along the axis [s per px]."""
+        return _SCANS[self.scan_order][1] * self.line_s
 
-    def window_s(self, height_px: int) -> tuple[float, float]:
-        """Begin of the first exposure and end of the last [s]."""
-        lines = 0 if self.scan_order == "none" else height_px - 1
+    def opens_at_s(self, x_px: Float64[np.ndarray, "n 2"], size_px: tuple[int, int]) -> np.ndarray:
+        """Start of the exposure at image positions, (n,) [s]: continuous, and that of a line in the line's middle.
+
+        `size_px`: width and height of the image.
+        """
+        axis, sign = _SCANS[self.scan_order]
+        line = size_px[axis] - 1 - x_px[:, axis] if sign < 0 else sign * x_px[:, axis]
+        return self.opens_s + self.line_s * line
+
+    def middle_s(self, x_px: Float64[np.ndarray, "n 2"], size_px: tuple[int, int]) -> np.ndarray:
+        """Middle of the exposure at image positions, (n,) [s]."""
+        return self.opens_at_s(x_px, size_px) + self.exposure_s / 2
+
+    def lines(
+        self, rows: tuple[int, int], size_px: tuple[int, int]
+    ) -> Iterator[tuple[float, tuple[int, int], tuple[int, int]]]:
+        """Pixels of some rows of an image that are exposed together: start of their exposure [s], rows and columns."""
+        columns = 0, size_px[0]
+        if self.scan_order == "none":
+            yield self.opens_s, rows, columns
+            return
+        lines = np.arange(*(columns, rows)[self.axis])
+        opens_s = self.opens_at_s(np.stack([lines, lines], axis=1), size_px)
+        for line, time in zip(lines.tolist(), opens_s.tolist(), strict=True):
+            some = line, line + 1
+            yield (time, rows, some) if self.axis == 0 else (time, some, columns)
+
+    def window_s(self, size_px: tuple[int, int]) -> tuple[float, float]:
+        """Begin of the first exposure and end of the last in an image of so many columns and rows [s]."""
+        lines = 0 if self.scan_order == "none" else size_px[self.axis] - 1
         return self.opens_s, self.opens_s + self.line_s * lines + self.exposure_s
 
 

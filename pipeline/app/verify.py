@@ -269,8 +269,8 @@ def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed:
     drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for _, table in tables), bool), seed)
     for frame, table in tables:
         targets = frame.view.targets
-        height_px, shutter = rig.tracer.camera.sensor.height_px, frame.truth.shutter
-        in_time = SurroundingsInTime.of(frame.view, shutter, height_px)
+        shutter = frame.truth.shutter
+        in_time = SurroundingsInTime.of(frame.view, shutter, rig.tracer.camera.sensor.size_px)
         names = np.array(table.columns["target"], str)
         for number, of_target in enumerate(rows_of(rig, targets, table, shutter)):
             here = drawn[(drawn >= first) & (drawn < first + len(of_target.cell))] - first

@@ -17,11 +17,10 @@ import numpy as np
 
 from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.jit.decorators import inline, kernel
-from pipeline.render.pixel_rays import Band, Rows
+from pipeline.render.pixel_rays import Band
 from pipeline.targets.drawing import BESIDE, MIXED, colour_of_box
 from pipeline.targets.surface_kernels import on_plane
 from pipeline.targets.surfaces import Patch
@@ -75,13 +74,11 @@ class Meeting(NamedTuple):
 
 
 class Footprints:
-    """Footprints of the pixels of some rows, on whatever is before the camera."""
+    """Footprints of the pixels of a band, on whatever is before the camera."""
 
     def __init__(self, band: Band) -> None:
         rig = band.rig
-        blocks, blocks_of = (
-            _tiles(rig.tracer, band.rows) if rig.images is None else _behind(rig, rig.images, band.strata)
-        )
+        blocks, blocks_of = _tiles(band) if rig.images is None else _behind(rig, rig.images, band.strata)
         # Diffraction widens what a pixel sees: as if its square were larger.
         self._edge_mm = rig.tracer.camera.sensor.pitch_mm + 2 * rig.diffraction.reach_mm
         self._blocks = blocks
@@ -125,15 +122,15 @@ class Footprints:
         return result
 
 
-def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
-    """Tiles of the sensor, the same for any rows, and the tile of each pixel (n, 1)."""
-    width = tracer.camera.sensor.width_px
-    across, first, end = -(-width // _TILE_PX), rows[0] // _TILE_PX, -(-rows[1] // _TILE_PX)
-    y, x = (axis.ravel() for axis in np.mgrid[first:end, :across])
+def _tiles(band: Band) -> tuple[Blocks, np.ndarray]:
+    """Tiles of the sensor, the same for any rows and columns, and the tile of each pixel (n, 1)."""
+    tracer = band.rig.tracer
+    down, along = ((first // _TILE_PX, -(-end // _TILE_PX)) for first, end in (band.rows, band.columns))
+    y, x = (axis.ravel() for axis in np.mgrid[slice(*down), slice(*along)])
     middle = tracer.positions_mm(*((axis + 0.5) * _TILE_PX - 0.5 for axis in (x, y)))
     step = np.full(len(middle), _TILE_PX * tracer.camera.sensor.pitch_mm / (NODES - 1))
-    row, column = np.mgrid[rows[0] : rows[1], :width]
-    tile = (row // _TILE_PX - first) * across + column // _TILE_PX
+    row, column = np.mgrid[slice(*band.rows), slice(*band.columns)]
+    tile = (row // _TILE_PX - down[0]) * (along[1] - along[0]) + column // _TILE_PX - along[0]
     return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(tile.reshape(-1, 1))
 
 

@@ -47,7 +47,7 @@ def known_flux(band: Band) -> np.ndarray | None:
     if band.rig.images is not None or band.rig.diffraction_nm is not None or min(size_px) < _CUBIC:
         return None
     step_px = min(float(_STEP_PX), max(1.0, max(size_px) / _STEPS))
-    wanted = np.arange(*band.rows), np.arange(size_px[1])
+    wanted = np.arange(*band.rows), np.arange(*band.columns)
     rows, columns = (_Cubics.of(size, some, step_px) for size, some in zip(size_px, wanted, strict=True))
     y_px, x_px = np.meshgrid(rows.positions_px, columns.positions_px, indexing="ij")
     positions = np.stack([x_px.ravel(), y_px.ravel()], axis=1)
@@ -134,16 +134,20 @@ def pictures(
     scenes: Sequence[TargetLight | LitScene],
     white: Float64[np.ndarray, "2 height width"],
     rows: Rows | None = None,
+    columns: Rows | None = None,
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width); each is identical, to the bit, to the image computed alone.
+
+    So are some rows, and some columns but for the first and the last of them: the light of a conventional camera's
+    pixel is steadied by those beside.
 
     Light through the microlens of a pixel's cell and light through other microlenses are treated separately: a part
     of one colour is that colour times `white`; other parts are sampled.
 
-    `white`: the white image of the same rows in these two parts, relative; a conventional camera has no second one, and
-        the noise of its rays in images only if its white image is of the same rays.
+    `white`: the white image of the same pixels in these two parts, relative; a conventional camera has no second one,
+        and the noise of its rays in images only if its white image is of the same rays.
     """
-    band, parts = Band.of(rig, rows), white.reshape(2, -1)
+    band, parts = Band.of(rig, rows, columns), white.reshape(2, -1)
     colour, known = colours(band, scenes), parts[0] if rig.images is None else None
     image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour, known), colour * parts)
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
@@ -248,12 +252,13 @@ def pictures_in_lights(
     scenes: Sequence[TargetLight | GlowingView | LitView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,
+    columns: Rows | None = None,
 ) -> np.ndarray:
-    """Images of several scenes, (scenes, height, width), as `pictures`; `white` of the same rows by `white_parts`."""
+    """Images of several scenes, (scenes, height, width), as `pictures`; `white` of the same pixels by `white_parts`."""
     shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
     for number, in_light in enumerate(rig.in_each_light):
         seen = [scene.in_light(number) for scene in scenes]
-        images.append(pictures(in_light, shared, seen, np.ascontiguousarray(parts[..., number]), rows))
+        images.append(pictures(in_light, shared, seen, np.ascontiguousarray(parts[..., number]), rows, columns))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 

@@ -78,29 +78,31 @@ _RAYS_ON_DEVICE = 1 << 21
 
 
 Rows = tuple[int, int]
-"""First and end of some rows of an image."""
+"""First and end of some rows, or columns, of an image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Rows of an image."""
+    """Rows of an image, or some columns of them."""
 
     rig: Rig
     rows: Rows
+    columns: Rows
     positions_mm: Float64[np.ndarray, "n 2"]  # centres of their pixels on the sensor, row by row, vision frame
     strata: Int64[np.ndarray, "n s"]  # microlenses that light each pixel, see `camera.micro_images.centres`
 
     @classmethod
-    def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":
-        """The band of some rows, by default all."""
-        rows = rows or (0, rig.tracer.camera.sensor.height_px)
-        strata = pixel_strata(rig.tracer, rig.images, rows, rig.diffraction.reach_mm)
-        return cls(rig, rows, positions_of(rig.tracer, rows), strata)
+    def of(cls, rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> "Band":
+        """The band of some rows and columns, by default all."""
+        width_px, height_px = rig.tracer.camera.sensor.size_px
+        rows, columns = rows or (0, height_px), columns or (0, width_px)
+        strata = pixel_strata(rig.tracer, rig.images, rows, rig.diffraction.reach_mm, columns)
+        return cls(rig, rows, columns, positions_of(rig.tracer, rows, columns), strata)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
-        return self.rows[1] - self.rows[0], self.rig.tracer.camera.sensor.width_px
+        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +133,10 @@ class _Wanted:
         return Samples(sobol_bits(self.batch.end), self.batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
 
     def squares(self, some: Int64[np.ndarray, "m"]) -> Squares:
-        width, counts = self.band.shape[1], self.counts[some]
-        y_px, x_px = np.divmod(some + self.band.rows[0] * width, width)
+        row, column = np.divmod(some, self.band.shape[1])
+        counts = self.counts[some]
         strata = np.where(counts > 0, self.band.strata[some], SKIP)
-        pixels = np.stack([x_px, y_px], axis=1)
+        pixels = np.stack([column + self.band.columns[0], row + self.band.rows[0]], axis=1)
         return Squares(pixels, self.band.positions_mm[some], strata, counts, counts * (self.batch.number > 0))
 
     def rays(self, some: Int64[np.ndarray, "m"], squares: Squares, leaving: Leaving) -> PixelRays:

@@ -137,7 +137,8 @@ def _motion(
 def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
     """Time that a motion covers: the shutter's, and two lines more, where the search for a row may lead."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    first_s, end_s = shutter.window_s(need(sensor, "plen:resolution")[1])
+    width_px, height_px = need(sensor, "plen:resolution")
+    first_s, end_s = shutter.window_s((width_px, height_px))
     more_s = 2 * shutter.line_s + _MORE_S
     return first_s - more_s, end_s + more_s
 

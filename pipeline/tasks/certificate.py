@@ -82,7 +82,7 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
         posed = PosedPoints(entry.name, points, pose)
         planes: Planes = StillPlanes(posed.planes)
         if entry.motion and shutter:
-            planes = MovingPlanes(posed.of_target, entry.motion, shutter, rig.tracer.camera.sensor.height_px)
+            planes = MovingPlanes(posed.of_target, entry.motion, shutter, rig.tracer.camera.sensor.size_px)
         parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
 

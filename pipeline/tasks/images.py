@@ -189,37 +189,45 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     exposure, rows = images[0].exposure, images[0].rows
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
     rig = imaged_rig(inputs, exposure)
+    width_px, height_px = rig.tracer.camera.sensor.size_px
+    all_rows, all_columns = rows or (0, height_px), (0, width_px)
 
-    def rendered(scenes: list[Scene], some: Rows) -> np.ndarray:
-        first = rows[0] if rows else 0
-        return imaging.pictures_in_lights(
-            rig, exposure.samples, scenes, white[:, some[0] - first : some[1] - first], some
-        )
+    def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
+        first, end = steadied_by(rig, columns)
+        there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
+        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
+        return light[..., columns[0] - first : columns[1] - first]
 
-    rows_px = rows or (0, rig.tracer.camera.sensor.height_px)
     if images[0].shutter is None:
-        return rendered([scene_of(image.view, inputs) for image in images], rows_px)
-    return np.stack([exposed(image, inputs, rig, rows_px, rendered) for image in images])
+        return rendered([scene_of(image.view, inputs) for image in images], all_rows, all_columns)
+    return np.stack([exposed(image, inputs, rig, all_rows, rendered) for image in images])
+
+
+def steadied_by(rig: Rig, columns: Rows) -> Rows:
+    """Columns of an image whose light has a part in that of some: those beside, too, of a conventional camera."""
+    if rig.images is not None:
+        return columns
+    return max(0, columns[0] - 1), min(columns[1] + 1, rig.tracer.camera.sensor.width_px)
 
 
 def exposed(
-    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows], np.ndarray]
+    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows, Rows], np.ndarray]
 ) -> np.ndarray:
     """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
 
-    `rendered` returns images of rows of scenes that share their rays: instants do, and lines exposed together.
+    `rendered` returns images of rows and columns of scenes that share their rays: instants do, and what is exposed
+    together.
     """
-    shutter, view, height_px = image.shutter, image.view, rig.tracer.camera.sensor.height_px
+    shutter, view, size_px = image.shutter, image.view, rig.tracer.camera.sensor.size_px
     assert shutter is not None and view is not None
     count = shutter.instants if shutter.exposure_s else 1
     after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
-    together = [rows] if shutter.scan_order == "none" else [(line, line + 1) for line in range(*rows)]
-    parts = []
-    for some in together:
-        opens_s = shutter.opens_at_s(np.array([float(some[0])]), height_px)[0]
+    result = np.empty((rows[1] - rows[0], size_px[0]))
+    for opens_s, some, columns in shutter.lines(rows, size_px):
         scenes = [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()]
-        parts.append(rendered(scenes, some).mean(axis=0))
-    return np.concatenate(parts, axis=-2)
+        there = result[some[0] - rows[0] : some[1] - rows[0], slice(*columns)]
+        there[:] = rendered(scenes, some, columns).mean(axis=0)
+    return result
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:

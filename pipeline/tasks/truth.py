@@ -125,8 +125,8 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
-    height_px = rig.tracer.camera.sensor.height_px
-    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, height_px)
+    size_px = rig.tracer.camera.sensor.size_px
+    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, size_px)
     for number, entry in enumerate(entries):
         name = entry.name
         if params.points is not None and name not in params.points:
@@ -142,7 +142,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         if entry.motion is None or table.shutter is None:
             truth = correspondences(rig, rays, settings, posed, image_of, some)
         else:
-            moving = MovingPlanes(posed.of_target, entry.motion, table.shutter, height_px)
+            moving = MovingPlanes(posed.of_target, entry.motion, table.shutter, size_px)
             truth = solve_moving(rig, moving, some, settings.aim_px, settings.min_hit_fraction)
         if truth is None:
             notes.append(TargetNote(target=name, counts=None))

@@ -54,36 +54,37 @@ def solve_moving(
 
 def _at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, int]:
     """Planes of points (p, 4, 3) about when their lines are exposed, and traced rays; unseen ones in the middle."""
-    first, end = moving.shutter.window_s(moving.height_px)
+    first, end = moving.shutter.window_s(moving.size_px)
     points = np.arange(len(moving.of_target))
     times, rays = np.full(len(points), (first + end) / 2), 0
     looked = points[some]
-    for turn in range(_TURNS if moving.shutter.line_by_y_s else 0):
+    for turn in range(_TURNS if moving.shutter.line_by_px_s else 0):
         asked = np.zeros((len(points), 4, 3))
         asked[looked] = moving.at(looked, times[looked])
         guess, more = guesses(rig, asked)
         rays += more
         count = np.bincount(guess.point, minlength=len(points))
-        y = np.bincount(guess.point, guess.x_px[:, 1], minlength=len(points)) / np.maximum(count, 1)
+        sums = [np.bincount(guess.point, axis, minlength=len(points)) for axis in guess.x_px.T]
+        x_px = np.stack(sums, axis=1) / np.maximum(count, 1)[:, None]
         is_seen = count > 0
         before, unseen = times.copy(), looked[~is_seen[looked]]
-        times[is_seen] = np.clip(moving.shutter.middle_s(y[is_seen], moving.height_px), first, end)
+        times[is_seen] = np.clip(moving.shutter.middle_s(x_px[is_seen], moving.size_px), first, end)
         times[unseen] = (first, end, (first + end) / 2, (first + end) / 2)[turn]
         if np.abs(times - before)[is_seen].max(initial=0.0) < _NEAR_LINES * moving.shutter.line_s and not len(unseen):
             break
     return moving.at(points, times), rays
 
 
-def time_of_still(shutter: Shutter, height_px: int, solutions: Solutions) -> TimeOfRows:
+def time_of_still(shutter: Shutter, size_px: tuple[int, int], solutions: Solutions) -> TimeOfRows:
     """The time of rows of a target that does not move."""
-    middle, rows = shutter.middle_s(solutions.y_px, height_px), len(solutions.point)
+    middle, rows = shutter.middle_s(solutions.xy_px, size_px), len(solutions.point)
     return TimeOfRows(middle, np.zeros((rows, 2, 2)), np.ones(rows, np.int64))
 
 
 def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOfRows:
     """The time of rows; velocities are those of the mean hits of their bundles."""
     x_px, shutter = solutions.xy_px, moving.shutter
-    middle = shutter.middle_s(solutions.y_px, moving.height_px)
+    middle = shutter.middle_s(x_px, moving.size_px)
     half = max(shutter.exposure_s, shutter.line_s, _APART_S) / 2
     planes = np.stack([moving.at(solutions.point, middle + side * half) for side in (-1, 1)], axis=1)
     hits = integrals(rig.tracer, Bundles(x_px, rig.microlens(solutions.cell), planes, rig.square_px), 0).moments
@@ -92,7 +93,7 @@ def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOf
     # in the image that is scanned, D the time from line to line.
     way_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)
     motion = way_px_per_s * shutter.exposure_s
-    # Line r is exposed while the point is (1 - v D) (y - r) from its middle.
-    y, reach = x_px[:, 1], np.abs(1 + way_px_per_s[:, 1] * shutter.line_by_y_s) / 2
+    # Line r is exposed while the point is (1 - v D) (y - r) from its middle, y along the axis of the scan.
+    y, reach = x_px[:, shutter.axis], np.abs(1 + way_px_per_s[:, shutter.axis] * shutter.line_by_px_s) / 2
     lines = np.floor(y + reach) - np.floor(y - reach)
     return TimeOfRows(middle, motion[:, :, None] * motion[:, None, :] / 12, lines.astype(np.int64))

@@ -66,15 +66,15 @@ class MovingPlanes:
     of_target: Float64[np.ndarray, "p 4 3"]
     motion: Motion
     shutter: Shutter
-    height_px: int
+    size_px: tuple[int, int]  # of the image
 
     def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """As of still planes; NaN where the position is."""
-        return self.at(point, self.shutter.middle_s(x_px[:, 1], self.height_px))
+        return self.at(point, self.shutter.middle_s(x_px, self.size_px))
 
     def pairs(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
         """As of still planes, with stretches between the times at which the motion bends; NaN where the position is."""
-        middle, exposure_s = self.shutter.middle_s(x_px[:, 1], self.height_px), self.shutter.exposure_s
+        middle, exposure_s = self.shutter.middle_s(x_px, self.size_px), self.shutter.exposure_s
         first, end = middle - exposure_s / 2, middle + exposure_s / 2
         bends = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
         ends = np.sort(np.clip(bends, first[:, None], end[:, None]), axis=1)

@@ -168,6 +168,9 @@ def test_scenes_in_company_are_scenes_alone(kind: str, request: pytest.FixtureRe
     assert np.array_equal(together, pictures(rig, 16, SHARED_SCENES, parts, SHARED_ROWS))
     first = [pictures(rig, 16, SHARED_SCENES, parts[:, a - 20 : b - 20], (a, b)) for a, b in ((20, 23), (23, 29))]
     assert np.array_equal(together, np.concatenate(first, axis=1))
+    some = pictures(rig, 16, SHARED_SCENES, parts[:, :, 30:45], SHARED_ROWS, (30, 45))
+    assert np.array_equal(together[:, :, 31:44], some[:, :, 1:-1])
+    assert kind == "conventional" or np.array_equal(together[:, :, 30:45], some)
 
 
 def test_tasks_of_a_camera_share_what_makes_it_ready_and_no_other_camera_or_seed_does(plenoptic, tmp_path) -> None:

@@ -46,10 +46,10 @@ def motion_of(pose: Path_, edges_s: list[float]) -> Motion:
 
 
 def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float) -> MovingPlanes:
-    height = rig.tracer.camera.sensor.height_px
-    first, end = shutter.window_s(height)
+    size_px = rig.tracer.camera.sensor.size_px
+    first, end = shutter.window_s(size_px)
     motion = motion_of(pose, [first - 0.01, *bends_s, end + 0.01])
-    return MovingPlanes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, height)
+    return MovingPlanes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, size_px)
 
 
 def shifted(x: float, y: float) -> np.ndarray:
@@ -66,15 +66,18 @@ def still(rig: Rig, pose: np.ndarray, accuracy_px: float = 1e-6) -> np.ndarray:
     return solutions.xy_px
 
 
-@pytest.mark.parametrize(("order", "sign"), [("topToBottom", 1), ("bottomToTop", -1)])
-def test_uniform_motion_before_a_rolling_shutter_lies_where_its_closed_form_says(pinhole, order, sign):
+@pytest.mark.parametrize(
+    ("order", "axis", "sign"),
+    [("topToBottom", 1, 1), ("bottomToTop", 1, -1), ("leftToRight", 0, 1), ("rightToLeft", 0, -1)],
+)
+def test_uniform_motion_before_a_rolling_shutter_lies_where_its_closed_form_says(pinhole, order, axis, sign):
     shutter = Shutter(scan_order=order, opens_s=0.002, line_s=5e-4)
     rows = solve_moving(pinhole, moving(pinhole, lambda t: shifted(30 * t, -40 * t), shutter), slice(None), 1e-6, 0.05)
     # In a pinhole's image of a board across the axis uniform motion is uniform: y = y0 + v (opens + D line).
-    first, last_line = still(pinhole, shifted(0, 0)), pinhole.tracer.camera.sensor.height_px - 1
+    first, last_line = still(pinhole, shifted(0, 0)), pinhole.tracer.camera.sensor.size_px[axis] - 1
     v = 100 * (still(pinhole, shifted(0.3, -0.4)) - first)
     start = 0.002 if sign > 0 else 0.002 + 5e-4 * last_line
-    y = (first[:, 1] + v[:, 1] * start) / (1 - sign * v[:, 1] * 5e-4)
+    y = (first[:, axis] + v[:, axis] * start) / (1 - sign * v[:, axis] * 5e-4)
     time = start + sign * 5e-4 * y
     assert np.abs(v).min() > 20  # px/s: what is to be seen is pixels
     np.testing.assert_allclose(rows.solutions.xy_px, first + v * time[:, None], rtol=0, atol=EXACT_PX)
@@ -122,6 +125,29 @@ def test_each_row_is_that_of_a_still_board_at_its_own_time(kind, request):
         alone = solve(rig, guesses(rig, at)[0], at, 1e-5, 0.05).solutions
         same = (alone.point == rows.point[number]) & (alone.cell == rows.cell[number])
         np.testing.assert_allclose(alone.xy_px[same], rows.xy_px[None, number], rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize(("order", "turn"), [("rightToLeft", 1), ("leftToRight", -1)])
+def test_columns_are_the_rows_of_a_camera_that_is_turned_with_all_it_sees(order, turn):
+    camera, quarter = rigs.conventional(), np.array([[0.0, -turn], [turn, 0.0]])
+    sensor = replace(camera.sensor, width_px=camera.sensor.height_px, height_px=camera.sensor.width_px)
+    shutter, world = Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4, exposure_s=5e-4), np.eye(4)
+    world[:2, :2] = quarter
+    seen = []
+    for rig, pose, scan in (
+        (rig_of(camera), turning, shutter),
+        (rig_of(replace(camera, sensor=sensor)), lambda t: world @ turning(t), replace(shutter, scan_order=order)),
+    ):
+        planes = moving(rig, pose, scan)
+        rows = solve_moving(rig, planes, slice(None), 1e-6, 0.05).solutions
+        seen.append(
+            (rows.xy_px - (np.array(rig.tracer.camera.sensor.size_px) - 1) / 2, time_of_rows(rig, planes, rows))
+        )
+    (upright, time), (turned, turned_time) = seen
+    np.testing.assert_allclose(turned, upright @ quarter.T, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(turned_time.middle_s, time.middle_s, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(turned_time.motion_px2, quarter @ time.motion_px2 @ quarter.T, rtol=0, atol=1e-6)
+    assert (turned_time.lines == time.lines).all() and np.ptp(time.middle_s) > 0.002
 
 
 def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
@@ -204,20 +230,25 @@ def test_what_is_still_before_the_camera_is_that_of_an_instant_bit_for_bit(tmp_p
         assert (table.numbers("lines") == 1).all() and (table.numbers("motion_xx_px2") < 1e-15).all()
 
 
-def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(tmp_path, common_store):
-    ends = "(-0.4, 1.2, -434.4)", "(-0.4, -6.8, -434.4)"  # the board passes half of the image in a frame
-    exposed = "double2 exposure = (1, 240)\nint instants = 2"
-    _, scanned = built(stage(tmp_path / "scanned", f"{SCAN}{exposed}", ends), common_store)
+@pytest.mark.parametrize(("order", "axis"), [("topToBottom", 1), ("rightToLeft", 0)])
+def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order, axis, tmp_path, common_store):
+    def place(time_s: float) -> str:  # the board passes half of the image in a frame
+        way = 8.0 * 24 * time_s
+        return f"({-0.4 + way * (axis == 0)!r}, {1.2 - way * (axis == 1)!r}, -434.4)"
+
+    ends, exposed = (place(0), place(1 / 24)), "double2 exposure = (1, 240)\nint instants = 2"
+    scan = SCAN.replace("topToBottom", order)
+    _, scanned = built(stage(tmp_path / "scanned", f"{scan}{exposed}", ends), common_store)
     assert verify(tmp_path / "scanned/out").agrees
     _, global_ = built(stage(tmp_path / "global", exposed, ends), common_store)
 
     def still(time_s: float) -> np.ndarray:
-        place = f"(-0.4, {1.2 - 8.0 * 24 * time_s!r}, -434.4)"
-        return built(stage(tmp_path / f"still{time_s}", "", (place, place)), common_store)[1]
+        return built(stage(tmp_path / f"still{time_s}", "", (place(time_s),) * 2), common_store)[1]
 
     for line in (6, 17):
+        some = line if axis else np.s_[:, -1 - line]
         opens_s = 0.002 + 0.001 * line
-        instants = [still(opens_s + share / 240)[line] for share in (0.25, 0.75)]
-        np.testing.assert_allclose(scanned[line], np.mean(instants, axis=0), rtol=0, atol=1e-6)
-        assert np.abs(scanned[line] - global_[line]).max() > 0.1
+        instants = [still(opens_s + share / 240)[some] for share in (0.25, 0.75)]
+        np.testing.assert_allclose(scanned[some], np.mean(instants, axis=0), rtol=0, atol=1e-6)
+        assert np.abs(scanned[some] - global_[some]).max() > 0.1
     np.testing.assert_allclose(global_, np.mean([still(0.25 / 240), still(0.75 / 240)], axis=0), rtol=0, atol=1e-6)

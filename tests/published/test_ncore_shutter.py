@@ -19,7 +19,15 @@ SAME_PX = 1e-9
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(("order", "name"), [("topToBottom", "TOP_TO_BOTTOM"), ("bottomToTop", "BOTTOM_TO_TOP")])
+@pytest.mark.parametrize(
+    ("order", "name"),
+    [
+        ("topToBottom", "TOP_TO_BOTTOM"),
+        ("bottomToTop", "BOTTOM_TO_TOP"),
+        ("leftToRight", "LEFT_TO_RIGHT"),
+        ("rightToLeft", "RIGHT_TO_LEFT"),
+    ],
+)
 def test_a_board_that_flies_past_lies_where_ncore_says_but_for_the_part_of_a_line(order, name):
     data = pytest.importorskip("ncore.data", reason="nvidia-ncore is not installed")
     torch, sensors = pytest.importorskip("torch"), pytest.importorskip("ncore.sensors")
@@ -43,7 +51,8 @@ def test_a_board_that_flies_past_lies_where_ncore_says_but_for_the_part_of_a_lin
     theirs = sensors.camera_model_from_parameters(model, device="cpu", dtype=torch.float64)
     theirs.focal_length[:] = ideal.principal_distance_px  # which single precision had rounded
     theirs.principal_point[:] = torch.tensor(ideal.principal_point_px) + 0.5
-    first, end = shifted(0, 0), shifted(30 * LINE_S * (size[1] - 1), -40 * LINE_S * (size[1] - 1))
+    end_s = shutter.window_s(camera.sensor.size_px)[1]
+    first, end = shifted(0, 0), shifted(30 * end_s, -40 * end_s)
     for pose in (first, end):
         pose[:3, 3] -= pinhole(camera).centre_mm
     found = theirs.world_points_to_image_points_shutter_pose(
@@ -54,7 +63,7 @@ def test_a_board_that_flies_past_lies_where_ncore_says_but_for_the_part_of_a_lin
     their_s = (found.T_world_sensors[:, 0, 3].numpy() - first[0, 3]) / 30
     v = 100 * (still(rig, shifted(0.3, -0.4)) - still(rig, shifted(0, 0)))
     # Uniform motion before a pinhole is uniform in the image: by their time both are at one place.
-    own_s = shutter.middle_s(rows.y_px, size[1])
+    own_s = shutter.middle_s(rows.xy_px, camera.sensor.size_px)
     assert 1e-5 < np.abs(their_s - own_s).max() < LINE_S
     there = rows.xy_px + v * (their_s - own_s)[:, None]
     np.testing.assert_allclose(found.image_points.numpy() - 0.5, there, rtol=0, atol=SAME_PX)

@@ -22,7 +22,10 @@ def problems(folder: Path, camera: str, *edits: tuple[str, str], last: str = f"{
     return load(path).problems
 
 
-@pytest.mark.parametrize("camera", [OPEN, ROLLS, f"{ROLLS}\n{OPEN}", "double2 opens = (-1, 1000)", ""])
+@pytest.mark.parametrize(
+    "camera",
+    [OPEN, ROLLS, ROLLS.replace("bottomToTop", "leftToRight"), f"{ROLLS}\n{OPEN}", "double2 opens = (-1, 1000)", ""],
+)
 def test_shutters_that_say_all_are_right(tmp_path, camera):
     rotation = "2: (0.9762960071199334, 0, 0.21643961393810288, 0),"
     assert problems(tmp_path, camera, (rotation, f"{rotation}\n3: (1, 0, 0, 0),")) == []
@@ -35,7 +38,7 @@ def test_shutters_that_say_all_are_right(tmp_path, camera):
         ("double2 exposure = (-1, 100)", "out-of-range", "plen:shutter:exposure", "outside [0"),
         ('token scanOrder = "topToBottom"', "shutter", "plen:shutter:lineOffset", "rolling shutter needs both"),
         ("double2 lineOffset = (1, 1000)", "shutter", "plen:shutter:lineOffset", "a global one neither"),
-        ('token scanOrder = "leftToRight"', "bad-token", "plen:shutter:scanOrder", "topToBottom"),
+        ('token scanOrder = "inwards"', "bad-token", "plen:shutter:scanOrder", "topToBottom"),
         (f"{OPEN}\n{_METHOD.strip()[8:]}", "not-yet-supported", "plen:truth:method", "direct"),
         (f'{OPEN}\ntoken[] plen:truth:columns = ["saddle"]', "not-yet-supported", "plen:truth:columns", "[]"),
         (f"{OPEN}\ndouble plen:image:noise = 0.1", "not-yet-supported", "plen:image:noise", "samples"),

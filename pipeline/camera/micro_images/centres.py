@@ -159,19 +159,26 @@ class _Discs(NamedTuple):
 
 
 def pixel_strata(
-    tracer: Tracer, images: MicroImages | None, rows: tuple[int, int], spread_mm: float = 0.0
+    tracer: Tracer,
+    images: MicroImages | None,
+    rows: tuple[int, int],
+    spread_mm: float = 0.0,
+    columns: tuple[int, int] | None = None,
 ) -> np.ndarray:
-    """Microlenses whose light, spread by `spread_mm`, may pass each pixel of some rows, nearest first, (n, s) int64."""
-    width = tracer.camera.sensor.width_px
+    """Microlenses whose light, spread by `spread_mm`, may pass each pixel of some rows, or of some columns of them,
+    nearest first, (n, s) int64.
+    """
+    first, end = columns or (0, tracer.camera.sensor.width_px)
+    width = end - first
     count = (rows[1] - rows[0]) * width
     if images is None:
         return np.full((count, 1), NO_MICROLENS)
     slack_mm = tracer.camera.sensor.pitch_mm * _SLACK_PX + spread_mm
     farthest_mm = float(images.reach_mm.max()) + slack_mm
-    centre_px = tracer.pixels_at(images.centre_mm) - [0.0, rows[0]]
+    centre_px = tracer.pixels_at(images.centre_mm) - [first, rows[0]]
     farthest_px = farthest_mm / tracer.camera.sensor.pitch_mm + 1e-6
     discs = _Discs(images.centre_mm, centre_px, images.reach_mm + slack_mm, farthest_mm, farthest_px)
-    positions = positions_of(tracer, rows)
+    positions = positions_of(tracer, rows, columns)
     filled = np.zeros(count, np.int64)
     _lay(discs, positions, width, np.zeros((count, 0)), np.zeros((count, 0), np.int64), filled)
     places = max(1, int(filled.max()))
@@ -181,11 +188,10 @@ def pixel_strata(
     return strata
 
 
-def positions_of(tracer: Tracer, rows: tuple[int, int]) -> np.ndarray:
-    """Centres of the pixels of some rows, vision frame (n, 2) [mm]."""
-    width = tracer.camera.sensor.width_px
-    y_px, x_px = np.divmod(np.arange(rows[0] * width, rows[1] * width), width)
-    return tracer.positions_mm(x_px, y_px)
+def positions_of(tracer: Tracer, rows: tuple[int, int], columns: tuple[int, int] | None = None) -> np.ndarray:
+    """Centres of the pixels of some rows, or of some columns of them, row by row, vision frame (n, 2) [mm]."""
+    y_px, x_px = np.mgrid[slice(*rows), slice(*(columns or (0, tracer.camera.sensor.width_px)))]
+    return tracer.positions_mm(x_px.ravel(), y_px.ravel())
 
 
 @kernel

@@ -55,6 +55,11 @@ class Sensor:
             raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Columns and rows."""
+        return self.width_px, self.height_px
+
+    @property
     def size_mm(self) -> tuple[float, float]:
         """Width and height."""
         return self.width_px * self.pitch_mm, self.height_px * self.pitch_mm

@@ -22,7 +22,13 @@ FORMAT = Format(
     models=("fisheye", "rational"),
 )
 
-_SHUTTERS = {"none": "GLOBAL", "topToBottom": "ROLLING_TOP_TO_BOTTOM", "bottomToTop": "ROLLING_BOTTOM_TO_TOP"}
+_SHUTTERS = {
+    "none": "GLOBAL",
+    "topToBottom": "ROLLING_TOP_TO_BOTTOM",
+    "bottomToTop": "ROLLING_BOTTOM_TO_TOP",
+    "leftToRight": "ROLLING_LEFT_TO_RIGHT",
+    "rightToLeft": "ROLLING_RIGHT_TO_LEFT",
+}
 """Types of shutters, by `plen:shutter:scanOrder`."""
 _BEYOND = 1.01
 """Largest angle that it projects, over that of the rays of the image [1]: the rays of its corners are to pass."""

@@ -41,18 +41,18 @@ class SurroundingsInTime:
     at: list[Surroundings]
 
     @classmethod
-    def of(cls, view: PlacedView, shutter: Shutter | None, height_px: int) -> "SurroundingsInTime":
-        """Those of a view before a sensor with so many lines."""
+    def of(cls, view: PlacedView, shutter: Shutter | None, size_px: tuple[int, int]) -> "SurroundingsInTime":
+        """Those of a view before a sensor of so many columns and rows."""
         if shutter is None or not moves(view):
             return cls(None, np.zeros(1), [surroundings_of(view)])
-        times = np.linspace(*shutter.window_s(height_px), _TIMES)
+        times = np.linspace(*shutter.window_s(size_px), _TIMES)
         return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
 
     def visibility(self, rig: Rig, target: int, bundles: PointBundles) -> np.ndarray:
         """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure."""
         when, share = np.zeros(len(bundles.x_px), np.int64), np.empty(len(bundles.x_px))
         if self.shutter is not None:
-            middle_s = self.shutter.middle_s(bundles.x_px[:, 1], rig.tracer.camera.sensor.height_px)
+            middle_s = self.shutter.middle_s(bundles.x_px, rig.tracer.camera.sensor.size_px)
             when = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
         for number in np.unique(when):
             here = when == number

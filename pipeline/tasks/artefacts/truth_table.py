@@ -61,7 +61,7 @@ def column_order(table: TruthTable) -> list[str]:
 
 
 _TIME_NOTE = (
-    "time: t_s is the middle of the exposure of the line at y_px, after the time code of the frame, and camera_*_mm"
+    "time: t_s is the middle of the exposure of the line at {}_px, after the time code of the frame, and camera_*_mm"
     " are of then; motion: covariance of the position by motion during the exposure; lines: how many have the point in"
     " them when they are exposed"
 )
@@ -122,7 +122,7 @@ def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspon
 def time_columns(rig: Rig, shutter: Shutter, solutions: Solutions, moving: MovingPlanes | None) -> Json:
     """Columns of the time of rows, and of where their points are then if they move."""
     if moving is None:
-        time = time_of_still(shutter, rig.tracer.camera.sensor.height_px, solutions)
+        time = time_of_still(shutter, rig.tracer.camera.sensor.size_px, solutions)
     else:
         time = time_of_rows(rig, moving, solutions)
     motion = time.motion_px2
@@ -192,7 +192,7 @@ def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> l
         f" stop: {camera.prescription.stop.aperture}; footprint: {light.footprint}",
         f"seed: {table.seed}" + (f"; K: {supersampling}; samples: {table.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
-        *([_TIME_NOTE] if table.shutter else []),
+        *([_TIME_NOTE.format("xy"[table.shutter.axis])] if table.shutter else []),
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),
     ]
