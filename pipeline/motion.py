@@ -57,10 +57,10 @@ class Shutter:
         if self.scan_order == "none":
             yield self.opens_s, rows, columns
             return
-        lines = np.arange(*(columns, rows)[self.axis])
+        lines = np.arange(*(columns, rows)[self.axis], dtype=float)
         opens_s = self.opens_at_s(np.stack([lines, lines], axis=1), size_px)
         for line, time in zip(lines.tolist(), opens_s.tolist(), strict=True):
-            some = line, line + 1
+            some = int(line), int(line) + 1
             yield (time, rows, some) if self.axis == 0 else (time, some, columns)
 
     def window_s(self, size_px: tuple[int, int]) -> tuple[float, float]:

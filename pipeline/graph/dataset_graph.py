@@ -106,6 +106,8 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     pinhole = add(graph, f"pinhole/{name}", cameras.Nothing(), settled)
     report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
+    if entry.shutter:
+        files[f"{folder}/{cameras.TIMES}"] = (report, cameras.TIMES)
 
 
 def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:

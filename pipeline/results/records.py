@@ -16,6 +16,7 @@ from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.tables import Table, read_table
+from pipeline.motion import Shutter
 from pipeline.records.shapes import Float64
 from pipeline.results.rows import (
     MICROLENS,
@@ -251,6 +252,14 @@ class BuiltCamera:
         """Width and height of its images."""
         width, height = self.record["resolution"]
         return width, height
+
+    @property
+    def shutter(self) -> Shutter | None:
+        """When its lines are exposed; None where a frame is an instant."""
+        if (says := self.record.get("shutter")) is None:
+            return None
+        times = {"opens_s": says["opens_s"], "line_s": says["line_offset_s"], "exposure_s": says["exposure_s"]}
+        return Shutter(scan_order=says["scan_order"], **times)
 
     @property
     def pitch_mm(self) -> float:

@@ -7,6 +7,8 @@ of J_near and J_far come from `planes`, and names are written by `first_order`: 
 import dataclasses
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.camera.figures import equivalent_pinhole
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
@@ -14,12 +16,15 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved, stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, write_json
+from pipeline.motion import Shutter
 from pipeline.optics import first_order as paraxial
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
 from pipeline.tasks.params.cameras import (
     CONVENTIONS,
+    TIMES,
     AskedCamera,
     CameraLabels,
     InChannel,
@@ -115,6 +120,17 @@ def _projection(projection: Projection, pitch_mm: float) -> Json:
 
 
 def first_order(params: CameraLabels, inputs: Inputs, out: Path) -> None:
-    """The first-order report of a camera and its equivalent pinhole: camera.json."""
+    """The first-order report of a camera and its equivalent pinhole: camera.json; with a shutter also times.exr."""
     camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
     write_json(out / "camera.json", document(params, camera, pinhole_of(inputs)))
+    if params.shutter:
+        write_bands(out / TIMES, [_times(params.shutter, camera.sensor.size_px)])
+
+
+def _times(shutter: Shutter, size_px: tuple[int, int]) -> BandedPart:
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        y, x = np.mgrid[first:end, : size_px[0]].reshape(2, -1).astype(float)
+        return {"Y": shutter.middle_s(np.stack([x, y], axis=1), size_px).reshape(end - first, -1)}
+
+    content = "middle of the exposure of each pixel, after the time code of the frame [s]"
+    return BandedPart(name="time", shape=size_px[::-1], channels=("Y",), rows=rows, attributes={"content": content})

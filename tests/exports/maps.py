@@ -4,6 +4,7 @@ Each `check_<format>` asserts that a folder says what the camera is, by that con
 the table of conventions.
 """
 
+import json
 from pathlib import Path
 
 import cv2
@@ -20,6 +21,7 @@ SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
 MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
 STOP_MM = np.array([0.0, 0.0, -6.0])
 """Centre of projection in the vision frame, whose origin is the centre of the stop."""
+SHUTTER = {"scan_order": "bottomToTop", "opens_s": -0.01, "line_offset_s": 1e-3, "exposure_s": 4e-3}
 PIXEL, Z_MM = (10, 7), 400.0
 """A pixel, column and row, and the distance of a point that it sees in its middle."""
 
@@ -67,6 +69,8 @@ def gathered(output: Output) -> Material:
 
 def write_small_build(folder: Path) -> Path:
     write_camera(folder / "cameras/Left", SIZE_PX, F_PX, CENTRE_PX, DISTORTION)
+    record = json.loads((folder / "cameras/Left/camera.json").read_text())
+    (folder / "cameras/Left/camera.json").write_text(json.dumps(record | {"shutter": SHUTTER}))
     view = folder / "frames/0001/Left"
     view.mkdir(parents=True)
     (view / "poses.json").write_text("{}")
@@ -80,10 +84,9 @@ def pixels_of(directions: np.ndarray) -> np.ndarray:
 
 
 def channels(path: Path, *names: str) -> np.ndarray:
-    """Channels of the only part of an EXR file, (h, w, n), by the library alone."""
+    """Channels of the part of an EXR file that has them, (h, w, n), by the library alone."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        found = file.parts[0].channels
-        assert set(names) <= set(found)
+        found = next(part.channels for part in file.parts if set(names) <= set(part.channels))
         return np.stack([found[name].pixels for name in names], axis=-1)
 
 
@@ -111,6 +114,8 @@ def check_stmap(folder: Path) -> None:
     for table, name in ((undistort, "undistort"), (distort, "distort")):
         shares = (looked_at(name, row, column) + 0.5) / size
         same(table[row, column], np.column_stack([shares[:, 0], 1 - shares[:, 1]]), 1e-6)
+    times = channels(folder / "Left.undistort.exr", "Y")[row, column, 0]
+    same(times, -0.01 + 1e-3 * (47 - looked_at("undistort", row, column)[:, 1]) + 2e-3, 1e-8)
 
 
 def looked_at(name: str, row: np.ndarray, column: np.ndarray) -> np.ndarray:

@@ -239,6 +239,7 @@ def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order
     ends, exposed = (place(0), place(1 / 24)), "double2 exposure = (1, 240)\nint instants = 2"
     scan = SCAN.replace("topToBottom", order)
     _, scanned = built(stage(tmp_path / "scanned", f"{scan}{exposed}", ends), common_store)
+    (times,) = read_exr(tmp_path / "scanned/out/cameras/Rig.Camera/times.exr")["time"].channels.values()
     assert verify(tmp_path / "scanned/out").agrees
     _, global_ = built(stage(tmp_path / "global", exposed, ends), common_store)
 
@@ -248,6 +249,7 @@ def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order
     for line in (6, 17):
         some = line if axis else np.s_[:, -1 - line]
         opens_s = 0.002 + 0.001 * line
+        np.testing.assert_allclose(times[some], opens_s + 0.5 / 240, rtol=1e-6)
         instants = [still(opens_s + share / 240)[some] for share in (0.25, 0.75)]
         np.testing.assert_allclose(scanned[some], np.mean(instants, axis=0), rtol=0, atol=1e-6)
         assert np.abs(scanned[some] - global_[some]).max() > 0.1

@@ -108,6 +108,10 @@ class FocusLabels:
     stop_match: str
 
 
+TIMES = "times.exr"
+"""Output of the task `first_order` of a camera with a shutter."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraLabels:
     """Labels of a camera in camera.json, besides its figures, and what its depth of field is of."""

@@ -1,7 +1,8 @@
 """ST maps for compositors: two channels that say for each pixel of a picture where in another one to look.
 
 `undistort` makes the image of an ideal pinhole of a camera's image, `distort` the other way round. Red is s, green is
-t. A pixel for which there is no light has -1.
+t. A pixel for which there is no light has -1. With a shutter `undistort` has a second part: when the camera exposes
+what a pixel of the ideal image shows.
 
 Rays of a lens do not meet in one centre, so such a map holds at one distance: the points of the rays of positions on a
 plane, seen from the centre of the equivalent pinhole with its principal distance. Between traced positions the map is
@@ -17,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.exports.material import ExportCamera, Material
-from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.exr_bands import BandedPart, Rows, write_bands
 from pipeline.formats import Cameras, ExportError, Format, ImageAxes, Origin, Reads
+from pipeline.motion import Shutter
 from pipeline.results.records import BuiltPinhole
 
 FORMAT = Format(
@@ -32,6 +34,8 @@ FORMAT = Format(
     axes=ImageAxes.X_UP,
 )
 
+There = Callable[[np.ndarray], np.ndarray]
+"""Positions (n, 2) in the other picture of positions (n, 2); NaN where there is none."""
 _NOWHERE = -1
 """Value of a pixel that has no place in the other picture: outside of both, and a number, which compositors want."""
 _COLUMNS, _ROWS = 49, 37
@@ -57,22 +61,32 @@ def write(material: Material, folder: Path) -> None:
         about |= {"plane_mm": ideal.z_mm, "error_px": _error_px(camera, ideal)}
         about |= {"pinhole_f_px": f, "pinhole_x": x, "pinhole_y": y}
         for name, there in (("undistort", ideal.to_real), ("distort", ideal.to_ideal)):
-            part = BandedPart(
-                name=name,
-                shape=camera.size_px[::-1],
-                channels=("R", "G"),
-                rows=partial(_rows, camera, there),
-                attributes=about,
-            )
-            write_bands(folder / f"{camera.name}.{name}.exr", [part])
+            parts = [_part(camera, name, ("R", "G"), partial(_rows, camera, there), about)]
+            if name == "undistort" and camera.built.shutter:
+                parts.append(_part(camera, "time", ("Y",), partial(_times, camera, camera.built.shutter, there), {}))
+            write_bands(folder / f"{camera.name}.{name}.exr", parts)
 
 
-def _rows(
-    camera: ExportCamera, there: Callable[[np.ndarray], np.ndarray], first: int, end: int
-) -> dict[str, np.ndarray]:
-    """Rows of a map: s and t of where each pixel looks."""
+def _part(
+    camera: ExportCamera, name: str, channels: tuple[str, ...], rows: Rows, about: dict[str, str | float | int]
+) -> BandedPart:
+    return BandedPart(name=name, shape=camera.size_px[::-1], channels=channels, rows=rows, attributes=about)
+
+
+def _times(camera: ExportCamera, shutter: Shutter, there: There, first: int, end: int) -> dict[str, np.ndarray]:
+    """Rows of the middle of the exposure [s] of what each pixel shows; NaN where that is nothing."""
+    return {"Y": shutter.middle_s(there(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)}
+
+
+def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
+    """Positions (n, 2) of the pixels of rows."""
     y, x = np.mgrid[first:end, 0 : camera.size_px[0]].reshape(2, -1)
-    places = camera.rays.positions(there(np.stack([x, y], axis=1).astype(float)))
+    return np.stack([x, y], axis=1).astype(float)
+
+
+def _rows(camera: ExportCamera, there: There, first: int, end: int) -> dict[str, np.ndarray]:
+    """Rows of a map: s and t of where each pixel looks."""
+    places = camera.rays.positions(there(_pixels(camera, first, end)))
     s, t = np.where(np.isnan(places), _NOWHERE, places).T.reshape(2, end - first, -1)
     return {"R": s, "G": t}
 
