@@ -198,9 +198,11 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
         light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
         return light[..., columns[0] - first : columns[1] - first]
 
-    if images[0].shutter is None:
-        return rendered([scene_of(image.view, inputs) for image in images], all_rows, all_columns)
-    return np.stack([exposed(image, inputs, rig, all_rows, rendered) for image in images])
+    still = [scene_of(image.view, inputs) for image in images if image.shutter is None]
+    alike = iter(rendered(still, all_rows, all_columns) if still else ())
+    return np.stack(
+        [exposed(image, inputs, rig, all_rows, rendered) if image.shutter else next(alike) for image in images]
+    )
 
 
 def steadied_by(rig: Rig, columns: Rows) -> Rows:
@@ -222,12 +224,11 @@ def exposed(
     assert shutter is not None and view is not None
     count = shutter.instants if shutter.exposure_s else 1
     after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
-    result = np.empty((rows[1] - rows[0], size_px[0]))
+    parts = []
     for opens_s, some, columns in shutter.lines(rows, size_px):
         scenes = [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()]
-        there = result[some[0] - rows[0] : some[1] - rows[0], slice(*columns)]
-        there[:] = rendered(scenes, some, columns).mean(axis=0)
-    return result
+        parts.append(rendered(scenes, some, columns).mean(axis=0))
+    return np.concatenate(parts, axis=1 - shutter.axis)
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:

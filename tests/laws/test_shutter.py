@@ -214,6 +214,27 @@ def built(path: Path, store: Path) -> tuple[Table, np.ndarray]:
     return read_table(folder / "correspondences.csv"), np.asarray(channel)
 
 
+def test_frames_that_move_and_frames_that_do_not_are_those_of_builds_alone(tmp_path, common_store):
+    place, end = "(-0.4, 1.2, -434.4)", "(3.6, -6.8, -434.4)"
+    edits = (
+        (f"2: {place}", f"2: {place}, 3: {end}"),
+        ("1: (1, 0, 0, 0),", "1: (1, 0, 0, 0), 2: (1, 0, 0, 0),"),
+        ("endTimeCode = 1", "endTimeCode = 2"),
+    )
+    path = stage(tmp_path / "both", SCAN, (place, place), *edits)
+    made(path, tmp_path / "out", common_store)
+
+    def image(frame: int) -> np.ndarray:
+        (channel,) = read_exr(tmp_path / f"out/frames/{frame:04d}/Rig.Camera/image.exr")["image"].channels.values()
+        return np.asarray(channel)
+
+    still = built(stage(tmp_path / "still", "", (place, place)), common_store)[1]
+    moved = built(stage(tmp_path / "moved", SCAN, (place, end)), common_store)[1]
+    np.testing.assert_array_equal(image(1), still)
+    np.testing.assert_allclose(image(2), moved, rtol=0, atol=1e-6)
+    assert np.abs(moved - still).max() > 0.1
+
+
 def test_what_is_still_before_the_camera_is_that_of_an_instant_bit_for_bit(tmp_path, common_store):
     place, other = "(-0.3, 0.2, -434.4)", "(0.7, -0.8, -434.4)"
     instant, image = built(stage(tmp_path / "i", "", (place, place)), common_store)
