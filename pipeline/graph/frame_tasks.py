@@ -61,6 +61,13 @@ def frame_of(task: Task, field: str | None) -> int | None:
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
 
 
+def _shutter_in(entry: CameraEntry, frame: Frame, *, in_world: bool = False) -> Shutter | None:
+    """The shutter of a camera before which, or with which `in_world`, something moves; else a frame is a still."""
+    motions = frame.motions.get(entry.name)
+    moves = motions and (motions.targets or motions.things or (in_world and motions.camera))
+    return entry.shutter if moves else None
+
+
 class FrameTasks:
     """Maker of the tasks of one camera, frame by frame; tasks common to all frames are made once.
 
@@ -105,7 +112,7 @@ class FrameTasks:
         """Add the tasks of a frame."""
         name, folder = f"{self.entry.full_name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.folder}"
         poses = target_poses(self.dataset, frame, self.entry.name)
-        image = self._add_image(name, self._painted(frame, poses), self.entry.shutter if self._moves(frame) else None)
+        image = self._add_image(name, self._painted(frame, poses), _shutter_in(self.entry, frame))
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
@@ -124,11 +131,6 @@ class FrameTasks:
             f"frame{n}": f"truth/{self.entry.full_name}/{n:04d}" for n in (frame.number for frame in self._judged)
         }
         return add(self.graph, f"certificate/{self.entry.full_name}", params, {**self._reads, **truths})
-
-    def _moves(self, frame: Frame) -> bool:
-        """Whether anything moves before the camera while its shutter is open; else its images are those of a still."""
-        motions = frame.motions.get(self.entry.name)
-        return motions is not None and bool(motions.targets or motions.things)
 
     def _add_image(self, name: str, view: frames.PaintedView, shutter: Shutter | None) -> str:
         if self.entry.image_noise is not None:
@@ -225,18 +227,22 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     for frame, later in pairwise([*ordered, None]) if asked else ():
         assert frame is not None  # only what follows the last one is
         world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))
+        motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
+        shutter = _shutter_in(entry, frame, in_world=in_world)
         materials = bare.lighting(frame, entry.name, 0)
         whole = labels.LabelsTile(
             exposure=exposure,
             channels=_label_channels(dataset, entry, frame),
             view=frames.PaintedView(
-                targets=bare.targets(target_poses(dataset, frame, entry.name), named=False),
+                targets=bare.targets(target_poses(dataset, frame, entry.name), motions, named=False),
                 occluders=bare.occluders(frame, entry.name),
                 background=0.0,
                 lighting=replace(materials, lamps=()) if materials and _lets_pass(dataset) else None,
                 lights=(alone(entry.wavelength_nm),),
             ),
-            world_from_vision=matrix(world_from_vision) if {"position", "normal"} & asked else None,
+            world_from_vision=matrix(world_from_vision) if in_world else None,
+            shutter=shutter and replace(shutter, instants=1),
+            camera_motion=motions.camera if motions and in_world else None,
         )
         if later and "flow" in asked:
             poses, moved = target_poses(dataset, later, entry.name), bare.occluders(later, entry.name)

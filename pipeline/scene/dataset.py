@@ -177,11 +177,12 @@ class PictureEntry:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motions:
     """Motions before a camera while its shutter is open, in its vision frame: of targets by name, and of occluders and
-    lamps by prim path; what does not move has none.
+    lamps by prim path; and its own in the world, world_from_vision. What does not move has none.
     """
 
     targets: dict[str, Motion]
     things: dict[str, Motion]
+    camera: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from pipeline.scene.usd.poses import (
     ancestry,
     camera_from_world,
     frame_numbers,
+    inverse,
     product,
     stage_mm_per_unit,
     world_from,
@@ -83,7 +84,7 @@ def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
         "plen:truth:method": (read(camera, "plen:truth:method") != "direct", 'write "direct"'),
         "plen:truth:columns": (bool(read(camera, "plen:truth:columns")), "write []"),
         "plen:image:noise": (read(camera, "plen:image:noise") is not None, "write None, and more plen:image:samples"),
-        "plen:image:labels": (bool(read(camera, "plen:image:labels")), "write []"),
+        "plen:image:labels": ("flow" in (read(camera, "plen:image:labels") or ()), 'leave "flow" out'),
     }
     for name, (is_asked, hint) in others.items():
         if is_asked:
@@ -104,21 +105,33 @@ def motions_before(
     unit_mm: float,
 ) -> Motions:
     """Motions before a camera in a frame: of boards by name, of things, which are shapes and lamps, by path."""
-    targets = {prim.GetName(): _motion(camera, shutter, prim, world_from, number, unit_mm) for prim in boards}
-    others = {
-        str(prim.GetPath()): _motion(camera, shutter, prim, reader, number, unit_mm) for prim, reader in things.items()
-    }
+
+    def before(prim: Usd.Prim, reader: WorldFrom) -> Motion | None:
+        def vision_from_prim(times: Sequence[float]) -> np.ndarray:
+            return product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm))
+
+        return _motion(camera, shutter, _samples(camera) | _samples(prim), vision_from_prim, number)
+
+    def world_from_vision(times: Sequence[float]) -> np.ndarray:
+        return inverse(camera_from_world(camera, times, unit_mm))
+
+    targets = {prim.GetName(): before(prim, world_from) for prim in boards}
+    others = {str(prim.GetPath()): before(prim, reader) for prim, reader in things.items()}
     return Motions(
         targets={name: motion for name, motion in targets.items() if motion is not None},
         things={path: motion for path, motion in others.items() if motion is not None},
+        camera=_motion(camera, shutter, _samples(camera), world_from_vision, number),
     )
 
 
 def _motion(
-    camera: Usd.Prim, shutter: Shutter, prim: Usd.Prim, reader: WorldFrom, number: int, unit_mm: float
+    camera: Usd.Prim,
+    shutter: Shutter,
+    samples: set[float],
+    poses_at: Callable[[Sequence[float]], np.ndarray],
+    number: int,
 ) -> Motion | None:
-    """Vision frame of the camera from a prim while the shutter is open; None if it stays as at the time code."""
-    samples = _samples(camera) | _samples(prim)
+    """The motion by poses at time codes while the shutter is open; None if all are that at the frame's own."""
     if len(samples) < 2:
         return None
     first_s, end_s = _window_s(camera, shutter)
@@ -127,7 +140,7 @@ def _motion(
     edges = np.array([first_s, *(time for time in bends_s if first_s < time < end_s), end_s])
     codes = number + Motion.times_s(edges) * codes_per_s
     times = [float(number), *codes.ravel().tolist()]
-    poses = product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm)) + 0.0
+    poses = poses_at(times) + 0.0
     if (poses == poses[0]).all():
         return None
     pieces = poses[1:].reshape(*codes.shape, 4, 4).tolist()

@@ -1,23 +1,26 @@
 """Tasks `labels_tile` and `labels`: what each pixel of a camera sees in a frame."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
 from pipeline.files.cryptomatte import attributes_of, id_of
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
+from pipeline.motion import Shutter
 from pipeline.render.labels.pixels import Asked, labels_of
 from pipeline.render.labels.preview import SHOWN, preview
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.pixel_rays import Band
+from pipeline.render.pixel_rays import Band, Rows
 from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
 from pipeline.tasks.params.labels import BOXES, LABELS, PREVIEW, Labels, LabelsTile
 
 _ROWS = "rows.npy"
@@ -34,10 +37,29 @@ def labels_tile(params: LabelsTile, inputs: Inputs, out: Path) -> None:
 
 def labels_tile_together(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share their rays."""
-    band = Band.of(imaged_rig(inputs, params[0].exposure), params[0].rows)
-    scenes = [_scene(each, inputs) for each in params]
-    for rows, out in zip(labels_of(band, params[0].exposure.samples, scenes), outs, strict=True):
-        write_npy(out / _ROWS, rows)
+    rig, samples = imaged_rig(inputs, params[0].exposure), params[0].exposure.samples
+
+    def seen(some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
+        return labels_of(Band.of(rig, rows, columns), samples, [_scene(each, inputs) for each in some])
+
+    still = [each for each in params if each.shutter is None]
+    alike = iter(seen(still, params[0].rows) if still else ())
+    for each, out in zip(params, outs, strict=True):
+        labels = _line_by_line(each, each.shutter, rig, seen) if each.shutter else next(alike)
+        write_npy(out / _ROWS, labels)
+
+
+def _line_by_line(
+    params: LabelsTile, shutter: Shutter, rig: Rig, seen: Callable[[Sequence[LabelsTile], Rows, Rows], list[np.ndarray]]
+) -> np.ndarray:
+    """Labels of rows before a shutter: those of each line in the middle of its exposure."""
+    parts = []
+    for opens_s, rows, columns in shutter.lines(params.rows, rig.tracer.camera.sensor.size_px):
+        time_s, pose = opens_s + shutter.exposure_s / 2, params.world_from_vision
+        if params.camera_motion:
+            pose = params.camera_motion.at(np.array([time_s]))[0].tolist()
+        parts += seen([replace(params, view=view_at(params.view, time_s), world_from_vision=pose)], rows, columns)
+    return np.concatenate(parts, axis=1 - shutter.axis)
 
 
 def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:

@@ -206,12 +206,43 @@ def stage(folder: Path, shutter: str, places: tuple[str, str], *edits: tuple[str
     return folder / "dataset.usda"
 
 
+def carried(first: tuple[float, float], end: tuple[float, float]) -> tuple[str, str]:
+    """An edit by which the camera moves along x and y."""
+    samples = f"{{1: ({first[0]!r}, {first[1]!r}, 0), 2: ({end[0]!r}, {end[1]!r}, 0)}}"
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate"]'
+    return 'over "Camera"', f'double3 xformOp:translate.timeSamples = {samples}\n        {order}\n        over "Camera"'
+
+
 def built(path: Path, store: Path) -> tuple[Table, np.ndarray]:
     """The table of a build, and its image."""
     made(path, path.parent / "out", store)
     folder = path.parent / "out/frames/0001/Rig.Camera"
     (channel,) = read_exr(folder / "image.exr")["image"].channels.values()
     return read_table(folder / "correspondences.csv"), np.asarray(channel)
+
+
+@pytest.mark.parametrize(("order", "axis"), [("bottomToTop", 1), ("leftToRight", 0)])
+def test_each_line_of_labels_is_that_of_a_still_in_the_middle_of_its_exposure(order, axis, tmp_path, common_store):
+    asked = 'token[] plen:image:labels = ["depth", "position", "targets"]'
+
+    def labels(name: str, shutter: str, first_s: float, end_s: float) -> np.ndarray:
+        def at(place: list[float], way_mm: list[float]) -> list[tuple[float, ...]]:
+            return [tuple((np.array(place) + 24 * t * np.array(way_mm)).tolist()) for t in (first_s, end_s)]
+
+        places, camera = at([-0.4, 1.2, -434.4], [4.0, -8.0, 10.0]), at([0.0, 0.0], [-2.0, 1.0])
+        path = stage(tmp_path / name, f"{shutter}{asked}", tuple(map(str, places)), carried(*camera))
+        made(path, tmp_path / name / "out", common_store)
+        read = read_exr(tmp_path / name / "out/frames/0001/Rig.Camera/labels.exr")["labels"]
+        return np.stack(list(read.channels.values()), axis=-1)
+
+    scanned = labels("scanned", f"{SCAN.replace('topToBottom', order)}double2 exposure = (1, 240)\n", 0, 1 / 24)
+    start = labels("start", "", 0, 0)
+    for line in (6, 17):
+        some = -1 - line if axis else np.s_[:, line]
+        time_s = 0.002 + 0.001 * line + 0.5 / 240
+        still = labels(f"still{line}", "", time_s, time_s)[some]
+        np.testing.assert_allclose(scanned[some], still, rtol=1e-6, atol=1e-5)
+        assert np.nanmax(np.abs(still - start[some])) > 0.2
 
 
 def test_frames_that_move_and_frames_that_do_not_are_those_of_builds_alone(tmp_path, common_store):
@@ -239,10 +270,7 @@ def test_what_is_still_before_the_camera_is_that_of_an_instant_bit_for_bit(tmp_p
     place, other = "(-0.3, 0.2, -434.4)", "(0.7, -0.8, -434.4)"
     instant, image = built(stage(tmp_path / "i", "", (place, place)), common_store)
     still, still_image = built(stage(tmp_path / "s", SCAN, (place, place)), common_store)
-    carried = """double3 xformOp:translate.timeSamples = {1: (0, 0, 0), 2: (1, -1, 0)}
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-        over "Camera\""""
-    both, both_image = built(stage(tmp_path / "b", SCAN, (place, other), ('over "Camera"', carried)), common_store)
+    both, both_image = built(stage(tmp_path / "b", SCAN, (place, other), carried((0, 0), (1, -1))), common_store)
     for table, picture in ((still, still_image), (both, both_image)):
         for name in ("x_px", "y_px", "blur_xx_px2", "visibility"):
             atol = 1e-9 if table is both else 0  # two motions that cancel leave rounding

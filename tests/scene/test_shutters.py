@@ -42,7 +42,7 @@ def test_shutters_that_say_all_are_right(tmp_path, camera):
         (f"{OPEN}\n{_METHOD.strip()[8:]}", "not-yet-supported", "plen:truth:method", "direct"),
         (f'{OPEN}\ntoken[] plen:truth:columns = ["saddle"]', "not-yet-supported", "plen:truth:columns", "[]"),
         (f"{OPEN}\ndouble plen:image:noise = 0.1", "not-yet-supported", "plen:image:noise", "samples"),
-        (f'{OPEN}\ntoken[] plen:image:labels = ["depth"]', "not-yet-supported", "plen:image:labels", "[]"),
+        (f'{OPEN}\ntoken[] plen:image:labels = ["depth", "flow"]', "not-yet-supported", "plen:image:labels", "leave"),
     ],
 )
 def test_mistakes_of_a_shutter_are_told_once_where_they_are(tmp_path, camera, code, where, says):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from pipeline.motion import Motion, Shutter
 from pipeline.tasks.params.cameras import Exposure
 from pipeline.tasks.params.frames import Matrix, PaintedView, PlacedOccluder
 
@@ -22,7 +23,8 @@ class LabelsTile:
     """Some rows of labels; the world, and what is where in the next frame, only if a label asks for them.
 
     Of that frame vision_from_target of all targets, and all occluders; None: it is not there. The view has materials,
-    and no lamps, if light passes some things.
+    and no lamps, if light passes some things. Before a shutter the view moves, and the camera if it has a motion,
+    world_from_vision.
     """
 
     exposure: Exposure
@@ -32,6 +34,8 @@ class LabelsTile:
     next_targets: tuple[Matrix, ...] | None = None
     next_occluders: tuple[PlacedOccluder | None, ...] = ()
     rows: tuple[int, int] = (0, 0)
+    shutter: Shutter | None = None
+    camera_motion: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
