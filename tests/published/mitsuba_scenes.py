@@ -1,15 +1,21 @@
 """Lit scenes twice: for this program and for Mitsuba 3, seen by the same pinhole at the origin of the vision frame."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 from laws.lit import block, lamp, named, scene
+from pxr import Usd, UsdGeom
 
+from pipeline.files.pictures import decoded
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.lighting.records import Finish, Material, PlacedLamp
+from pipeline.scene.materials import read_finish
+from pipeline.scene.occluders import read_occluder
+from pipeline.scene.pictures import name_of, named_by, picture_of, reading_below
 from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
 
@@ -84,6 +90,24 @@ class Both:
             self.theirs[name] = {"type": "constant", "radiance": {"type": "rgb", "value": [radiance] * 3}}
         else:
             self.theirs[name] = {**shapes[kind], "emitter": area, "bsdf": black}
+
+    def sheets(self, file: Path, theirs: dict[str, dict[str, Any]]) -> None:
+        """The polygons of a stage in millimetres, whose world is the vision frame; Mitsuba's part of each by name."""
+        stage = Usd.Stage.Open(str(file))
+        with reading_below([file.parent]):
+            for attribute, space in (named for prim in stage.TraverseAll() for named in named_by(prim)):
+                picture = picture_of(attribute)
+                self.pictures[name_of(attribute, space)] = decoded(picture.content, picture.suffix, space)
+            for prim in (prim for prim in stage.TraverseAll() if prim.IsA(UsdGeom.Mesh)):
+                self.things.append((read_occluder(prim), read_finish(prim)))
+        for name, more in theirs.items():
+            mesh = UsdGeom.Mesh.Get(stage, f"/{name}")
+            st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get()
+            lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.GetPointsAttr().Get()]
+            lines += [*(f"vt {s!r} {t!r}" for s, t in st), "f 1/1 2/2 3/3 4/4"]
+            obj = file.with_name(f"{name}.obj")
+            obj.write_text("\n".join(lines), encoding="utf-8")
+            self.theirs[name] = {"type": "obj", "filename": str(obj), "face_normals": True, **more}
 
     def ours(self, bounces: int) -> LitScene:
         return scene(self.things, self.lamps, bounces=bounces, pictures=self.pictures)
