@@ -33,7 +33,7 @@ from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.moving import solve_moving
 from pipeline.truth.planes import MovingPlanes, StillPlanes, faces_camera, plane_name
-from pipeline.truth.positions.column_sets import column_names, column_set
+from pipeline.truth.positions.column_sets import column_names, column_set, moving_column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import PointBundles, seen
@@ -156,7 +156,10 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         if table.shutter is not None:
             rows |= time_columns(rig, table.shutter, truth.solutions, moving)
         for extra in settings.column_sets:
-            positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
+            if moving is None:
+                positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
+            else:
+                positions_of = moving_column_set(extra, rig, target, moving, truth.solutions)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
             sets.append(positions_of.note)
         for column, values in rows.items():

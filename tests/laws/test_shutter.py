@@ -22,10 +22,13 @@ from pipeline.files.tables import Table, read_table
 from pipeline.frames import rigid
 from pipeline.motion import Motion, Shutter
 from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.moving import solve_moving, time_of_rows
 from pipeline.truth.planes import MovingPlanes, tangent_planes
+from pipeline.truth.positions.column_sets import column_set, moving_column_set
 
 EXACT_PX = 1e-9
 BOARD = Checkerboard(columns=4, rows=3, square_mm=2.0)
@@ -148,6 +151,34 @@ def test_columns_are_the_rows_of_a_camera_that_is_turned_with_all_it_sees(order,
     np.testing.assert_allclose(turned_time.middle_s, time.middle_s, rtol=0, atol=1e-9)
     np.testing.assert_allclose(turned_time.motion_px2, quarter @ time.motion_px2 @ quarter.T, rtol=0, atol=1e-6)
     assert (turned_time.lines == time.lines).all() and np.ptp(time.middle_s) > 0.002
+
+
+@pytest.mark.parametrize("name", ["chief", "saddle", "centroid"])
+def test_other_positions_of_a_moving_point_are_those_of_a_still_one_at_their_own_times(name):
+    def pose(t: float) -> np.ndarray:
+        turn = Rotation.from_rotvec([0.5 * t, 12.0 * t, -10.0 * t]).as_matrix()
+        place = np.array([400 * t, -250 * t, DISTANCE_MM + 600 * t])
+        return rigid(turn @ rigs.facing(DISTANCE_MM, 0.0, 20.0)[:3, :3], place)
+
+    pattern = CircleGrid(columns=2, rows=1, spacing_mm=3.0, diameter_mm=1.0)
+    target = Target(pattern if name == "centroid" else Checkerboard(columns=2, rows=1, square_mm=2.0))
+    points, rig = target.points(), rig_of(rigs.conventional())
+    shutter = Shutter(scan_order="leftToRight", opens_s=-0.01, line_s=2e-4, exposure_s=1e-3)
+    size_px = rig.tracer.camera.sensor.size_px
+    motion = motion_of(pose, [-0.02, shutter.window_s(size_px)[1] + 0.01])
+    of_target = tangent_planes(np.eye(4), points.position_mm, points.plane_axes)
+    planes = MovingPlanes(of_target, motion, shutter, size_px)
+    rows = solve_moving(rig, planes, slice(None), 1e-5, 0.05).solutions
+    x_px = moving_column_set(name, rig, target, planes, rows).x_px
+
+    def still(t: float) -> np.ndarray:
+        at = tangent_planes(pose(t), points.position_mm, points.plane_axes)
+        return column_set(name, rig, target, pose(t), at, rows).x_px
+
+    own_s, that_of_j_s = (shutter.middle_s(x, size_px).tolist() for x in (x_px, rows.xy_px))
+    for row in range(len(points.kinds)):
+        np.testing.assert_allclose(x_px[row], still(own_s[row])[row], rtol=0, atol=1e-6)
+        assert np.abs(x_px[row] - still(that_of_j_s[row])[row]).max() > 1e-5
 
 
 def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
@@ -287,7 +318,11 @@ def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order
 
     ends, exposed = (place(0), place(1 / 24)), "double2 exposure = (1, 240)\nint instants = 2"
     scan = SCAN.replace("topToBottom", order)
-    _, scanned = built(stage(tmp_path / "scanned", f"{scan}{exposed}", ends), common_store)
+    chief = '\ntoken[] plen:truth:columns = ["chief"]'
+    rows, scanned = built(stage(tmp_path / "scanned", f"{scan}{exposed}{chief}", ends), common_store)
+    # The board moves by pixels meanwhile, and this lens has little coma.
+    assert np.abs(rows.numbers("chief_x_px") - rows.numbers("x_px")).max() < 0.1
+    assert np.abs(rows.numbers("chief_y_px") - rows.numbers("y_px")).max() < 0.1
     (times,) = read_exr(tmp_path / "scanned/out/cameras/Rig.Camera/times.exr")["time"].channels.values()
     assert verify(tmp_path / "scanned/out").agrees
     _, global_ = built(stage(tmp_path / "global", exposed, ends), common_store)

@@ -65,6 +65,9 @@ _TIME_NOTE = (
     " are of then; motion: covariance of the position by motion during the exposure; lines: how many have the point in"
     " them when they are exposed"
 )
+_SETS_IN_TIME = (
+    "in time: each further position of a point is that of the still target in the middle of the exposure there"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +198,7 @@ def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> l
         *([_TIME_NOTE.format("xy"[table.shutter.axis])] if table.shutter else []),
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),
+        *([_SETS_IN_TIME] if table.shutter and settings.column_sets else []),
     ]
 
 

@@ -18,6 +18,7 @@ from pipeline.targets.patterns.pattern import Pattern
 from pipeline.targets.surfaces import Patch
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.candidates import chief_points
+from pipeline.truth.planes import MovingPlanes
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
 from pipeline.truth.rows import Solutions
@@ -30,6 +31,10 @@ _BISECTIONS = 40
 """Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, below the rounding of points on the circle."""
 _FIRST = 0.4321
 """First direction, as a part of the angle between two [1]: no pattern has an edge there, seen on one side only."""
+_SETTLED_PX, _TURNS = 1e-7, 8
+"""Distance of a moving point's position from where its time is that of [px], a ten-thousandth of the default claim, and
+the most times that it is looked for: each has about twice as many digits as the one before.
+"""
 _STRAIGHT_RAD = 1e-6
 """Angle by which an edge may bend at its corner [rad]: more than the rounding of such points on sheets of metres."""
 
@@ -153,8 +158,27 @@ def column_set(
     rows: Solutions,
 ) -> ColumnSet:
     """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points."""
-    make = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}[name]
-    return make(rig, target, pose, planes[rows.point], rows)
+    return _MAKERS[name](rig, target, pose, planes[rows.point], rows)
+
+
+def moving_column_set(name: str, rig: Rig, target: AnyTarget, moving: MovingPlanes, rows: Solutions) -> ColumnSet:
+    """The positions of one set of a target that moves: each is that of the still target in the middle of the exposure
+    at this position.
+    """
+    axis, make = moving.shutter.axis, _MAKERS[name]
+    x, before, miss_before = rows.xy_px.copy(), rows.xy_px, np.zeros(len(rows.point))
+    for _ in range(_TURNS):
+        poses = moving.motion.at(moving.shutter.middle_s(x, moving.size_px))
+        result = make(rig, target, poses, moving.middle(rows.point, x), rows)
+        miss = result.x_px[:, axis] - x[:, axis]
+        if not (moving.shutter.line_by_px_s and (np.abs(miss) > _SETTLED_PX).any()):
+            break
+        # Only the place along the scan counts for the time: the secant's step, and first that of the position itself.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope = (miss - miss_before) / (x - before)[:, axis]
+            step = np.where(np.isfinite(slope), -miss / slope, np.nan_to_num(miss))
+        before, miss_before, x = x, miss, x + step[:, None] * np.eye(2)[axis]
+    return result
 
 
 def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
@@ -164,7 +188,7 @@ def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, ro
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
     around, microlens, start = corners_of(target), rig.microlens(rows.cell), rows.xy_px
-    edges = around.edges[rows.point] @ pose[:3, :3].T
+    edges = around.edges[rows.point] @ np.swapaxes(pose[..., :3, :3], -1, -2)
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(is_corner):
@@ -183,6 +207,9 @@ def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray
         x[i], error[i] = solution.x_px, solution.error_px
     lost = ~np.isnan(radius) & np.isnan(x[:, 0])
     return _noted("centroid", x, {"not a disc": np.isnan(radius), "disc not whole in image or cell": lost}, error)
+
+
+_MAKERS = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}
 
 
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
