@@ -67,10 +67,17 @@ def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
     seen = []
     for view in material.of(camera):
         if len(view.observations.ids):
-            points_mm = material.target(view.target).points[view.observations.ids]
-            pose = view.built.poses.camera_from_target[view.target]
-            seen.append(Sightings(view.observations.positions, apply(pose, points_mm)))
+            seen.append(Sightings(view.observations.positions, _places_mm(camera, view, material)))
     return replace(camera, row_pinhole=row_pinhole(camera.pinhole, seen))
+
+
+def _places_mm(camera: ExportCamera, view: ExportView, material: Material) -> np.ndarray:
+    """Places of the points of observations in the vision frame, (n, 3); before a shutter those at their own times."""
+    if camera.built.shutter:
+        rows = view.built.correspondences[view.observations.rows]
+        return np.stack([rows.camera_x_mm, rows.camera_y_mm, rows.camera_z_mm], axis=1)
+    points_mm = material.target(view.target).points[view.observations.ids]
+    return apply(view.built.poses.camera_from_target[view.target], points_mm)
 
 
 def chosen(material: Material, names: tuple[str, ...]) -> Material:

@@ -1,0 +1,111 @@
+"""Before a rolling shutter a board flies past: exports say where it was when the line of each corner was exposed."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from exports.pretended import (
+    CENTRE_PX,
+    DISTORTION,
+    F_PX,
+    SIZE_PX,
+    Scene,
+    board_mm,
+    same,
+    turned,
+    write_build,
+    write_manifest,
+)
+
+from pipeline.exports.export import export
+from pipeline.files.tables import read_table, write_table
+from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.results.output import open_output
+
+LINE_S, OPENS_S, EXPOSURE_S = 1e-4, 0.01, 2e-3
+ORDERS = {"topToBottom": (1, 1), "bottomToTop": (1, -1), "leftToRight": (0, 1), "rightToLeft": (0, -1)}
+"""Axis of the image along which lines follow each other, and whether their time grows with it."""
+MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
+SOLVED_PX = 1e-7
+
+
+@dataclass(frozen=True)
+class FlyingScene(Scene):
+    """The scene before cameras that scan; the board moves evenly before each, by tens of pixels."""
+
+    order: str = "topToBottom"
+
+    def motion(self, camera: str, frame: int, time_s: float) -> np.ndarray:
+        """The pose of the board [s after the time code]."""
+        turn, shift = turned(0, 0, 0.2 * time_s), np.array([300.0, -200.0, 100.0]) * time_s
+        pose = self.camera_from_target(camera, frame)
+        return rigid(turn @ pose[:3, :3], pose[:3, 3] + shift)
+
+    def time_s(self, pixel: np.ndarray) -> float:
+        """Middle of the exposure at a position."""
+        axis, sign = ORDERS[self.order]
+        line = pixel[axis] if sign > 0 else SIZE_PX[axis] - 1 - pixel[axis]
+        return OPENS_S + LINE_S * float(line) + EXPOSURE_S / 2
+
+    @cached_property
+    def _seen(self) -> dict:
+        return {}
+
+    def pixels(self, camera: str, frame: int) -> np.ndarray:
+        """Positions at which the line of the position itself sees the point."""
+        if (camera, frame) not in self._seen:
+            pixels = np.full((len(board_mm()), 2), 200.0)
+            for _ in range(30):
+                pixels = np.array(
+                    [
+                        seen_at(self.motion(camera, frame, self.time_s(pixel)), point)
+                        for pixel, point in zip(pixels, board_mm(), strict=True)
+                    ]
+                )
+            self._seen[camera, frame] = pixels
+        return self._seen[camera, frame]
+
+
+def seen_at(pose: np.ndarray, point_mm: np.ndarray) -> np.ndarray:
+    return cv2.projectPoints(point_mm[None], rotation_vector(pose), pose[:3, 3], MATRIX, DISTORTION)[0].ravel()
+
+
+def write_flying_build(folder: Path, scene: FlyingScene) -> Path:
+    """What a build would write of it; the stop stands 6 mm behind the centre of projection."""
+    write_build(folder, scene)
+    shutter = {"scan_order": scene.order, "opens_s": OPENS_S, "line_offset_s": LINE_S, "exposure_s": EXPOSURE_S}
+    for name in scene.rig:
+        file = folder / f"cameras/{name}/camera.json"
+        file.write_text(json.dumps({**json.loads(file.read_text()), "shutter": shutter}))
+        for frame in scene.poses:
+            file, pixels = folder / f"frames/{frame:04d}/{name}/correspondences.csv", scene.pixels(name, frame)
+            table = read_table(file)
+            places = [
+                apply(scene.motion(name, frame, scene.time_s(pixels[point])), board_mm()[point]) - [0, 0, 6]
+                for point in map(int, table.columns["point_id"])
+            ]
+            columns = dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), np.transpose(places), strict=True))
+            write_table(file, ["by a pinhole"], {**table.columns, **columns})
+    write_manifest(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def flying(tmp_path_factory):
+    scene = FlyingScene()
+    return scene, open_output(write_flying_build(tmp_path_factory.mktemp("flying") / "out", scene))
+
+
+def test_the_pinhole_of_rows_before_a_shutter_is_that_of_a_still_scene(flying, tmp_path):
+    scene, output = flying
+    still = Scene().pixels("Left", 2)
+    assert np.abs(scene.pixels("Left", 2) - still).max() > 10
+    (folder,) = export(output, ["opencv"], tmp_path)
+    for name, pinhole in json.loads((folder / "export.json").read_text())["pinholes_of_rows"].items():
+        assert pinhole["residual_px"]["max"] < SOLVED_PX, name
+        same(pinhole["principal_distance_px"], F_PX, 1e-5)
+        same(pinhole["centre_mm"], [0, 0, -6], 1e-5)
