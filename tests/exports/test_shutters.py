@@ -1,6 +1,7 @@
 """Before a rolling shutter a board flies past: exports say where it was when the line of each corner was exposed."""
 
 import json
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from exports.pretended import (
     CENTRE_PX,
     DISTORTION,
@@ -23,8 +25,9 @@ from exports.pretended import (
 
 from pipeline.exports.export import export
 from pipeline.files.tables import read_table, write_table
+from pipeline.formats import ExportError
 from pipeline.frames import apply, rigid, rotation_vector
-from pipeline.results.output import open_output
+from pipeline.results.output import Output, open_output
 
 LINE_S, OPENS_S, EXPOSURE_S = 1e-4, 0.01, 2e-3
 ORDERS = {"topToBottom": (1, 1), "bottomToTop": (1, -1), "leftToRight": (0, 1), "rightToLeft": (0, -1)}
@@ -94,10 +97,14 @@ def write_flying_build(folder: Path, scene: FlyingScene) -> Path:
     return folder
 
 
+def flown(folder: Path, order: str) -> tuple[FlyingScene, Output]:
+    scene = FlyingScene(order=order)
+    return scene, open_output(write_flying_build(folder / "out", scene))
+
+
 @pytest.fixture(scope="module")
 def flying(tmp_path_factory):
-    scene = FlyingScene()
-    return scene, open_output(write_flying_build(tmp_path_factory.mktemp("flying") / "out", scene))
+    return flown(tmp_path_factory.mktemp("flying"), "topToBottom")
 
 
 def test_the_pinhole_of_rows_before_a_shutter_is_that_of_a_still_scene(flying, tmp_path):
@@ -109,3 +116,28 @@ def test_the_pinhole_of_rows_before_a_shutter_is_that_of_a_still_scene(flying, t
         assert pinhole["residual_px"]["max"] < SOLVED_PX, name
         same(pinhole["principal_distance_px"], F_PX, 1e-5)
         same(pinhole["centre_mm"], [0, 0, -6], 1e-5)
+
+
+@pytest.mark.parametrize("order", ["topToBottom", "bottomToTop"])
+def test_kalibr_sees_each_corner_at_the_stamp_and_the_delay_of_its_row(order, tmp_path):
+    """RollingShutter.hpp: the time of a keypoint is the stamp of its image and y times the delay."""
+    scene, output = flown(tmp_path, order)
+    (folder,) = export(output, ["kalibr"], tmp_path)
+    text = (folder / "camchain.yaml").read_text()
+    chain, stamps_s = (
+        yaml.safe_load(text),
+        [float(stamp) for stamp in re.findall(r"time code of its frame: (\S+) s", text)],
+    )
+    corners = read_table(folder / "corners.csv")
+    frame, camera, point = (corners.numbers(name).astype(int) for name in ("frame", "camera", "point"))
+    pixels = np.stack([corners.numbers("x_px"), corners.numbers("y_px")], axis=1)
+    assert len(stamps_s) == 3 and len(pixels) == 105
+    for row, pixel in enumerate(pixels):
+        number, name = camera[row], list(scene.rig)[camera[row]]
+        time_s = stamps_s[number] + chain[f"cam{number}"]["line_delay"] * pixel[1]
+        same(seen_at(scene.motion(name, frame[row], time_s), board_mm()[point[row]]), pixel, SOLVED_PX)
+
+
+def test_kalibr_knows_no_scan_by_columns(tmp_path):
+    with pytest.raises(ExportError, match="Left scans leftToRight"):
+        export(flown(tmp_path, "leftToRight")[1], ["kalibr"], tmp_path)

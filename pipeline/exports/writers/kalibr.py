@@ -12,12 +12,13 @@ import numpy as np
 from pipeline.exports.filestorage import yaml_real
 from pipeline.exports.material import ExportCamera, ExportTarget, Material
 from pipeline.files.tables import write_table
-from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Targets, Unit
+from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Rotation, Targets, Unit
+from pipeline.motion import Shutter
 
 FORMAT = Format(
     consumer="Kalibr",
     note="Kalibr itself does not read corners.csv",
-    source="proof: ConfigReader.py of ethz-asl/kalibr 1f60227. Read: GridCalibrationTarget*.cpp there",
+    source="proof: ConfigReader.py of ethz-asl/kalibr 1f60227. Read: GridCalibrationTarget*, RollingShutter.hpp",
     cameras=Cameras.CONVENTIONAL,
     targets=Targets.ONE,
     files=("target.yaml", "camchain.yaml", "corners.csv"),
@@ -89,6 +90,21 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
     yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
+    if camera.built.shutter:
+        yield from _shutter(camera, camera.built.shutter)
+
+
+def _shutter(camera: ExportCamera, shutter: Shutter) -> Iterator[str]:
+    """The delay from row to row of the image, downwards: Kalibr adds it, times y, to the stamp of the image [s]."""
+    if shutter.axis == 0:
+        raise ExportError(
+            f"{camera.name} scans {shutter.scan_order}, and Kalibr knows lines that are rows",
+            hint="choose other cameras with --only",
+        )
+    (stamp_s,) = shutter.middle_s(np.zeros((1, 2)), camera.size_px).tolist()
+    yield f"# stamp of an image, after the time code of its frame: {stamp_s!r} s, the middle of the exposure of row 0"
+    if shutter.line_s:
+        yield f"line_delay: {yaml_real(shutter.line_by_px_s)}"
 
 
 def _write_corners(material: Material, path: Path) -> None:
