@@ -26,6 +26,7 @@ from pipeline.jit.work import work
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import (
+    bands_in_lights,
     colours_in_lights,
     irradiance,
     irradiance_and_crosstalk,
@@ -110,9 +111,10 @@ class Rows:
         """The image after the first pass to a stated noise."""
         batches = [Batch(max(1, samples // REPLICAS), replica=replica) for replica in range(REPLICAS)]
         white = np.mean([white_parts(self.rig, batch, self.rows) for batch in batches], axis=0)
-        colour = colours_in_lights(self.rig, self.light, self.rows)
-        parts = [sampled_in_lights(self.rig, batch, self.light, white, colour, self.rows) for batch in batches]
-        return np.mean(parts, axis=0) + known_in_lights(self.tracer, white, colour)
+        bands = bands_in_lights(self.rig, self.rows)
+        colour = colours_in_lights(bands, [self.light])
+        parts = [sampled_in_lights(self.rig, bands, batch, [self.light], white, colour)[0] for batch in batches]
+        return np.mean(parts, axis=0) + known_in_lights(self.tracer, white, colour[0])
 
     def plain(self, rays: int) -> tuple[np.ndarray, float]:
         """The image of so many pseudo-random rays per pixel, and the share of them that leave the camera."""

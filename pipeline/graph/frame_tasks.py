@@ -134,7 +134,7 @@ class FrameTasks:
 
     def _add_image(self, name: str, view: frames.PaintedView, shutter: Shutter | None) -> str:
         if self.entry.image_noise is not None:
-            return self._add_image_in_passes(name, view, self.entry.image_noise)
+            return self._add_image_in_passes(name, view, shutter, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
         parts = [frames.Image(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
@@ -145,9 +145,10 @@ class FrameTasks:
         reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
-    def _add_image_in_passes(self, name: str, view: frames.PaintedView, noise: float) -> str:
+    def _add_image_in_passes(self, name: str, view: frames.PaintedView, shutter: Shutter | None, noise: float) -> str:
         exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
-        parts = [frames.Image(exposure=exposure, view=view, rows=rows) for rows in strips(self.entry.asked.sensor)]
+        bands = strips(self.entry.asked.sensor)
+        parts = [frames.Image(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
         reads = {**self._reads, "white": f"{white}/", **self._pictures}
         passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
         last = passes_of(exposure.samples) - 1

@@ -262,32 +262,41 @@ def pictures_in_lights(
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
-def colours_in_lights(rig: Rig, scene: TargetLight | GlowingView | LitView, rows: Rows | None = None) -> np.ndarray:
-    """Colour of both parts of each pixel at each wavelength, (2, h, w, wavelengths); NaN where it must be sampled."""
+def bands_in_lights(rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> list[Band]:
+    """Some rows and columns at each wavelength, by default all."""
+    return [Band.of(in_light, rows, columns) for in_light in rig.in_each_light]
+
+
+def colours_in_lights(bands: Sequence[Band], scenes: Sequence[TargetLight | GlowingView | LitView]) -> np.ndarray:
+    """Colour of both parts of each pixel in each scene and wavelength, (scenes, 2, h, w, wavelengths); NaN where it
+    must be sampled.
+    """
     images = []
-    for number, in_light in enumerate(rig.in_each_light):
-        band = Band.of(in_light, rows)
-        images.append(colours(band, [scene.in_light(number)])[0].reshape(2, *band.shape))
+    for number, band in enumerate(bands):
+        seen = colours(band, [scene.in_light(number) for scene in scenes])
+        images.append(seen.reshape(len(scenes), 2, *band.shape))
     return np.stack(images, axis=-1)
 
 
 def sampled_in_lights(
     rig: Rig,
+    bands: Sequence[Band],
     batch: Batch,
-    scene: TargetLight | GlowingView | LitView,
+    scenes: Sequence[TargetLight | GlowingView | LitView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
-    colour: Float64[np.ndarray, "2 height width wavelengths"],
-    rows: Rows | None = None,
+    colour: Float64[np.ndarray, "scenes 2 height width wavelengths"],
 ) -> np.ndarray:
-    """The part of an image that a batch samples, (h, w), relative; `white` and `colour` as of the functions above."""
+    """The part of images of several scenes of one kind that a batch samples, (scenes, h, w), relative; `white` and
+    `colour` as of the functions above.
+    """
     shared, images = _shared(rig.tracer, batch), []
-    for number, in_light in enumerate(rig.in_each_light):
-        band = Band.of(in_light, rows)
-        parts, known = (values[..., number].reshape(2, -1) for values in (own_and_foreign(white), colour))
-        flux = known_flux(band) if isinstance(scene, LitView) else None
-        steady = None if flux is None else flux / in_light.tracer.reference_weight_sr
-        light = sampled(band, shared, [scene.in_light(number)], parts, known[None], steady)
-        images.append(light[0].sum(axis=0).reshape(band.shape))
+    for number, band in enumerate(bands):
+        parts, known = own_and_foreign(white)[..., number].reshape(2, -1), colour[..., number]
+        flux = known_flux(band) if isinstance(scenes[0], LitView) else None
+        steady = None if flux is None else flux / band.rig.tracer.reference_weight_sr
+        seen = [scene.in_light(number) for scene in scenes]
+        light = sampled(band, shared, seen, parts, known.reshape(len(scenes), 2, -1), steady)
+        images.append(light.sum(axis=1).reshape(-1, *band.shape))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 

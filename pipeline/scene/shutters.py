@@ -82,7 +82,6 @@ def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(camera.GetAttribute("plen:image:exposureTime"), "shutter", message, hint=f"or change {_EXPOSURE}")
     others = {
         "plen:truth:method": (read(camera, "plen:truth:method") != "direct", 'write "direct"'),
-        "plen:image:noise": (read(camera, "plen:image:noise") is not None, "write None, and more plen:image:samples"),
         "plen:image:labels": ("flow" in (read(camera, "plen:image:labels") or ()), 'leave "flow" out'),
     }
     for name, (is_asked, hint) in others.items():

@@ -7,7 +7,7 @@ have in common are the same tasks, so that a finer request goes on from the samp
 import dataclasses
 import math
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from pipeline.jit.work import work
 from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.pixel_rays import Batch, Rows, joined, noise_of, standard_error
+from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
@@ -36,6 +36,8 @@ MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
 Scene = TargetLight | GlowingView | LitView
 """A view as the rooms of light take it."""
+Together = tuple[list[Scene], Rows, Rows]
+"""Scenes of the instants that some pixels see, their rows and columns."""
 
 
 class SoFar(NamedTuple):
@@ -63,10 +65,14 @@ def is_handed_on(number: int, inputs: Inputs, out: Path) -> bool:
     return True
 
 
-def means_of(number: int, samples: int, inputs: Inputs, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
-    """Means of each replica so far, (replicas, ...), after a pass; `samples` are those of the first in all replicas."""
+def replicas_of(number: int, samples: int, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
+    """Each replica of a pass, (replicas, ...); `samples` are those of the first pass in all replicas."""
     first = max(1, samples // REPLICAS)
-    now = np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
+    return np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
+
+
+def means_of(number: int, inputs: Inputs, now: np.ndarray) -> np.ndarray:
+    """Means of each replica so far, (replicas, ...), after a pass."""
     return joined(read_npy(inputs[BEFORE][MEANS]) if number else None, now)
 
 
@@ -143,7 +149,7 @@ def white_pass(params: White, inputs: Inputs, out: Path) -> None:
     def parts(batch: Batch) -> np.ndarray:
         return imaging.white_parts(rig, batch, params.rows) if known is None else known
 
-    means = means_of(params.number, params.exposure.samples, inputs, parts)
+    means = means_of(params.number, inputs, replicas_of(params.number, params.exposure.samples, parts))
     seen = imaging.in_all(rig.tracer, means[:, 0])
     write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))
 
@@ -217,18 +223,24 @@ def exposed(
 ) -> np.ndarray:
     """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
 
-    `rendered` returns images of rows and columns of scenes that share their rays: instants do, and what is exposed
-    together.
+    `rendered` returns images of scenes that share their rays, which instants of pixels exposed together do.
     """
+    assert image.shutter is not None
+    parts = [rendered(*together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
+    return np.concatenate(parts, axis=1 - image.shutter.axis)
+
+
+def exposed_together(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> Iterator[Together]:
+    """Pixels of some rows, by the instants that they see."""
     shutter, view, size_px = image.shutter, image.view, rig.tracer.camera.sensor.size_px
-    assert shutter is not None and view is not None
+    if shutter is None:
+        yield [scene_of(view, inputs)], rows, (0, size_px[0])
+        return
+    assert view is not None
     count = shutter.instants if shutter.exposure_s else 1
     after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
-    parts = []
     for opens_s, some, columns in shutter.lines(rows, size_px):
-        scenes = [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()]
-        parts.append(rendered(scenes, some, columns).mean(axis=0))
-    return np.concatenate(parts, axis=1 - shutter.axis)
+        yield [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()], some, columns
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
@@ -245,24 +257,41 @@ def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
 
 def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
     """Write what is sampled of all replicas, (replicas, h, w), and facts; first the colours of the rest, too, (2, h, w,
-    wavelengths) as of `colours_in_lights`.
+    wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
     """
     if is_handed_on(params.number, inputs, out):
         return
-    exposure, rows, first = params.exposure, params.rows, params.number == 0
-    rig, scene = imaged_rig(inputs, exposure), scene_of(params.view, inputs)
-    white = read_npy(inputs["white"][MEANS]).mean(axis=0)
-    colour = imaging.colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][COLOURS])
-    means = means_of(
-        params.number,
-        exposure.samples,
-        inputs,
-        lambda batch: imaging.sampled_in_lights(rig, batch, scene, white, colour, rows),
-    )
-    if first:
+    exposure, rows, shutter = params.exposure, params.rows, params.shutter
+    assert rows is not None  # passes are over strips
+    rig, white = imaged_rig(inputs, exposure), read_npy(inputs["white"][MEANS]).mean(axis=0)
+    kept = None if shutter or params.number == 0 else read_npy(inputs["first"][COLOURS])[None]
+    parts = []
+    for scenes, some, columns in exposed_together(params, inputs, rig, rows):
+        first, end = steadied_by(rig, columns)
+        bands = imaging.bands_in_lights(rig, some, (first, end))
+        there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
+        light, seen = _sampled(params, rig, bands, scenes, there, kept)
+        own = slice(columns[0] - first, columns[1] - first)
+        parts.append((light[..., own], seen[..., own, :]))
+    now, colour = (np.concatenate(part, axis=2 - shutter.axis if shutter else 1) for part in zip(*parts, strict=True))
+    means = means_of(params.number, inputs, now)
+    if params.number == 0:
         write_npy(out / COLOURS, colour)
     known = imaging.known_in_lights(rig.tracer, white, colour)
     write_pass(out, means, means, params.number + 1, float(np.sum(means.mean(axis=0) + known)))
+
+
+def _sampled(
+    params: Image, rig: Rig, bands: list[Band], scenes: list[Scene], white: np.ndarray, kept: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a pass samples of pixels that see the same instants, and their colours, as `image_pass` writes them."""
+    colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
+    light = replicas_of(
+        params.number,
+        params.exposure.samples,
+        lambda batch: imaging.sampled_in_lights(rig, bands, batch, scenes, white, colour).mean(axis=0),
+    )
+    return light, np.nan_to_num(colour).mean(axis=0) if params.shutter else colour[0]
 
 
 def image(params: Image, inputs: Inputs, out: Path) -> None:

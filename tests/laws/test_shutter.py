@@ -17,7 +17,7 @@ from pipeline.app.verify import verify
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.ideal_lens import with_ideal_lens
 from pipeline.camera.rig import Rig
-from pipeline.files.exr import read_exr
+from pipeline.files.exr import Part, read_exr
 from pipeline.files.tables import Table, read_table
 from pipeline.frames import rigid
 from pipeline.motion import Motion, Shutter
@@ -252,8 +252,7 @@ def built(path: Path, store: Path) -> tuple[Table, np.ndarray]:
     return read_table(folder / "correspondences.csv"), np.asarray(channel)
 
 
-@pytest.mark.parametrize(("order", "axis"), [("bottomToTop", 1), ("leftToRight", 0)])
-def test_each_line_of_labels_is_that_of_a_still_in_the_middle_of_its_exposure(order, axis, tmp_path, common_store):
+def test_each_line_of_labels_is_that_of_a_still_in_the_middle_of_its_exposure(tmp_path, common_store):
     asked = 'token[] plen:image:labels = ["depth", "position", "targets"]'
 
     def labels(name: str, shutter: str, first_s: float, end_s: float) -> np.ndarray:
@@ -266,14 +265,36 @@ def test_each_line_of_labels_is_that_of_a_still_in_the_middle_of_its_exposure(or
         read = read_exr(tmp_path / name / "out/frames/0001/Rig.Camera/labels.exr")["labels"]
         return np.stack(list(read.channels.values()), axis=-1)
 
-    scanned = labels("scanned", f"{SCAN.replace('topToBottom', order)}double2 exposure = (1, 240)\n", 0, 1 / 24)
+    scanned = labels("scanned", f"{SCAN.replace('topToBottom', 'leftToRight')}double2 exposure = (1, 240)\n", 0, 1 / 24)
     start = labels("start", "", 0, 0)
     for line in (6, 17):
-        some = -1 - line if axis else np.s_[:, line]
         time_s = 0.002 + 0.001 * line + 0.5 / 240
-        still = labels(f"still{line}", "", time_s, time_s)[some]
-        np.testing.assert_allclose(scanned[some], still, rtol=1e-6, atol=1e-5)
-        assert np.nanmax(np.abs(still - start[some])) > 0.2
+        still = labels(f"still{line}", "", time_s, time_s)[:, line]
+        np.testing.assert_allclose(scanned[:, line], still, rtol=1e-6, atol=1e-5)
+        assert np.nanmax(np.abs(still - start[:, line])) > 0.2
+
+
+def test_lines_that_are_sampled_to_a_stated_noise_are_the_mean_of_stills_and_have_that_noise(tmp_path, common_store):
+    scan = f"{SCAN.replace('topToBottom', 'rightToLeft')}double2 exposure = (1, 240)\nint instants = 2\n"
+
+    def image(name: str, noise: float, still_s: float | None = None) -> Part:
+        times_s, shutter = ((0.0, 1 / 24), scan) if still_s is None else ((still_s, still_s), "")
+        places = tuple(f"({-0.4 + 192 * t!r}, 1.2, -434.4)" for t in times_s)
+        made(
+            stage(tmp_path / name, f"{shutter}double plen:image:noise = {noise}", places),
+            tmp_path / name / "out",
+            common_store,
+        )
+        return read_exr(tmp_path / name / "out/frames/0001/Rig.Camera/image.exr")["image"]
+
+    rough, fine, finest = image("rough", 0.5), image("fine", 0.03), image("finest", 0.008)
+    passes = [int(each.attributes["passes_most"]) for each in (rough, fine, finest)]
+    assert passes[0] == 1 < passes[1] < passes[2]
+    stills = [image(f"still{share}", 0.5, 0.002 + 0.011 + share / 240).channels["Y"] for share in (0.25, 0.75)]
+    column = np.s_[:, -1 - 11]
+    np.testing.assert_allclose(rough.channels["Y"][column], np.mean(stills, axis=0)[column], rtol=0, atol=1e-6)
+    apart, mean = fine.channels["Y"] - finest.channels["Y"], finest.channels["Y"].mean()
+    assert 0 < np.sqrt(np.mean(apart[apart != 0] ** 2)) < 1.5 * 0.03 * mean
 
 
 def test_frames_that_move_and_frames_that_do_not_are_those_of_builds_alone(tmp_path, common_store):

@@ -20,6 +20,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.plain import to_plain
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import (
+    bands_in_lights,
     colours_in_lights,
     in_all,
     known_flux,
@@ -66,6 +67,8 @@ def test_what_is_known_of_a_pixel_depends_on_no_other_rows() -> None:
     whole, part = known_flux(Band.of(rig)), known_flux(Band.of(rig, (5, 9)))
     assert whole is not None and part is not None
     assert part.tobytes() == whole.reshape(18, 24)[5:9].tobytes()
+    some = known_flux(Band.of(rig, (5, 9), (3, 11)))
+    assert some is not None and some.tobytes() == whole.reshape(18, 24)[5:9, 3:11].tobytes()
 
 
 def test_behind_microlenses_nothing_is_known() -> None:
@@ -152,8 +155,9 @@ def light() -> TargetLight:
 
 
 def sampled(rig: Rig, batch: Batch, white: np.ndarray, colour: np.ndarray | None = None) -> np.ndarray:
-    colour = colours_in_lights(rig, light()) if colour is None else colour
-    return sampled_in_lights(rig, batch, light(), white, colour)
+    bands = bands_in_lights(rig)
+    colour = colours_in_lights(bands, [light()]) if colour is None else colour
+    return sampled_in_lights(rig, bands, batch, [light()], white, colour)[0]
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -174,7 +178,7 @@ def test_passes_take_the_samples_that_one_pass_over_all_of_them_takes(name: str)
 def stopped(camera: Camera, seed: int, noise: float) -> tuple[np.ndarray, np.ndarray, int]:
     """An image that is sampled until its noise is small enough, its standard error, and the passes that it took."""
     rig = Rig.of(Tracer(camera, seed))
-    white, colour = white_parts(rig, Batch(4)), colours_in_lights(rig, light())
+    white, colour = white_parts(rig, Batch(4)), colours_in_lights(bands_in_lights(rig), [light()])
     images = None
     for number in range(6):
         now = np.stack([sampled(rig, Batch(1, number, replica), white, colour) for replica in range(REPLICAS)])
