@@ -68,6 +68,10 @@ class Shutter:
         lines = 0 if self.scan_order == "none" else size_px[self.axis] - 1
         return self.opens_s, self.opens_s + self.line_s * lines + self.exposure_s
 
+    def ends_s(self, size_px: tuple[int, int]) -> np.ndarray:
+        """Middles of the exposures of the first line and of the last, (2,) [s]."""
+        return np.array(self.window_s(size_px)) + np.array([0.5, -0.5]) * self.exposure_s
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:

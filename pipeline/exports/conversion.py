@@ -256,10 +256,19 @@ def _view(
     if camera_from_target is None:  # it is to a pinhole, and none fits
         return view
     pose = _scaled(camera_from_target @ inverse(frame), scale)
-    turned = _CAMERA_AXES[convention.camera_axes] @ pose
-    directed = {Pose.CAMERA_FROM_TARGET: turned, Pose.TARGET_FROM_CAMERA: inverse(turned)}.get(convention.pose)
-    stated_pose = None if directed is None else stated(directed, convention.rotation)
-    return replace(view, camera_from_target=pose, pose=stated_pose)
+    if convention.pose not in (Pose.CAMERA_FROM_TARGET, Pose.TARGET_FROM_CAMERA):
+        return replace(view, camera_from_target=pose)
+    poses = view.built.poses
+    from_stop = camera_from_target @ inverse(poses.camera_from_target[view.target])
+    at_lines = [from_stop @ line @ inverse(frame) for line in poses.camera_from_target_at_lines.get(view.target, ())]
+    first, *others = (_directed(each, convention) for each in (pose, *(_scaled(line, scale) for line in at_lines)))
+    return replace(view, camera_from_target=pose, pose=first, at_lines=tuple(others))
+
+
+def _directed(camera_from_target: np.ndarray, convention: Convention) -> StatedPose:
+    """A pose in the unit of a format, in its direction and form."""
+    turned = _CAMERA_AXES[convention.camera_axes] @ camera_from_target
+    return stated(inverse(turned) if convention.pose is Pose.TARGET_FROM_CAMERA else turned, convention.rotation)
 
 
 def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:

@@ -18,6 +18,14 @@ from pipeline.formats import Convention, ExportError
 from pipeline.frames import apply, inverse
 from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
 
+_SHUTTER_TYPES = {
+    "none": "GLOBAL",
+    "topToBottom": "ROLLING_TOP_TO_BOTTOM",
+    "bottomToTop": "ROLLING_BOTTOM_TO_TOP",
+    "leftToRight": "ROLLING_LEFT_TO_RIGHT",
+    "rightToLeft": "ROLLING_RIGHT_TO_LEFT",
+}
+"""Types of shutters, by `plen:shutter:scanOrder`."""
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
 
@@ -107,6 +115,11 @@ class ExportCamera:
     mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
     pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
     central: CentralModel | None = None  # of formats that state one; None before the conversion
+
+    @property
+    def shutter_type(self) -> str:
+        """Type of its shutter, by the name that NCore, gsplat and 3DGUT have for it."""
+        return _SHUTTER_TYPES[self.built.shutter.scan_order if self.built.shutter else "none"]
 
     @property
     def model(self) -> BuiltPinhole:
@@ -200,6 +213,8 @@ class ExportView:
     camera_from_world: np.ndarray | None
     observations: Observations
     pose: StatedPose | None = None  # of the target, as the format states it; None if not, and before the conversion
+    # The same when the first line of a camera with a shutter is exposed, and the last; else none
+    at_lines: tuple[StatedPose, ...] = ()
 
 
 class Scene(Protocol):

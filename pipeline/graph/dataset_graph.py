@@ -16,7 +16,7 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of
-from pipeline.graph.poses import Things, matrix, target_poses, targets_json
+from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.denoising import require_denoiser
 from pipeline.render.sensor.response import Irradiation
@@ -85,6 +85,7 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             number=frame.number,
             camera_from_world=matrix(np.array(frame.camera_from_world[entry.name])),
             targets={name: matrix(pose) for name, pose in target_poses(dataset, frame, entry.name).items()},
+            at_lines=poses_at_lines(dataset, frame, entry),
         )
         for frame in dataset.frames
     ]

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.records.plain import Shared, to_plain
 from pipeline.render.lighting.records import Lighting, PlacedLamp
-from pipeline.scene.dataset import Dataset, Frame, Motions, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Motions, TargetEntry
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import Target, bare, plain_from_target
@@ -22,6 +22,17 @@ from pipeline.tasks.params.frames import Matrix, PlacedOccluder, PlacedTarget
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
     """vision_from_target of all targets of a dataset, by name."""
     return {target.name: frame.vision_from_target(camera, target.name) for target in dataset.targets}
+
+
+def poses_at_lines(dataset: Dataset, frame: Frame, entry: CameraEntry) -> dict[str, tuple[Matrix, ...]]:
+    """vision_from_target when the first line of a camera with a shutter is exposed, and the last; else none."""
+    if entry.shutter is None:
+        return {}
+    ends_s, motions = entry.shutter.ends_s(entry.asked.sensor.size_px), frame.motions[entry.name].targets
+    return {
+        name: tuple(map(matrix, motions[name].at(ends_s) if name in motions else [pose, pose]))
+        for name, pose in target_poses(dataset, frame, entry.name).items()
+    }
 
 
 class Things:

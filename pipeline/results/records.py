@@ -160,12 +160,14 @@ class BuiltPoses:
 
     Those of the camera lead to the vision frame, whose origin is the centre of the aperture stop: right for rays. Those
     of the pinhole lead to its centre: right for OpenCV, and empty where no pinhole fits. Targets are there by name.
+    Those at lines, (2, 4, 4), are of the first and of the last line of a camera with a shutter.
     """
 
     camera_from_world: np.ndarray
     camera_from_target: Mapping[str, np.ndarray]
     pinhole_from_world: np.ndarray | None
     pinhole_from_target: Mapping[str, np.ndarray]
+    camera_from_target_at_lines: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,6 +201,11 @@ class BuiltView:
             camera_from_target={name: np.array(pose["camera_from_target"]) for name, pose in targets.items()},
             pinhole_from_world=np.array(pinhole["pinhole_from_world"]) if pinhole else None,
             pinhole_from_target={name: np.array(pose["pinhole_from_target"]) for name, pose in from_target.items()},
+            camera_from_target_at_lines={
+                name: np.array([lines["first"], lines["last"]])
+                for name, pose in targets.items()
+                if (lines := pose.get("camera_from_target_at_lines"))
+            },
         )
 
     @property

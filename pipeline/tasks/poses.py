@@ -33,6 +33,8 @@ def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> Json:
     targets: dict[str, Json] = {
         name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame.targets.items()
     }
+    for name, (first, last) in frame.at_lines.items():
+        targets[name]["camera_from_target_at_lines"] = {"first": first, "last": last}
     content = {
         "conventions": CONVENTIONS,
         "frame": frame.number,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exports import maps, plenoptic_readers
+from exports import maps, plenoptic_readers, test_shutters
 from exports.pretended import DISTORTION, SIZE_PX, Scene, board_mm, write_build
 from exports.pretended_plenoptic import RADIUS_PX, TYPES_MM, PlenopticScene, write_plenoptic_build
 from exports.pretended_plenoptic import SIZE_PX as PLENOPTIC_PX
@@ -154,6 +154,41 @@ def test_ncore_decodes_our_cameras_and_projects_as_they_do(tmp_path):
         found = sensors.camera_model_from_parameters(parameters, device="cpu").camera_rays_to_image_points(seen)
         assert found.valid_flag.all()
         np.testing.assert_allclose(found.image_points.numpy(), scene.pixels(name, 2) + 0.5, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("order", test_shutters.ORDERS)
+def test_gsplat_sees_a_corner_where_the_line_that_it_names_does(order, tmp_path, monkeypatch):
+    """Its twin of the kernels, which runs without a GPU; its time is that of whole lines."""
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    for name, path in (("gsplat", clone("gsplat") / "gsplat"), ("gsplat.cuda._backend", None)):  # compiled for GPUs
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+        sys.modules[name].__dict__.update(_C=None, __path__=[str(path)])
+    gsplat = importlib.import_module("gsplat.cuda._torch_cameras")
+    scene, output = test_shutters.flown(tmp_path, order)
+    (folder,) = export(output, ["nerfstudio"], tmp_path)
+    axis, _ = test_shutters.ORDERS[order]
+    for frame in json.loads((folder / "transforms.json").read_text())["frames"]:
+        _, number, name, _ = frame["file_path"].split("/")
+        model = gsplat._BaseCameraModel.create(
+            width=frame["w"],
+            height=frame["h"],
+            focal_lengths=torch.tensor([[frame["fl_x"], frame["fl_y"]]], dtype=torch.float64),
+            principal_points=torch.tensor([[frame["cx"], frame["cy"]]], dtype=torch.float64),
+            radial_coeffs=torch.tensor([[frame[f"k{n}"] for n in (1, 2, 3)]], dtype=torch.float64),
+            tangential_coeffs=torch.tensor([[frame["p1"], frame["p2"]]], dtype=torch.float64),
+            rs_type=gsplat.RollingShutterType[frame["shutter_type"]],
+        )
+        matrices = [test_shutters.opencv_pose(frame[f"transform_matrix_{end}"]) for end in ("start", "end")]
+        poses = [gsplat._viewmat_to_pose(torch.tensor(matrix[None])) for matrix in matrices]
+        points = torch.tensor(board_mm()[None] / 1000)
+        found, valid = model.world_point_to_image_point_shutter_pose(points, *poses, 0.1)
+        assert valid.all()
+        for pixel, own, point in zip(found[0].numpy(), scene.pixels(name, int(number)), board_mm(), strict=True):
+            near = np.floor(pixel[axis]) + np.arange(-1.0, 2.0)  # it may go to and fro between two lines
+            times_s = [scene.time_s(np.full(2, line)) for line in near]
+            there = [test_shutters.seen_at(scene.motion(name, int(number), time_s), point) for time_s in times_s]
+            assert np.abs(pixel - 0.5 - there).max(axis=1).min() < 1e-6
+            np.testing.assert_allclose(pixel - 0.5, own, rtol=0, atol=0.2)
 
 
 def test_kalibrs_reader_accepts_target_and_chain(tmp_path, monkeypatch):

@@ -22,6 +22,7 @@ from exports.pretended import (
     write_build,
     write_manifest,
 )
+from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.exports.export import export
 from pipeline.files.tables import read_table, write_table
@@ -44,7 +45,7 @@ class FlyingScene(Scene):
 
     def motion(self, camera: str, frame: int, time_s: float) -> np.ndarray:
         """The pose of the board [s after the time code]."""
-        turn, shift = turned(0, 0, 0.2 * time_s), np.array([300.0, -200.0, 100.0]) * time_s
+        turn, shift = turned(0, 0, 0.2 * time_s), np.array([300.0, 200.0, 100.0]) * time_s
         pose = self.camera_from_target(camera, frame)
         return rigid(turn @ pose[:3, :3], pose[:3, 3] + shift)
 
@@ -80,15 +81,23 @@ def seen_at(pose: np.ndarray, point_mm: np.ndarray) -> np.ndarray:
 def write_flying_build(folder: Path, scene: FlyingScene) -> Path:
     """What a build would write of it; the stop stands 6 mm behind the centre of projection."""
     write_build(folder, scene)
+    to_stop = rigid(np.eye(3), np.array([0.0, 0.0, -6.0]))
     shutter = {"scan_order": scene.order, "opens_s": OPENS_S, "line_offset_s": LINE_S, "exposure_s": EXPOSURE_S}
     for name in scene.rig:
         file = folder / f"cameras/{name}/camera.json"
         file.write_text(json.dumps({**json.loads(file.read_text()), "shutter": shutter}))
         for frame in scene.poses:
-            file, pixels = folder / f"frames/{frame:04d}/{name}/correspondences.csv", scene.pixels(name, frame)
+            view, pixels = folder / f"frames/{frame:04d}/{name}", scene.pixels(name, frame)
+            poses, file = json.loads((view / "poses.json").read_text()), view / "correspondences.csv"
+            axis, sign = ORDERS[scene.order]
+            ends = [np.full(2, line) for line in (0, SIZE_PX[axis] - 1)[::sign]]
+            lines = [to_stop @ scene.motion(name, frame, scene.time_s(pixel)) for pixel in ends]
+            at_lines = dict(zip(("first", "last"), np.array(lines).tolist(), strict=True))
+            poses["targets"]["Board"]["camera_from_target_at_lines"] = at_lines
+            (view / "poses.json").write_text(json.dumps(poses))
             table = read_table(file)
             places = [
-                apply(scene.motion(name, frame, scene.time_s(pixels[point])), board_mm()[point]) - [0, 0, 6]
+                apply(to_stop @ scene.motion(name, frame, scene.time_s(pixels[point])), board_mm()[point])
                 for point in map(int, table.columns["point_id"])
             ]
             columns = dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), np.transpose(places), strict=True))
@@ -141,3 +150,29 @@ def test_kalibr_sees_each_corner_at_the_stamp_and_the_delay_of_its_row(order, tm
 def test_kalibr_knows_no_scan_by_columns(tmp_path):
     with pytest.raises(ExportError, match="Left scans leftToRight"):
         export(flown(tmp_path, "leftToRight")[1], ["kalibr"], tmp_path)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_gsplat_goes_from_the_pose_of_the_first_line_to_that_of_the_last(order, tmp_path):
+    """Cameras.cuh of gsplat: by slerp, with the share of the scan; in it the centre of the first line is 0."""
+    scene, output = flown(tmp_path, order)
+    (folder,) = export(output, ["nerfstudio"], tmp_path)
+    for frame in json.loads((folder / "transforms.json").read_text())["frames"]:
+        _, number, name, _ = frame["file_path"].split("/")
+        axis, sign = ORDERS[order]
+        along = ("LEFT", "TOP")[axis], ("RIGHT", "BOTTOM")[axis]
+        assert frame["shutter_type"] == f"ROLLING_{'_TO_'.join(along[::sign])}"
+        assert np.linalg.norm(np.array(frame["transform_matrix_start"]) - frame["transform_matrix_end"]) > 0.01
+        ends = [opencv_pose(frame[f"transform_matrix_{end}"]) for end in ("start", "end")]
+        turns = Slerp([0, 1], Rotation.from_matrix([pose[:3, :3] for pose in ends]))
+        for point, pixel in enumerate(scene.pixels(name, int(number))):
+            share = (pixel[axis] if sign > 0 else SIZE_PX[axis] - 1 - pixel[axis]) / (SIZE_PX[axis] - 1)
+            shift = (1 - share) * ends[0][:3, 3] + share * ends[1][:3, 3]
+            pose = rigid(turns(share).as_matrix(), shift * 1000)
+            same(seen_at(pose, board_mm()[point]), pixel, SOLVED_PX)
+        same(opencv_pose(frame["transform_matrix"])[:3, 3] * 1000, scene.motion(name, int(number), 0.0)[:3, 3], 1e-9)
+
+
+def opencv_pose(transform_matrix: list) -> np.ndarray:
+    """What gsplat calls a viewmat, from the world, in metres: x right, y down, z ahead."""
+    return np.linalg.inv(np.array(transform_matrix) @ np.diag([1, -1, -1, 1]))

@@ -22,14 +22,6 @@ FORMAT = Format(
     models=("fisheye", "rational"),
 )
 
-_SHUTTERS = {
-    "none": "GLOBAL",
-    "topToBottom": "ROLLING_TOP_TO_BOTTOM",
-    "bottomToTop": "ROLLING_BOTTOM_TO_TOP",
-    "leftToRight": "ROLLING_LEFT_TO_RIGHT",
-    "rightToLeft": "ROLLING_RIGHT_TO_LEFT",
-}
-"""Types of shutters, by `plen:shutter:scanOrder`."""
 _BEYOND = 1.01
 """Largest angle that it projects, over that of the rays of the image [1]: the rays of its corners are to pass."""
 
@@ -51,7 +43,7 @@ def write(material: Material, folder: Path) -> None:
 def _common(camera: ExportCamera) -> Json:
     return {
         "resolution": list(camera.size_px),
-        "shutter_type": _SHUTTERS[camera.built.record.get("shutter", {}).get("scan_order", "none")],
+        "shutter_type": camera.shutter_type,
         "external_distortion_parameters": None,
         "principal_point": camera.image_model.principal_point_px,
         "focal_length": camera.image_model.focal_px,

@@ -1,11 +1,12 @@
 """nerfstudio: transforms.json of all images. The target is the world, so that it may move before a camera that stands.
 
-Paths of images are those below the output folder of the build, into which the file is to be copied.
+Paths of images are those below the output folder of the build, into which the file is to be copied. nerfstudio knows no
+shutter: further keys of frames are for gsplat, which takes arrays.
 """
 
 from pathlib import Path
 
-from pipeline.exports.material import ExportCamera, ExportView, Material
+from pipeline.exports.material import ExportCamera, ExportView, Material, StatedPose
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.formats import (
     Board,
@@ -23,9 +24,9 @@ from pipeline.formats import (
 )
 
 FORMAT = Format(
-    consumer="nerfstudio and programs that read its transforms.json",
+    consumer="nerfstudio and programs that read its transforms.json; gsplat",
     note="the world is the target; OPENCV or OPENCV_FISHEYE",
-    source="read: nerfstudio-project/nerfstudio 50e0e3c, nerfstudio_dataparser.py, cameras.py",
+    source="proof: shutters in nerfstudio-project/gsplat 90d7b4b. Read: nerfstudio 50e0e3c, nerfstudio_dataparser.py",
     cameras=Cameras.CONVENTIONAL,
     targets=Targets.ONE,
     reads=frozenset({Reads.CORNERS, Reads.RAYS}),
@@ -52,7 +53,10 @@ def write(material: Material, folder: Path) -> None:
     if len(models) > 1:
         what = "transforms.json has one camera_model, and these cameras are OPENCV and OPENCV_FISHEYE"
         raise ExportError(what, hint="choose some with --only; export.json of ros says which is which")
-    frames = [{"file_path": view.image, **_intrinsics(cameras[view.camera]), **_pose(view)} for view in material.views]
+    frames = [
+        {"file_path": view.image, **_intrinsics(cameras[view.camera]), **_poses(cameras[view.camera], view)}
+        for view in material.views
+    ]
     write_json(
         folder / "transforms.json", {"about": list(material.remarks), "camera_model": models.pop(), "frames": frames}
     )
@@ -67,7 +71,17 @@ def _intrinsics(camera: ExportCamera) -> Json:
     return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, **bent}
 
 
-def _pose(view: ExportView) -> Json:
+def _poses(camera: ExportCamera, view: ExportView) -> Json:
+    """The pose at the time code; with a shutter also its type, and the poses of the first line and of the last."""
     assert view.pose is not None
-    rows = zip(view.pose.rotation.tolist(), view.pose.translation.tolist(), strict=True)
-    return {"transform_matrix": [*([*turn, shift] for turn, shift in rows), [0.0, 0.0, 0.0, 1.0]]}
+    poses: Json = {"transform_matrix": _matrix(view.pose)}
+    if not view.at_lines:
+        return poses
+    first, last = map(_matrix, view.at_lines)
+    at_lines = {"transform_matrix_start": first, "transform_matrix_end": last}
+    return {**poses, "shutter_type": camera.shutter_type, **at_lines}
+
+
+def _matrix(pose: StatedPose) -> list[list[float]]:
+    rows = zip(pose.rotation.tolist(), pose.translation.tolist(), strict=True)
+    return [*([*turn, shift] for turn, shift in rows), [0.0, 0.0, 0.0, 1.0]]

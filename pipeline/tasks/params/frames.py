@@ -1,6 +1,6 @@
 """Parameters of the tasks of frames: what cameras see in them, images, and truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.parts.spectrum import Slices
@@ -167,11 +167,15 @@ def poses_file(number: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosedFrame:
-    """Poses in a frame; camera_from_target by the name of the target."""
+    """Poses in a frame; camera_from_target by the name of the target.
+
+    `at_lines`: those when the first line of a camera with a shutter is exposed, and the last, in the middle.
+    """
 
     number: int
     camera_from_world: Matrix
     targets: dict[str, Matrix]
+    at_lines: dict[str, tuple[Matrix, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
