@@ -24,9 +24,11 @@ _PARTS = {
     "lamps": {"lamps"},
 }
 """Names in parameters of tasks, by the part of a dataset that they are made of; all others are of cameras."""
-_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm|\.motion\b")
-"""Parameters that are made of poses; motions are made of those of other frames, too, and of the camera's shutter."""
-_TARGET = re.compile(r"\btargets(?:\[(\d+)\]|\.(\w+))")
+_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm|\.motion\b|\.at_lines\.")
+"""Parameters that are made of poses."""
+_MOTION = re.compile(r"\.(?:motion|at_lines)\b")
+"""Those that are made of poses of other frames, too, and of the camera's shutter."""
+_TARGET = re.compile(r"\b(?:targets|at_lines)(?:\[(\d+)\]|\.(\w+))")
 """The target of a parameter, by number or by name."""
 
 
@@ -90,7 +92,7 @@ class _Since:
         frame, words = frame_of(self._graph[task.name], field), set(re.findall(r"[a-z_]+", field))
         parts = [kind for kind, names in _PARTS.items() if words & names]
         pose, owners = "poses/" if _POSE.search(field) else "", list[str]()
-        is_motion = ".motion" in field
+        is_motion = bool(_MOTION.search(field))
         if match := _TARGET.search(field):
             number, name = match.groups()
             parts = [f"targets/{name or self._targets[int(number)]}"]

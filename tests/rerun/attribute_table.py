@@ -65,7 +65,7 @@ AUTHORED = {(A, "plen:camera:near"): 400.0, (A, "plen:camera:far"): 500.0}
 # The method image takes no mesh.
 BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
 IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
-TIMED = {"first_order"} | TRUTH
+TIMED = {"first_order", "frame_poses"} | TRUTH
 MOVED = {"image"} | TIMED
 FLIES = BOARDS | {("One", "xformOp:translate"): {number: (0.2 * number, 0.0, -434.4) for number in range(4)}}
 SCANNED = FLIES | {(A, "plen:shutter:scanOrder"): "topToBottom", (A, "plen:shutter:lineOffset"): (1.0, 2000.0)}
@@ -451,7 +451,7 @@ CAMERAS = {
         Case(A, ["depth", "targets"], LABELS, given={(A, "plen:image:labels"): ["depth"]}),
         Case(B, ["prim"], LABELS),
     ],
-    "plen:shutter:scanOrder": [Case(A, "bottomToTop", MOVED, given=SCANNED)],
+    "plen:shutter:scanOrder": [Case(A, "bottomToTop", MOVED - {"frame_poses"}, given=SCANNED)],
     "plen:shutter:opens": [Case(A, (1.0, 500.0), TIMED), Case(B, (1.0, 500.0), MOVED, given=FLIES)],
     "plen:shutter:lineOffset": [Case(A, (1.0, 1000.0), MOVED, given=SCANNED)],
     "plen:shutter:exposure": [Case(A, (1.0, 100.0), MOVED, given=SCANNED)],
