@@ -48,13 +48,17 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     return _with_four(np.concatenate([colours, values[..., colours.shape[2] :]], axis=2))
 
 
-def ends_of(content: bytes, suffix: str) -> tuple[float, float]:
-    """Numbers that no pixel of a picture lies below or above, as `decoded` gives them [1]; it raises what that does."""
+def ends_of(content: bytes, suffix: str) -> tuple[float, float, float]:
+    """Numbers that no pixel of a picture lies below or above, as `decoded` gives them [1], and the least of the fourth
+    components; it raises what that does."""
+    ends, scale = (0.0, 1.0), 1.0
     if suffix in _FORMATS:
-        _from_8_or_16_bits(content, suffix)
-        return 0.0, 1.0
-    values = _floats(content, suffix)
-    return float(values.min()), float(values.max())
+        values, scale = _from_8_or_16_bits(content, suffix)
+    else:
+        values = _floats(content, suffix)
+        ends = float(values.min()), float(values.max())
+    has_opacity = values.ndim > 2 and values.shape[2] in _WITH_OPACITY
+    return *ends, float(values[..., -1].min()) / scale if has_opacity else 1.0
 
 
 def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
@@ -84,11 +88,15 @@ def _by_opencv(content: bytes) -> np.ndarray:
     return pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
 
 
+_WITH_OPACITY = (2, 4)
+"""Numbers of components of which the last one is opacity [1]."""
+
+
 def _with_four(values: np.ndarray) -> np.ndarray:
     """Grey, grey with opacity, or colours without it, with all four components."""
     count = values.shape[2]
     colours = np.repeat(values[..., :1], 3, axis=2) if count < 3 else values[..., :3]
-    opacity = values[..., -1:] if count in (2, 4) else np.ones_like(values[..., :1])
+    opacity = values[..., -1:] if count in _WITH_OPACITY else np.ones_like(values[..., :1])
     return np.concatenate([colours, opacity], axis=2).astype(np.float32)
 
 

@@ -33,6 +33,7 @@ class PictureFile:
     suffix: str
     least: float
     most: float
+    least_opacity: float  # of the fourth component; 1 without any
 
 
 def reading_below(roots: Iterable[Path]) -> AbstractContextManager[Any]:
@@ -40,13 +41,13 @@ def reading_below(roots: Iterable[Path]) -> AbstractContextManager[Any]:
     return having(_ROOTS, tuple(roots))
 
 
-def picture_name(shader: UsdShade.Shader, space: str) -> str:
-    """Name of the picture of a UsdUVTexture in a colour space."""
-    given = shader.GetInput("file")
+def file_attribute(texture: UsdShade.Shader) -> Usd.Attribute:
+    """The attribute that names the picture of a UsdUVTexture."""
+    given = texture.GetInput("file")
     producers = given.GetValueProducingAttributes() if given else []
     if not producers:
-        raise UnreadableValue("the texture names no file", shader.GetPrim())
-    return name_of(producers[0], space)
+        raise UnreadableValue("the texture names no file", texture.GetPrim())
+    return producers[0]
 
 
 def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:

@@ -15,7 +15,7 @@ from pxr import Sdr, Usd, UsdGeom, UsdShade
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
 from pipeline.scene.glass import read_glass
 from pipeline.scene.lamps import is_mesh_light, mesh_light
-from pipeline.scene.pictures import picture_name
+from pipeline.scene.pictures import file_attribute, name_of, picture_of
 from pipeline.scene.usd.meshes import drawn
 from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
@@ -233,7 +233,7 @@ class _Network:
         try:
             if _READERS.get(source.shader.GetShaderId()) == len(fallback):
                 return Input(value=fallback, primvar=self._primvar(source.shader, fallback))
-            return Input(value=fallback, texture=self._texture(source, len(fallback)))
+            return self._textured(source, fallback)
         except NotSupported as error:
             what = f'{error.what}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
             self.flaws.append(_drawn(error.thing, what, error.hint))
@@ -285,6 +285,14 @@ class _Network:
             raise NotSupported(what, reader.GetPrim(), hint="read it in one way")
         return name
 
+    def _textured(self, source: _Connected, fallback: Numbers) -> Input:
+        """A texture, or its value if it is the fourth component of a picture that is opaque everywhere."""
+        texture = self._texture(source, len(fallback))
+        is_even = texture.channel == "a" and "black" not in texture.wrap
+        if is_even and picture_of(file_attribute(source.shader)).least_opacity == 1:
+            return Input(value=(texture.scale[3] + texture.bias[3],))
+        return Input(value=fallback, texture=texture)
+
     def _texture(self, source: _Connected, components: int) -> Texture:
         shader = _known(source.shader, source.shader.GetPrim(), "UsdUVTexture")
         if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
@@ -294,7 +302,7 @@ class _Network:
         transform, primvar = self._coordinates(shader)
         wraps = tuple(self.value(shader, name, "useMetadata") for name in ("wrapS", "wrapT"))
         return Texture(
-            name=picture_name(shader, self.value(shader, "sourceColorSpace", "auto")),
+            name=name_of(file_attribute(shader), self.value(shader, "sourceColorSpace", "auto")),
             channel=source.output,
             scale=self.value(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
             bias=self.value(shader, "bias", (0.0, 0.0, 0.0, 0.0)),

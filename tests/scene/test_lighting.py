@@ -329,6 +329,20 @@ def test_two_textures_of_a_material_have_each_their_coordinates(tmp_path):
         assert drawn_with(tmp_path, content, at=(x, y, 500.0))[0] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize(("last", "warned"), [(None, 0), (255, 0), (128, 1)])
+def test_a_picture_without_a_hole_is_opaque_and_no_warning_says_that_light_passes(tmp_path, last, warned):
+    """Exporters connect the fourth component whether the picture has one or not."""
+    pixels = np.full((2, 2, 3 if last is None else 4), 255, np.uint8)
+    if last is not None:
+        pixels[0, 0, 3] = last
+    Image.fromarray(pixels).save(tmp_path / "picture.png")
+    inputs = "color3f inputs:diffuseColor = (1, 1, 1)\nfloat inputs:opacity.connect = </Scene/Paper/Picture.outputs:a>"
+    shaders = PICTURE.replace("float outputs:r", "float outputs:a") % ("", "auto", "")
+    shaders += READER % ("", "float2", "st", "float2 outputs:result")
+    found, warnings = drawn_with(tmp_path, BOUND % "" + SURFACE % (inputs, shaders), at=(20.0, -20.0, 500.0))
+    assert len(warnings) == warned and (found == pytest.approx(1.0, rel=1e-6)) != warned
+
+
 LAMP = """
     def %s "Lamp" (
         prepend apiSchemas = ["ShapingAPI"]
