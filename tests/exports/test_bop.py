@@ -1,5 +1,6 @@
 """BOP: two boards and something before them, by the formulas of bop_toolkit."""
 
+import importlib
 import json
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from exports.flipping import flips, require_notice
 from exports.maps import lit_rays
 from exports.pretended import board_mm, same, write_camera, write_manifest, write_target
+from exports.test_programs import clone
 
 from pipeline.exports import export
 from pipeline.files.png import read_png
@@ -129,6 +131,33 @@ def test_its_reader_gets_back_every_number(built, tmp_path):
     check(folder)
     said = (folder / "dataset_info.md").read_text()
     assert "object 1: Alpha" in said and "object 2: Board" in said and "scene 000000: Left" in said
+
+
+@pytest.mark.heavy
+def test_bop_toolkit_loads_it_and_projects_points_and_distances(built, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(clone("bop_toolkit"))
+    for name in ("png", "imageio"):
+        pytest.importorskip(name, reason=f"bop_toolkit needs {name}")
+    inout, misc = (importlib.import_module(f"bop_toolkit_lib.{name}") for name in ("inout", "misc"))
+    (folder,) = export.export(built, ["bop"], tmp_path)
+    place = folder / "000000"
+    camera, poses = (
+        inout.load_scene_camera(place / "scene_camera.json")[7],
+        inout.load_scene_gt(place / "scene_gt.json")[7],
+    )
+    for entry, (_, pose) in zip(poses, sorted(POSES.items()), strict=True):
+        seen = misc.project_pts(board_mm(), camera["cam_K"], entry["cam_R_m2c"], entry["cam_t_m2c"])
+        truth = (board_mm() @ pose[:3, :3].T + pose[:3, 3]) @ K.T
+        same(seen, truth[:, :2] / truth[:, 2:], 1e-9)
+    depth = inout.load_depth(place / "depth/000007.png") * camera["depth_scale"]
+    distance = misc.depth_im_to_dist_im_fast(depth, camera["cam_K"])
+    y, x = np.mgrid[0 : SIZE_PX[1], 0 : SIZE_PX[0]]
+    ahead = np.stack([(x - CENTRE_PX[0]) / F_PX, (y - CENTRE_PX[1]) / F_PX, np.ones(x.shape)], axis=-1)
+    z = np.nan_to_num(met(ahead[..., :2].reshape(-1, 2))).reshape(x.shape)
+    same(distance, z * np.linalg.norm(ahead, axis=2), 1.5 * camera["depth_scale"])
+    for number, facts in enumerate(inout.load_json(place / "scene_gt_info.json", keys_to_int=True)[7]):
+        rows, columns = inout.load_im(place / f"mask_visib/000007_{number:06d}.png").nonzero()
+        assert facts["bbox_visib"] == misc.calc_2d_bbox(columns, rows) and facts["px_count_visib"] == len(rows)
 
 
 @pytest.mark.parametrize(("name", "field", "other"), list(flips(["bop"], [("bop", "centre")])))

@@ -26,7 +26,7 @@ from pipeline.formats import (
 FORMAT = Format(
     consumer="nerfstudio and programs that read its transforms.json; gsplat",
     note="the world is the target; OPENCV or OPENCV_FISHEYE",
-    source="proof: shutters in nerfstudio-project/gsplat 90d7b4b. Read: nerfstudio 50e0e3c, nerfstudio_dataparser.py",
+    source="proof: nerfstudio 1.1.5 sends the rays, and nerfstudio-project/gsplat 90d7b4b projects by shutters",
     cameras=Cameras.CONVENTIONAL,
     targets=Targets.ONE,
     reads=frozenset({Reads.CORNERS, Reads.RAYS}),

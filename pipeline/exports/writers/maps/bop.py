@@ -18,7 +18,7 @@ from pipeline.formats import Board, Cameras, Format, Origin, Pose, Reads, Rotati
 FORMAT = Format(
     consumer="BOP: bop_toolkit, estimators of poses of objects",
     note="a camera is a scene, a target an object; K knows no distortion",
-    source="read: thodan/bop_toolkit cea62d6, bop_datasets_format.md, misc.py, calc_gt_info.py",
+    source="proof: inout.py and misc.py of thodan/bop_toolkit cea62d6. Read: bop_datasets_format.md, calc_gt_info.py",
     cameras=Cameras.CONVENTIONAL,
     reads=frozenset({Reads.CORNERS, Reads.RAYS, Reads.SCENE}),
     files=(
