@@ -92,6 +92,9 @@ picture: $(STAMP)
 	$(BIN)/python docs/picture.py examples/07_rolling_shutter/picture.png \
 		build/07_rolling_shutter/frames/0001/Instant.Camera build/07_rolling_shutter/frames/0001/Rolling.Camera \
 		build/07_rolling_shutter/frames/0001/Exposed.Camera --window 60 60 560 360 --zoom 1
+	$(BIN)/python docs/picture.py examples/08_focus_pull/picture.png \
+		build/08_focus_pull/frames/0001/Rig.Camera.0001 build/08_focus_pull/frames/0003/Rig.Camera.0003 \
+		build/08_focus_pull/frames/0005/Rig.Camera.0004
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

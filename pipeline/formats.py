@@ -10,7 +10,7 @@ from the target, whose frame has its origin in the middle, x right, y up, z towa
 """
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -206,36 +206,55 @@ class Format(Convention):
         """Whether it can describe such a camera."""
         return self.cameras is Cameras.ANY or is_plenoptic is (self.cameras is Cameras.PLENOPTIC)
 
-    def paths(self, cameras: Mapping[str, bool], frames: Iterable[int], targets: int) -> list[str]:
+    def paths(self, cameras: Mapping[str, bool], frames: Mapping[str, Sequence[int]], targets: int) -> list[str]:
         """All files of an export, with its side-car, sorted.
 
         `cameras`: name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
+        `frames`: of each camera.
         `targets`: how many there are.
         """
-        numbers = list(frames)
-        lists = {
-            "<camera>": list(cameras),
-            "<plenoptic camera>": [name for name, is_plenoptic in cameras.items() if is_plenoptic],
-            "<pair>": [f"{first}-{second}" for first, second in combinations(cameras, 2) if is_pair(first, second)],
-            "<frame>": [f"{number:04d}" for number in numbers],
-            "<frame6>": [f"{number:06d}" for number in numbers],
-            "<camera6>": [f"{number:06d}" for number in range(len(cameras))],
+        every = sorted({number for numbers in frames.values() for number in numbers})
+        of_cameras = {
+            "<camera>": {name: name for name in cameras},
+            "<plenoptic camera>": {name: name for name, is_plenoptic in cameras.items() if is_plenoptic},
+            "<camera6>": {f"{number:06d}": name for number, name in enumerate(cameras)},
+        }
+        others = {
+            "<pair>": [f"{first}-{second}" for first, second in pairs(cameras, frames)],
             "<target6>": [f"{number:06d}" for number in range(targets)],
         }
         paths = {SIDE_CAR}
         for pattern in self.files:
-            filled = [pattern]
-            for word, values in lists.items():
+            filled = [(pattern, every)]
+            for word, named in of_cameras.items():
                 if word in pattern:
-                    filled = [path.replace(word, value) for path in filled for value in values]
-            paths.update(filled)
+                    filled = [(pattern.replace(word, text), [*frames[name]]) for text, name in named.items()]
+            files = [path for path, _ in filled]
+            if "<frame" in pattern:
+                files = [
+                    path.replace("<frame>", f"{number:04d}").replace("<frame6>", f"{number:06d}")
+                    for path, numbers in filled
+                    for number in numbers
+                ]
+            for word, values in others.items():
+                if word in pattern:
+                    files = [path.replace(word, value) for path in files for value in values]
+            paths.update(files)
         return sorted(paths)
 
 
-def is_pair(first: str, second: str) -> bool:
-    """Whether two are different cameras, seen in the same channel of their sensors if these have channels."""
-    (body, channel), (other_body, other_channel) = body_and_channel(first), body_and_channel(second)
-    return body != other_body and channel == other_channel
+def pairs(cameras: Iterable[str], frames: Mapping[str, Sequence[int]]) -> list[tuple[str, str]]:
+    """All pairs of different cameras with a frame in common, in the same channel of their sensors if these have any.
+
+    `frames`: of each camera.
+    """
+    split = {name: body_and_channel(name) for name in cameras}
+    return [
+        (first, second)
+        for first, second in combinations(split, 2)
+        if split[first][0] != split[second][0] and split[first][1] == split[second][1]
+        if set(frames[first]) & set(frames[second])
+    ]
 
 
 def folder_of(name: str, position: str) -> str:

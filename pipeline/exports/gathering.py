@@ -55,7 +55,7 @@ def gather(
         cameras=tuple(_camera(camera, sight) for camera in output.cameras.values()),
         targets=tuple(map(_target, output.targets.values())),
         views=tuple(views),
-        frames=output.frames,
+        frames={camera.name: tuple(view.frame for view in camera.views) for camera in output.cameras.values()},
         scene=scene,
     )
     return replace(material, cameras=tuple(_with_row_pinhole(camera, material) for camera in material.cameras))
@@ -94,7 +94,8 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
     targets = tuple(target for target in material.targets if target.name in names) or material.targets
     kept = {camera.name for camera in cameras} | {target.name for target in targets}
     views = tuple(view for view in material.views if {view.camera, view.target} <= kept)
-    return replace(material, cameras=cameras, targets=targets, views=views)
+    frames = {camera.name: material.frames[camera.name] for camera in cameras}
+    return replace(material, cameras=cameras, targets=targets, views=views, frames=frames)
 
 
 def grid_of(nominal: np.ndarray) -> Grid | None:

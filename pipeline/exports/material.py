@@ -3,7 +3,7 @@
 `gathering` makes it of a build, in our conventions and mm; `conversion` brings it into those of a format.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -233,7 +233,7 @@ class Material:
     cameras: tuple[ExportCamera, ...]
     targets: tuple[ExportTarget, ...]
     views: tuple[ExportView, ...]  # sorted by camera, frame and target; one without observations is kept
-    frames: tuple[int, ...]
+    frames: Mapping[str, tuple[int, ...]]  # of each camera, by name
     scene: Callable[[], Scene] = field(repr=False)  # made when it is asked for
 
     def write_text(self, path: Path, lines: Iterable[str]) -> None:
@@ -242,6 +242,11 @@ class Material:
 
     def of(self, camera: ExportCamera) -> tuple[ExportView, ...]:
         return tuple(view for view in self.views if view.camera == camera.name)
+
+    def together(self, first: ExportCamera, second: ExportCamera) -> list[tuple[ExportView, ExportView]]:
+        """Views of two cameras in the same frame, of the same target."""
+        others = {(view.frame, view.target): view for view in self.of(second)}
+        return [(view, others[at]) for view in self.of(first) if (at := (view.frame, view.target)) in others]
 
     def target(self, name: str) -> ExportTarget:
         return next(target for target in self.targets if target.name == name)
@@ -279,9 +284,15 @@ class Material:
         """The pose second_from_first, (4, 4); ExportError if it is not the same in all frames, or unknown."""
         if first.name == second.name:
             return np.eye(4)
+        views = self.together(first, second)
+        if not views:
+            raise ExportError(
+                f"no frame has both {first.name} and {second.name}, so the pose between them is unknown",
+                hint="a camera whose lens changes is one camera in each state: export them one by one with --only",
+            )
         poses = [
             b.camera_from_world @ inverse(a.camera_from_world)
-            for a, b in zip(self.of(first), self.of(second), strict=True)
+            for a, b in views
             if a.camera_from_world is not None and b.camera_from_world is not None
         ]
         if not poses:

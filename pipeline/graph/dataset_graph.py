@@ -56,14 +56,14 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
             for seen in camera.in_channels:
                 _add_light(graph, files, seen)
                 tasks = FrameTasks(graph, files, dataset, seen, painted, bare)
-                for frame in dataset.frames:
+                for frame in dataset.frames_of(camera):
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
             add_labels(graph, files, dataset, camera, bare)
             _add_colours(graph, files, camera, dataset)
             _add_denoised(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
-    if len(dataset.cameras) > 1:
+    if any(len(frame.camera_from_world) > 1 for frame in dataset.frames):
         files["baselines.csv"] = (_add_baselines(graph, dataset), frames.BASELINES)
     add_exports(graph, files, dataset, bare)
     return made
@@ -73,7 +73,8 @@ def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
     names = [camera.name for camera in dataset.cameras]
     in_frames = []
     for frame in dataset.frames:
-        poses = tuple(matrix(np.array(frame.camera_from_world[name])) for name in names)
+        there = frame.camera_from_world
+        poses = tuple(matrix(np.array(there[name])) if name in there else None for name in names)
         in_frames.append(frames.RigFrame(number=frame.number, camera_from_world=poses))
     reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
     return add(graph, "baselines", frames.Baselines(cameras=tuple(names), frames=tuple(in_frames)), reads)
@@ -87,11 +88,11 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             targets={name: matrix(pose) for name, pose in target_poses(dataset, frame, entry.name).items()},
             at_lines=poses_at_lines(dataset, frame, entry),
         )
-        for frame in dataset.frames
+        for frame in dataset.frames_of(entry)
     ]
     params = frames.FramePoses(camera=entry.name, frames=tuple(posed))
     task = add(graph, f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
-    for frame in dataset.frames:
+    for frame in dataset.frames_of(entry):
         files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, frames.poses_file(frame.number))
 
 
@@ -133,7 +134,7 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
     """The tasks that join the images of the channels of a camera; none for a camera of one wavelength."""
     seen = entry.in_channels if entry.channels else ()
     labels = tuple(label for camera in seen if (label := channel_label(camera)))
-    numbers = [frame.number for frame in dataset.frames]
+    numbers = [frame.number for frame in dataset.frames_of(entry)]
     images = [("white", "", f"cameras/{entry.name}")]
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
     for kind, frame, folder in images if seen else ():
@@ -151,7 +152,7 @@ def _add_denoised(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry
         return
     require_denoiser()
     kind = "colour_image" if entry.channels else "image"
-    for frame in dataset.frames:
+    for frame in dataset.frames_of(entry):
         name = f"{entry.name}/{frame.number:04d}"
         task = add(graph, f"denoised/{name}", cameras.Nothing(), {"image": f"{kind}/{name}"})
         files[f"frames/{frame.number:04d}/{entry.name}/{outputs.DENOISED}"] = (task, outputs.DENOISED)
@@ -242,7 +243,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     if lossy is not None:
         transmission = add(graph, f"transmission/{name}", lossy, of_cameras)
         files[f"cameras/{name}/{outputs.TRANSMISSION}"] = (transmission, outputs.TRANSMISSION)
-    for frame in dataset.frames:
+    for frame in dataset.frames_of(entry):
         params = outputs.Expose(
             camera=name,
             frame=frame.number,

@@ -32,7 +32,7 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
             stage=f"</{dataset.stage_name}>",
             files=read.places(dataset),
             records=read.targets() if noisy else {},
-            numbers=tuple(frame.number for frame in dataset.frames),
+            numbers={seen.full_name: _numbers(dataset, camera) for camera in cameras for seen in camera.in_channels},
             sights=sights,
             views=_views(dataset, cameras, bare) if Reads.SCENE in wanted.reads else (),
         )
@@ -52,9 +52,8 @@ class _Read:
 
     def places(self, dataset: Dataset) -> dict[str, tuple[str, str]]:
         """Path in the output folder -> role and output, of every file that the format reads."""
-        numbers = [frame.number for frame in dataset.frames]
         places = dict[str, tuple[str, str]]()
-        for path in [path for camera in self.cameras for path in self._paths(camera, numbers)]:
+        for path in [path for camera in self.cameras for path in self._paths(camera, _numbers(dataset, camera))]:
             source = self.files[path]
             assert not isinstance(source, bytes)
             places[path] = self._role(source[0]), source[1]
@@ -79,7 +78,7 @@ class _Read:
             accuracy_px=seen.truth.aim_px,
         )
 
-    def _paths(self, camera: CameraEntry, numbers: list[int]) -> list[str]:
+    def _paths(self, camera: CameraEntry, numbers: tuple[int, ...]) -> list[str]:
         reads, paths = self.wanted.reads, [f"cameras/{camera.name}/camera.json"]
         if Reads.CORNERS in reads:
             paths += [f"frames/{number:04d}/{camera.name}/poses.json" for number in numbers]
@@ -104,6 +103,10 @@ def _is_plenoptic(camera: CameraEntry) -> bool:
     return camera.asked.microlenses is not None
 
 
+def _numbers(dataset: Dataset, camera: CameraEntry) -> tuple[int, ...]:
+    return tuple(frame.number for frame in dataset.frames_of(camera))
+
+
 def _named(cameras: list[CameraEntry]) -> dict[str, bool]:
     """The cameras as an opened build lists them, and whether each is plenoptic."""
     return {
@@ -124,5 +127,5 @@ def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[
             ),
         )
         for camera in cameras
-        for frame in dataset.frames
+        for frame in dataset.frames_of(camera)
     )

@@ -224,7 +224,7 @@ def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[
 def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, bare: Things) -> None:
     """Add the labels of a camera, in its own light, in all frames, if any are asked for; `bare`: without colours."""
     exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
-    ordered = sorted(dataset.frames, key=lambda frame: frame.number)
+    ordered = sorted(dataset.frames_of(entry), key=lambda frame: frame.number)
     for frame, later in pairwise([*ordered, None]) if asked else ():
         assert frame is not None  # only what follows the last one is
         world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))

@@ -1,5 +1,6 @@
 """Numbers of points of each target that were seen in each frame, in lines for a terminal."""
 
+from pipeline.channel_names import without_state
 from pipeline.files.jsonfile import Json
 from pipeline.spelling import frames_in_words
 
@@ -10,21 +11,21 @@ _Seen = dict[_Column, dict[int, int]]
 
 
 def lines(cameras: dict[str, Json]) -> list[str]:
-    """A table with a row per frame and a column per camera and target, and which frames are blank.
+    """A table with a row per frame and a column per camera, in all its states, and target; and what frames are blank.
 
     Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
-    columns = [(camera, target) for camera, points in sorted(cameras.items()) for target in sorted(points["of"])]
     numbers = sorted({row["frame"] for points in cameras.values() for row in points["frames"]})
-    if not columns or not numbers:
+    seen, of = dict[_Column, dict[int, int]](), dict[_Column, int]()
+    for camera, points in sorted(cameras.items()):
+        for target in sorted(points["of"]):
+            column = without_state(camera), target
+            seen.setdefault(column, {}).update({row["frame"]: row["seen"][target] for row in points["frames"]})
+            of[column] = points["of"][target]
+    if not seen or not numbers:
         return []
-    seen = {
-        (camera, target): {row["frame"]: row["seen"][target] for row in cameras[camera]["frames"]}
-        for camera, target in columns
-    }
-    of = {(camera, target): cameras[camera]["of"][target] for camera, target in columns}
     text = _table(numbers, seen, of) if len(numbers) <= _ROWS else _summary(numbers, seen, of)
-    return [*text, *_blank(cameras, numbers)]
+    return [*text, *_blank(cameras)]
 
 
 def _table(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
@@ -32,7 +33,7 @@ def _table(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]
     width = max(5, *(len(str(number)) for number in numbers))
     text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
     for number in numbers:
-        cells = (f"{seen[key][number]} of {of[key]}" for key in seen)
+        cells = (f"{counts[number]} of {of[key]}" if number in counts else "" for key, counts in seen.items())
         padded = (f"{cell:<{len(head)}}" for cell, head in zip(cells, heads, strict=True))
         text.append(f"  {number:>{width}}  {'  '.join(padded).rstrip()}")
     return text
@@ -51,11 +52,11 @@ def _summary(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[st
     return text
 
 
-def _blank(cameras: dict[str, Json], numbers: list[int]) -> list[str]:
+def _blank(cameras: dict[str, Json]) -> list[str]:
     text = []
     for camera, points in sorted(cameras.items()):
         blank = [row["frame"] for row in points["frames"] if not row["rows"]]
         if blank:
-            which = "any frame" if len(blank) == len(numbers) else frames_in_words(blank)
+            which = "any frame" if len(blank) == len(points["frames"]) else frames_in_words(blank)
             text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")
     return text

@@ -1,6 +1,6 @@
 """The output folder of a build as records: cameras, frames, targets, poses, and the ground truth as arrays."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +35,8 @@ class Output:
 
     `stage`: the stage that was built, as the manifest names it.
     `cameras`: sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
-    `frames`: sorted; each has a view of every camera.
+    `frames`: sorted; a camera has a view of each, but that one whose lens or sensor changes is a camera in each of its
+        states, as `Rig.Camera.0001`, with views of the frames in which it is in it.
     """
 
     path: Path
@@ -53,14 +54,17 @@ class Output:
         return next(iter(self.cameras.values()))
 
     def view(self, frame: int, camera: str | None = None) -> BuiltView:
-        """A camera in a frame; by default the only camera. UsageError if there is no such camera or frame."""
+        """A camera in a frame; by default the only one there. UsageError if there is no such camera or frame."""
         if camera is not None and camera not in self.cameras:
             hint = did_you_mean(camera, self.cameras) or f"its cameras: {', '.join(self.cameras)}"
             raise UsageError(f"{self.path} has no camera {camera!r}", hint=hint)
-        views = (self.camera if camera is None else self.cameras[camera]).views
-        for view in views:
-            if view.frame == frame:
-                return view
+        several = self.cameras.values() if camera is None else [self.cameras[camera]]
+        views = [view for each in several for view in each.views if view.frame == frame]
+        if len(views) > 1:
+            names = ", ".join(view.camera for view in views)
+            raise UsageError(f"{self.path} has {len(views)} cameras in frame {frame}", hint=f"choose: {names}")
+        if views:
+            return views[0]
         raise UsageError(f"{self.path} has no frame {frame}", hint=f"its frames: {', '.join(map(str, self.frames))}")
 
     @cached_property
@@ -86,7 +90,7 @@ class Output:
             width, height = camera.size_px
             rows = sum(frame["rows"] for frame in facts[name]["frames"]) if name in facts else "-"
             kind = "plenoptic" if camera.is_plenoptic else "conventional"
-            cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(self.frames), rows))
+            cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(camera.views), rows))
         targets = [(target.name, target.kind, len(target.points_mm)) for target in self.targets.values()]
         names = ("camera", "kind", "lens", "image [px]", "frames", "rows of truth")
         return html_table(names, cameras, str(self.path)) + html_table(("target", "kind", "points"), targets)
@@ -111,7 +115,8 @@ def output_of(folder: BuiltFolder) -> Output:
     """The content of a folder; raises as `open_output`."""
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
     bodies = folder.folders("cameras", "camera.json")
-    cameras = {name: _camera(folder, name, frames) for body in bodies for name in _in_channels(folder, body)}
+    seen = {(parts[1], parts[2]) for name in folder.files if (parts := name.split("/"))[0] == "frames"}
+    cameras = {name: _camera(folder, name, frames, seen) for body in bodies for name in _in_channels(folder, body)}
     names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))
     return Output(
         path=folder.path,
@@ -129,11 +134,13 @@ def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
     return [name_with(name, channel["name"]) for channel in channels] or [name]
 
 
-def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
-    record = folder.record(f"cameras/{body_and_channel(name)[0]}/camera.json")
+def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...], seen: Set[tuple[str, str]]) -> BuiltCamera:
+    body = body_and_channel(name)[0]
+    record = folder.record(f"cameras/{body}/camera.json")
     (width, height), is_plenoptic = record["resolution"], "mla" in record
     views = (
         BuiltView(camera=name, frame=frame, is_plenoptic=is_plenoptic, size_px=(width, height), _folder=folder)
         for frame in frames
+        if (f"{frame:04d}", body) in seen
     )
     return BuiltCamera(name=name, record=record, views=tuple(views), _folder=folder)

@@ -1,7 +1,8 @@
 """A camera with its settings: its parts must fit together, and its focus must be in reach."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pxr import Usd
@@ -12,6 +13,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, se
 from pipeline.camera.focusing.ideal_lens import PINHOLE, PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import REPLICAS, Camera, Sampling
 from pipeline.camera.parts.errors import CameraError
+from pipeline.channel_names import name_in_state
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.channels import check_channels, check_formulas, check_wavelength, illuminant_of, read_channels
@@ -29,7 +31,7 @@ from pipeline.scene.sensor import (
 from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
-from pipeline.scene.usd.values import need, read, read_once, target, target_paths
+from pipeline.scene.usd.values import at_code, need, read, read_once, target, target_paths
 from pipeline.truth.settings import TruthSettings
 
 _MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
@@ -48,6 +50,37 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     seed = read(root, "plen:seed") or 0
     cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
     return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
+def read_states(
+    prim: Usd.Prim, root: Usd.Prim, seed: int, numbers: Sequence[int]
+) -> list[tuple[CameraEntry, list[int]]]:
+    """A camera in each state of its lens and sensor, and the frames that have it; most cameras are in one state."""
+    states = list[tuple[CameraEntry, list[int]]]()
+    for number in numbers if changes(prim) else numbers[:1]:
+        with at_code(number):
+            entry = read_camera_entry(prim, root, seed)
+        frames = next((frames for state, frames in states if state == entry), None)
+        if frames is None:
+            states.append((entry, [number]))
+        else:
+            frames.append(number)
+    if len(states) < 2:
+        return [(entry, list(numbers)) for entry, _ in states]
+    return [(replace(entry, name=name_in_state(entry.name, frames[0])), frames) for entry, frames in states]
+
+
+@read_once
+def changes(camera: Usd.Prim) -> bool:
+    """Whether anything of a camera has time samples: of itself, of its lens, of its sensor or of its microlenses."""
+    links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
+    parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
+    prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
+    return any(
+        attribute.GetName().startswith("plen:") and attribute.ValueMightBeTimeVarying()
+        for prim in prims
+        for attribute in prim.GetAuthoredAttributes()
+    )
 
 
 @read_once
@@ -142,7 +175,11 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "several-targets", message)
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
-    yield from check_shutter(camera)
+    problems = list(check_shutter(camera))
+    yield from problems
+    if changes(camera) and not problems and read_shutter(camera) is not None:
+        message = "the lens or the sensor changes from frame to frame, and stands still while the shutter is open"
+        yield problem(camera, "still-lens", message, hint="each frame has them as at its time code", severity="warning")
     contradictions = list(_check_request(camera))
     yield from contradictions
     lens = target(camera, "plen:camera:lens", "PlenLens")

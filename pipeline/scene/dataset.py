@@ -40,9 +40,11 @@ class LensEntry:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CameraEntry:
-    """A camera of the dataset."""
+    """A camera of the dataset; one whose lens or sensor changes from frame to frame is one camera in each state."""
 
-    name: str  #: path of its prim below the dataset's root with "/" replaced by ".": it appears in every table
+    #: Path of its prim below the dataset's root with "/" replaced by ".": it appears in every table; of several states
+    #: with the first frame that has this one, see `channel_names`
+    name: str
     prim_path: str  #: on the composed stage, for messages
     lens_name: str  #: the name that the lens states, or its prim name; for reports only
     index_source: str  #: `printed`, or `catalogue` with the media from the scene to the sensor
@@ -187,8 +189,8 @@ class Motions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Poses at one integer time code: of cameras (vision frame) and targets by name, of visible occluders (any affine
-    transform of the frame of the mesh) and visible lamps by prim path; and motions, by name of cameras with a shutter.
+    """Poses at one integer time code: of its cameras (vision frame) and targets by name, of visible occluders (any
+    affine transform of the frame of the mesh) and visible lamps by prim path; motions, by cameras with a shutter.
     """
 
     number: int
@@ -237,6 +239,10 @@ class Dataset:
     meters_per_unit: float = 0.001
     up_axis: str = "Y"  #: of the stage, likewise
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
+
+    def frames_of(self, camera: CameraEntry) -> tuple[Frame, ...]:
+        """The frames that a camera sees: those in which its lens and sensor are in that state."""
+        return tuple(frame for frame in self.frames if camera.name in frame.camera_from_world)
 
     def occluders_in(self, frame: Frame) -> Iterator[OccluderEntry]:
         """The visible occluders of a frame, with their shapes there."""

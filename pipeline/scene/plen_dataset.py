@@ -9,9 +9,9 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
-from pipeline.scene.camera import read_camera_entry
+from pipeline.scene.camera import read_states
 from pipeline.scene.channels import images_of
-from pipeline.scene.dataset import AskedExports, Dataset, Frame, Matrix, Motions
+from pipeline.scene.dataset import AskedExports, CameraEntry, Dataset, Frame, Matrix, Motions
 from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
 from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entries
@@ -51,6 +51,8 @@ NOISE = {
 }
 """Attributes of the noise, by field of `exports.noise.Noise`."""
 _ASKED = "plen:exports"
+_States = dict[Usd.Prim, list[tuple[CameraEntry, list[int]]]]
+"""Each camera in each of its states, and the frames that have it."""
 _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
 """Types of targets whose points may form a grid."""
 
@@ -68,15 +70,15 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
     seed, numbers, has_light = need(root, "plen:seed"), frame_numbers(root), is_lit(root.GetStage())
     read = sources.reading
-    return Dataset(
+    names = {prim: f"cameras/{camera_name(prim, root)}" for prim in cameras}
+    states = {prim: read(name, read_states, prim, root, seed, numbers) for prim, name in names.items()}
+    dataset = Dataset(
         stage_name=root.GetName(),
         seed=seed,
         background=need(root, "plen:background"),
-        cameras=tuple(
-            read(f"cameras/{camera_name(prim, root)}", read_camera_entry, prim, root, seed) for prim in cameras
-        ),
+        cameras=tuple(entry for several in states.values() for entry, _ in several),
         targets=tuple(read(f"targets/{prim.GetName()}", read_target_entry, prim) for prim in boards),
-        frames=_read_frames(root, cameras, boards, sources),
+        frames=_read_frames(root, states, boards, sources),
         occluders=tuple(
             entry for prim in occluders for entry in read("occluders", read_occluder_entries, prim, has_light, numbers)
         ),
@@ -86,11 +88,14 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
     )
+    for prim, name in names.items():  # its states are parts of their own
+        for entry, _ in states[prim]:
+            state = f"cameras/{entry.name}"
+            sources |= {state: sources[name], f"poses/{state}": sources[f"poses/{name}"]}
+    return dataset
 
 
-def _read_frames(
-    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], sources: Sources
-) -> tuple[Frame, ...]:
+def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], sources: Sources) -> tuple[Frame, ...]:
     numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
 
     def posed(part: str, reader: Callable[..., Any], prim: Usd.Prim) -> list[Matrix]:
@@ -98,25 +103,27 @@ def _read_frames(
         stack = sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm) + 0.0
         return [tuple(map(tuple, matrix)) for matrix in stack.tolist()]
 
-    named = ((camera_name(prim, root), prim) for prim in cameras)
-    vision = {name: posed(f"cameras/{name}", camera_from_world, prim) for name, prim in named}
+    vision = {prim: posed(f"cameras/{camera_name(prim, root)}", camera_from_world, prim) for prim in states}
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
     lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
-    shutters = {prim: read_shutter(prim) for prim in cameras}
+    shutters = {prim: read_shutter(prim) for prim in states}
     things = {**dict.fromkeys(seen_meshes(root), world_from), **dict.fromkeys(lamps, world_from_lamp)}
+
+    def there(number: int) -> dict[str, Usd.Prim]:
+        return {entry.name: prim for prim in states for entry, numbers in states[prim] if number in numbers}
 
     def moving(number: int) -> dict[str, Motions]:
         return {
-            camera_name(prim, root): motions_before(prim, shutter, boards, things, number, scale_mm)
-            for prim, shutter in shutters.items()
-            if shutter is not None
+            name: motions_before(prim, shutter, boards, things, number, scale_mm)
+            for name, prim in there(number).items()
+            if (shutter := shutters[prim]) is not None
         }
 
     return tuple(
         Frame(
             number=number,
-            camera_from_world={name: matrices[index] for name, matrices in vision.items()},
+            camera_from_world={name: vision[prim][index] for name, prim in there(number).items()},
             world_from_target={name: matrices[index] for name, matrices in world.items()},
             world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
             world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),

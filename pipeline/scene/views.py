@@ -127,9 +127,9 @@ class _View:
     outlook: Outlook
 
 
-def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> _View:
+def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> _View:
     """The view of a camera of a dataset on the target with this index."""
-    frames, target = dataset.frames, dataset.targets[number]
+    name, frames, target = entry.name, dataset.frames_of(entry), dataset.targets[number]
     marked = target.target.points()
     count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
     kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
@@ -209,7 +209,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
         for number, board in enumerate(dataset.targets):
             if not board.target.points().kinds:
                 continue
-            view = _look(dataset, entry.name, camera, number)
+            view = _look(dataset, entry, camera, number)
             prim = stage.GetPrimAtPath(board.prim_path)
             fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             is_few = (view.share > 0) & (view.share < _FEW)

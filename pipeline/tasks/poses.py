@@ -86,6 +86,7 @@ def baselines(params: Baselines, inputs: Inputs, out: Path) -> None:
         (frame.number, params.cameras[i], params.cameras[j], *_between(frame, to_pinhole, i, j))
         for frame in params.frames
         for i, j in combinations(range(len(to_pinhole)), 2)
+        if frame.camera_from_world[i] and frame.camera_from_world[j]
     ]
     vectors = [f"{vector}_{axis}_{'rad' if vector == 'rvec' else 'mm'}" for vector in _VECTORS for axis in "xyz"]
     columns = dict(zip((*_COLUMNS, *vectors), map(list, zip(*rows, strict=True)), strict=True))

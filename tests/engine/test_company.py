@@ -39,6 +39,15 @@ def test_company_makes_what_each_alone_makes(tmp_path, store):
     assert {result.state for result in together.results.values()} == {"executed"}
 
 
+def test_tasks_that_are_alike_are_made_once(tmp_path, store):
+    """Two frames in which all is the same have one key: nobody waits for a lock that the company holds itself."""
+    twins = graph(tmp_path, 3, name="a", value=0)
+    outcome = run(twins, store)
+    assert ran(tmp_path) == ["a+c"]
+    assert texts(outcome, store) == {"a": "a 0", "b": "a 0", "c": "c 2"}
+    assert outcome.results["b"].state == "cached"
+
+
 def test_what_a_company_took_is_shared_out(tmp_path, store):
     records = run(graph(tmp_path, 4), store).records
     made = [record.made_by for record in records.values()]

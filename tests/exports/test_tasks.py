@@ -108,15 +108,15 @@ def test_another_seed_rebuilds_the_exports_alone_and_another_format_adds_one(mad
 def test_the_plan_knows_every_file_of_a_rig_with_both_kinds_of_cameras():
     """A format takes the cameras that it can describe; the names of pairs follow the order of an opened build."""
     cameras = {"A@red": False, "A@blue": False, "B@red": False}
-    assert format_of("opencv").paths(cameras, [1], 1) == sorted(
+    assert format_of("opencv").paths(cameras, {name: [1] for name in cameras}, 1) == sorted(
         [f"{name}.{ending}" for name in cameras for ending in ("npz", "yml")]
         + ["stereo-A@red-B@red.npz", "stereo-A@red-B@red.yml", "export.json"]
     )
-    paths = format_of("npz").paths({"A": False, "B": True}, [1], 1)
+    paths = format_of("npz").paths({"A": False, "B": True}, {"A": [1], "B": [1]}, 1)
     assert [path for path in paths if "micro" in path] == ["B.micro_images.npz"]
     two = ["A/0001.depth.exr", "A/0020.depth.exr", "export.json"]
-    assert format_of("depth").paths({"A": False}, [1, 20], 2) == two
-    masks = [path for path in format_of("bop").paths({"A": False}, [20], 2) if "visib" in path]
+    assert format_of("depth").paths({"A": False}, {"A": [1, 20]}, 2) == two
+    masks = [path for path in format_of("bop").paths({"A": False}, {"A": [20]}, 2) if "visib" in path]
     assert masks == ["000000/mask_visib/000020_000000.png", "000000/mask_visib/000020_000001.png"]
 
 

@@ -16,7 +16,7 @@ from stage_text import edited, exposed
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verify import verify
-from pipeline.formats import is_pair
+from pipeline.formats import pairs
 
 BAYER = """token[] plen:response:filters = ["red", "green", "green", "blue"]
         int plen:response:bitDepth = 12"""
@@ -105,10 +105,10 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
 
 
 def test_only_different_cameras_in_one_channel_make_a_stereo_pair() -> None:
-    assert is_pair("Left", "Right")
-    assert is_pair("Left@red", "Right@red")
-    assert not is_pair("Left@red", "Left@blue")
-    assert not is_pair("Left@red", "Right@blue")
+    """And only where they see a frame together: states of one camera never do."""
+    names = ["Left@red", "Left@blue", "Right@red", "Right@blue"]
+    assert pairs(names, {name: [1] for name in names}) == [("Left@red", "Right@red"), ("Left@blue", "Right@blue")]
+    assert pairs(["A.0001", "A.0003", "B"], {"A.0001": [1, 2], "A.0003": [3], "B": [1, 2]}) == [("A.0001", "B")]
 
 
 @pytest.mark.heavy

@@ -146,12 +146,14 @@ def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> _DatasetTex
 
 
 def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
-    """The cameras of a dataset before its target."""
-    vision_from_world = [np.array(dataset.frames[0].camera_from_world[entry.name]) for entry in dataset.cameras]
+    """The cameras of a dataset before its target, in the states of its first frame."""
+    there = dataset.frames[0].camera_from_world
+    cameras = [entry for entry in dataset.cameras if entry.name in there]
+    vision_from_world = [np.array(there[entry.name]) for entry in cameras]
     first_from_world, target = vision_from_world[0], dataset.targets[0].target
     return [
         CameraField(camera=entry.camera, target=target, wish=wish, vision_from_first=vision @ inverse(first_from_world))
-        for entry, vision in zip(dataset.cameras, vision_from_world, strict=True)
+        for entry, vision in zip(cameras, vision_from_world, strict=True)
     ]
 
 

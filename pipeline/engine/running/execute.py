@@ -67,18 +67,23 @@ def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], beg
     start, replies = time.perf_counter(), dict[str, Reply]()
     with contextlib.ExitStack() as locks:
         # Always in the same order, so that two builders cannot wait for each other for ever.
-        for spec in sorted(specs, key=lambda spec: spec.key):
-            locks.enter_context(store.single_flight(spec.key, f"makes {spec.name}"))
+        firsts = {spec.key: spec for spec in reversed(specs)}  # frames that are alike have one key
+        for key, spec in sorted(firsts.items()):
+            locks.enter_context(store.single_flight(key, f"makes {spec.name}"))
         begin()
-        for spec in specs:  # another builder may have made it meanwhile
+        for spec in firsts.values():  # another builder may have made it meanwhile
             if not spec.force and (record := store.record(spec.key)) is not None:
                 replies[spec.name] = Reply(name=spec.name, state="cached", record=record)
-        todo = [spec for spec in specs if spec.name not in replies]
+        todo = [spec for spec in specs if firsts[spec.key] is spec and spec.name not in replies]
         if todo:
             with _logging(store.file_for("log", todo[0].key), store):
                 made = _compute(todo, store, packages)
             seconds = round((time.perf_counter() - start) / len(todo), 4)
             replies |= {reply.name: replace(reply, seconds=seconds) for reply in made}
+        for spec in specs:
+            if spec.name not in replies:
+                record = replies[firsts[spec.key].name].record
+                replies[spec.name] = Reply(name=spec.name, state="cached", record=record)
     return [replies[spec.name] for spec in specs]
 
 

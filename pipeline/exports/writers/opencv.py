@@ -3,7 +3,6 @@
 Keys of the YAML files are those of OpenCV's own samples, calibration.cpp and stereo_calib.cpp.
 """
 
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from pipeline.exports.conversion import stated
 from pipeline.exports.filestorage import write_npz, yaml_text
 from pipeline.exports.material import ExportCamera, ExportView, Material
-from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Unit, is_pair
+from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Unit, pairs
 
 FORMAT = Format(
     consumer="OpenCV 4 and 5",
@@ -35,9 +34,8 @@ def write(material: Material, folder: Path) -> None:
         write_npz(folder / f"{camera.name}.npz", material.remarks, one_camera(material, camera))
         text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
         (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
-    for first, second in combinations(material.cameras, 2):
-        if not is_pair(first.name, second.name):
-            continue
+    named = {camera.name: camera for camera in material.cameras}
+    for first, second in ((named[one], named[other]) for one, other in pairs(named, material.frames)):
         name = f"stereo-{first.name}-{second.name}"
         arrays = stereo(material, first, second)
         write_npz(folder / f"{name}.npz", material.remarks, arrays)
@@ -71,7 +69,7 @@ def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
 def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dict[str, Any]:
     """Arrays for `stereoCalibrate`: points that both cameras see, and the R, T that it should find."""
     left, right, points, frames, counts = [], [], [], [], []
-    for a, b in zip(material.of(first), material.of(second), strict=True):
+    for a, b in material.together(first, second):
         ids, in_a, in_b = np.intersect1d(a.observations.ids, b.observations.ids, return_indices=True)
         if len(ids):
             left.append(a.observations.positions[in_a])

@@ -35,11 +35,11 @@ def write(material: Material, folder: Path) -> None:
     target, cameras = material.only_target, material.cameras
     if len(cameras) == 1:
         raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
-    frames = [view.frame for view in material.of(cameras[0])]
+    frames = sorted({view.frame for view in material.views})
     seen = np.full((len(cameras), len(frames), len(target.points), 2), _MISSED, np.float32)
     for row, camera in zip(seen, cameras, strict=True):
-        for places, view in zip(row, material.of(camera), strict=True):
-            places[view.observations.ids] = view.observations.positions
+        for view in material.of(camera):
+            row[frames.index(view.frame)][view.observations.ids] = view.observations.positions
     poses = [camera.pose for camera in cameras if camera.pose]
     arguments = {
         "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),

@@ -141,7 +141,7 @@ def samples_of(camera: CameraEntry) -> float:
 def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
     """A warning for each camera whose rays would take one core hours."""
     for camera in dataset.cameras:
-        images, positions = rays_of(camera, len(dataset.frames))
+        images, positions = rays_of(camera, len(dataset.frames_of(camera)))
         seconds = (images + positions) / RAYS_PER_S
         if seconds < LONG_S:
             continue

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from pxr import Ar, Pcp, Plug, Sdf, Tf, Usd, UsdGeom, Vt
 
-from pipeline.scene.camera import check_camera, check_planes
+from pipeline.limits import limits
+from pipeline.scene.camera import changes, check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
@@ -23,7 +24,7 @@ from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.usd.others import Others
-from pipeline.scene.usd.poses import LAST_FRAME
+from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers
 from pipeline.scene.usd.problems import (
     Problem,
     authored_apis,
@@ -36,7 +37,7 @@ from pipeline.scene.usd.problems import (
 )
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import LENS_DISTORTION, Range, UnreadableValue
+from pipeline.scene.usd.values import LENS_DISTORTION, Range, UnreadableValue, at_code
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
@@ -98,8 +99,11 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
             wrong.add(prim.GetPath())
     if over := [problem for prim in _parts(prims) for problem in check_budgets(prim)]:
         return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
+    codes = _codes(stage, _parts(prims))
     for prim in _parts(prims):
-        problems += _check_whole(prim, wrong)
+        for code in codes if _is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
+            with at_code(code):
+                problems += _check_whole(prim, wrong)
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
         problems += check_dataset(root, wrong)
@@ -107,7 +111,9 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
-            problems += check_planes(prim) if _is_camera(prim) else []
+            for code in codes if _is_camera(prim) else ():
+                with at_code(code):
+                    problems += check_planes(prim)
         problems += others.settled(check_poses(root)) if root else []
         problems += check_units(stage, others)
     return list(dict.fromkeys(problems))
@@ -115,6 +121,13 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
     return [prim for prim in prims if prim.IsActive() and not prim.IsAbstract()]
+
+
+def _codes(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
+    """Time codes at which lenses and cameras are checked: those of all frames if any camera changes, else any."""
+    root = find_dataset(stage)
+    frames = frame_numbers(root) if root and any(changes(prim) for prim in prims if _is_camera(prim)) else ()
+    return [float(number) for number in frames[: limits().frames]] or [0.0]
 
 
 def _is_camera(prim: Usd.Prim) -> bool:

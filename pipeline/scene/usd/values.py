@@ -22,12 +22,11 @@ _TAKEN: ContextVar[set[str] | None] = ContextVar(
     "properties from which the record being read takes values", default=None
 )
 
+_CODE: ContextVar[float] = ContextVar("time code at which values are read", default=0.0)
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
 )
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
-_ANY_TIME = 0.0
-"""Time code at which values are read: our attributes are uniform, so every time has the same value."""
 LENS_DISTORTION = frozenset(
     f"OmniLensDistortion{name}API"
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
@@ -48,6 +47,11 @@ def having(variable: ContextVar[Any], value: R) -> Iterator[R]:
 def unchanging() -> AbstractContextManager[Any]:
     """Context in which no stage changes: a reader with `read_once` gives its first answer again."""
     return having(_ANSWERS, {})
+
+
+def at_code(code: float) -> AbstractContextManager[Any]:
+    """Context in which readers see a stage at a time code: most attributes of ours have the same value at all."""
+    return having(_CODE, code)
 
 
 def taking() -> AbstractContextManager[set[str]]:
@@ -80,7 +84,7 @@ def read_once(reader: F) -> F:
         answers = _ANSWERS.get()
         if answers is None:
             return reader(*arguments)
-        key = reader, *arguments
+        key = reader, _CODE.get(), *arguments
         if key not in answers:
             with taking() as taken:
                 answer = reader(*arguments)
@@ -275,7 +279,10 @@ def read(prim: Usd.Prim, name: str) -> Any:
     take(attribute.GetPath())
     if not attribute.HasAuthoredValue():
         return rule.fallback
-    value = attribute.Get(_ANY_TIME)
+    value = attribute.Get(_CODE.get())
+    if attribute.ValueMightBeTimeVarying():  # between two equal samples USD's interpolation rounds
+        first, last = (attribute.Get(time) for time in attribute.GetBracketingTimeSamples(_CODE.get()))
+        value = first if first == last else value
     # In USD an opinion of a wrong type wins, although the attribute has the type of the schema.
     return plain(value) if value is not None and rule.holds(value) else None
 

@@ -9,7 +9,7 @@ comments, layout and existing statements stay.
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
-from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.scene.pictures import named_by
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
@@ -84,11 +84,14 @@ def text_for_viewers(
         kept = {occluder.prim_path for occluder in dataset.occluders}
     for camera in cameras:
         prim = layer.GetPrimAtPath(camera.prim_path)
+        states = [entry for entry in dataset.cameras if entry.prim_path == camera.prim_path] if dataset else []
         _write_camera(prim, camera, unit_mm)
+        if dataset and len(states) > 1:
+            _write_states(prim, [(state, dataset.frames_of(state)) for state in states], unit_mm)
         if camera.prim_path in built:  # a prim whose payload are the parts of the camera
             _leave_out_parts(prim)
             parts = Sdf.PrimSpec(prim, PARTS, Sdf.SpecifierDef, "Scope")
-            parts.payloadList.Prepend(Sdf.Payload(f"./{camera.parts_file}"))
+            parts.payloadList.Prepend(Sdf.Payload(f"./{states[0].parts_file}"))
             purpose = Sdf.AttributeSpec(parts, "purpose", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform)
             purpose.default = UsdGeom.Tokens.guide
     for target in targets:
@@ -143,6 +146,14 @@ def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> No
         if name in prim.properties:
             del prim.properties[name]
         Sdf.AttributeSpec(prim, name, kind).default = value
+
+
+def _write_states(prim: Sdf.PrimSpec, states: Sequence[tuple[CameraEntry, Sequence[Frame]]], unit_mm: float) -> None:
+    """Fields of view of a camera whose lens changes, by frame."""
+    for state, frames in states:
+        for name, (_, value) in pinhole(_view_of(state), unit_mm).items():
+            for frame in frames:
+                prim.layer.SetTimeSample(prim.path.AppendProperty(name), frame.number, float(value))
 
 
 def _leave_out_parts(camera: Sdf.PrimSpec) -> None:

@@ -188,10 +188,10 @@ class FramePoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFrame:
-    """camera_from_world of all cameras in a frame, in the order of their names."""
+    """camera_from_world of all cameras in a frame, in the order of their names; None of a camera that is not in it."""
 
     number: int
-    camera_from_world: tuple[Matrix, ...]
+    camera_from_world: tuple[Matrix | None, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -99,7 +99,7 @@ class Export:
     `stage`: name of the dataset, which the files mention.
     `files`: path in the output folder -> role and output of the task that makes the file.
     `records`: path in the output folder -> content of a JSON file that is written from the stage itself.
-    `numbers`: the frames.
+    `numbers`: the frames of each camera, by name.
     `sights`: name of each camera whose rays the format reads.
     `views`: views for formats that read the scene.
     """
@@ -111,6 +111,6 @@ class Export:
     stage: str
     files: dict[str, tuple[str, str]]
     records: Json
-    numbers: tuple[int, ...]
+    numbers: dict[str, tuple[int, ...]]
     sights: dict[str, SightedCamera]
     views: tuple[SeenFrame, ...]

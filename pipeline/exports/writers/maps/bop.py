@@ -53,7 +53,7 @@ def write(material: Material, folder: Path) -> None:
             (place / name).mkdir(parents=True)
         records: dict[str, Json] = {name: {} for name in ("scene_camera", "scene_gt", "scene_gt_info")}
         with traced(camera, place) as pixels:
-            for frame in material.frames:
+            for frame in material.frames[camera.name]:
                 views = [view for view in material.of(camera) if view.frame == frame]
                 first_mm = _distances_mm(camera, scene, frame, pixels.rays)
                 scale = _write_depth(camera, pixels.rays, first_mm, place / f"depth/{frame:06d}.png")

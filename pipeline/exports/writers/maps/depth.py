@@ -29,7 +29,7 @@ def write(material: Material, folder: Path) -> None:
         (folder / camera.name).mkdir()
         with traced(camera, folder) as pixels:
             shape, attributes = pixels.rays.shape[:2], about(material, camera)
-            for frame in material.frames:
+            for frame in material.frames[camera.name]:
                 rows = partial(_rows, camera, scene, frame, pixels.rays)
                 part = BandedPart(name="depth", shape=shape, channels=("Z",), rows=rows, attributes=attributes)
                 write_bands(folder / camera.name / f"{frame:04d}.depth.exr", [part])

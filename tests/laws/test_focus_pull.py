@@ -1,0 +1,122 @@
+"""Claim: a camera whose lens or sensor changes is in each frame the still camera of that state, built once for each."""
+
+import json
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builds import made
+from stage_text import tiny_text
+
+import pipeline
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.scene.load import load, open_dataset
+
+_METHOD = '            uniform token plen:truth:method = "moments"\n'
+_SENSOR = '        over "Sensor"\n        {\n'
+_SEED = "    uniform int plen:seed = 3\n"
+_EXPORTS = f'{_SEED}    uniform token[] plen:exports = ["colmap", "opencv"]\n'
+
+
+def stage(path: Path, camera: str, *edits: tuple[str, str], sensor: str = "", lens: str = "", end: int = 2) -> Path:
+    """The tiny stage with lines of its camera, its sensor and its lens, and with a board that stands still after 2."""
+    own = f'        over "Lens"\n        {{\n{lens}\n        }}\n\n' if lens else ""
+    ended = ("endTimeCode = 2", f"endTimeCode = {end}"), (_SENSOR, f"{own}{_SENSOR}{sensor}\n")
+    text = tiny_text("conventional", (_METHOD, f"{camera}\n"), *ended, *edits)
+    for sample in re.findall(r"2: (\(.*\)),", text) if end > 2 else ():
+        text = text.replace(f"2: {sample}", ", ".join(f"{number}: {sample}" for number in range(2, end + 1)))
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def focused(value: str) -> str:
+    return f"double plen:camera:focusDistance{value}\ndouble plen:camera:sensorDistance = None"
+
+
+def test_a_frame_of_a_focus_pull_is_that_of_a_still_rig_byte_for_byte(tmp_path, common_store):
+    pulled = made(
+        stage(tmp_path / "pull.usda", focused(".timeSamples = {0: 410, 4: 450}"), (_SEED, _EXPORTS)),
+        tmp_path / "pull",
+        common_store,
+    ).out
+    assert sorted(path.name for path in (pulled / "cameras").iterdir()) == ["Rig.Camera.0001", "Rig.Camera.0002"]
+    for frame, focus_mm in ((1, 420), (2, 430)):
+        text = focused(f" = {focus_mm}")
+        still = made(stage(tmp_path / "still.usda", text, (_SEED, _EXPORTS)), tmp_path / f"{frame}", common_store).out
+        for place in (f"frames/{frame:04d}", "cameras"):
+            files = sorted(path.name for path in (still / place / "Rig.Camera").iterdir())
+            assert files == sorted(path.name for path in (pulled / place / f"Rig.Camera.{frame:04d}").iterdir())
+            for file in files:
+                state = (pulled / place / f"Rig.Camera.{frame:04d}" / file).read_bytes()
+                assert (
+                    state.replace(b"Rig.Camera.%04d" % frame, b"Rig.Camera")
+                    == (still / place / "Rig.Camera" / file).read_bytes()
+                ), file
+        exported = np.load(pulled / f"exports/opencv/Rig.Camera.{frame:04d}.npz")
+        record = json.loads((still / "cameras/Rig.Camera/camera.json").read_text())
+        distance_px = record["pinhole"]["with_distortion"]["principal_distance_px"]
+        assert exported["camera_matrix"][0, 0] == distance_px and exported["frames"].tolist() == [frame]
+        assert pipeline.open_output(pulled).view(frame).camera == f"Rig.Camera.{frame:04d}"
+    listed = (pulled / "exports/colmap/cameras.txt").read_text().splitlines()
+    assert len({line.split()[4] for line in listed if line[0] != "#"}) == 2
+
+
+def test_a_hundred_frames_at_five_focus_settings_make_five_rigs(tmp_path):
+    held = ", ".join(f"{20 * n + 1}: {400 + 10 * n}, {20 * n + 20}: {400 + 10 * n}" for n in range(5))
+    dataset = open_dataset(stage(tmp_path / "pull.usda", focused(f".timeSamples = {{{held}}}"), end=100))
+    assert [entry.asked.focus_distance_mm for entry in dataset.cameras] == [400, 410, 420, 430, 440]
+    assert [len(dataset.frames_of(entry)) for entry in dataset.cameras] == [20] * 5
+    kinds = Counter(name.partition("/")[0] for name in graph_of(dataset).graph)
+    assert kinds["focus"] == kinds["white"] == kinds["pinhole"] == 5 and kinds["truth"] == kinds["image"] == 100
+
+
+@pytest.mark.parametrize(
+    ("sensor", "lens"),
+    [
+        ("double2 plen:offset = (0.1, 0)", ""),
+        ("", 'over "Stop"\n{\ndouble plen:semiDiameter = 3\n}'),
+        ("", 'over "S5"\n{\ndouble plen:thickness = 9\n}'),
+        (
+            "",
+            'def PlenLensGroup "Front"\n{\nuniform token[] plen:surfaces = ["S1"]\ndouble2 plen:decentre = (0.2, 0)\n}',
+        ),
+    ],
+)
+def test_whatever_may_change_is_that_of_its_frame(tmp_path, sensor, lens):
+    """Sensor shift, stop, gaps of a zoom, and a group that stabilises: samples 1: none, 2: this."""
+    line = next(line for line in f"{sensor}\n{lens}".splitlines() if line.startswith("double"))
+    name, _, value = line.partition(" = ")
+    still = open_dataset(stage(tmp_path / "still.usda", "", sensor=sensor, lens=lens))
+    sampled = f"{name}.timeSamples = {{2: {value}}}"
+    moving = open_dataset(
+        stage(tmp_path / "moving.usda", "", sensor=sensor.replace(line, sampled), lens=lens.replace(line, sampled))
+    )
+    assert len(moving.cameras) == 1 and moving.cameras[0].asked == still.cameras[0].asked  # held before the first
+    other = value.replace("0.", "0.0").replace("3", "4").replace("9", "9.5")
+    two = f"{name}.timeSamples = {{1: {other}, 2: {value}}}"
+    moving = open_dataset(
+        stage(tmp_path / "two.usda", "", sensor=sensor.replace(line, two), lens=lens.replace(line, two))
+    )
+    first, second = moving.cameras
+    assert second.asked == still.cameras[0].asked != first.asked
+    assert [entry.name for entry in moving.cameras] == ["Rig.Camera.0001", "Rig.Camera.0002"]
+
+
+@pytest.mark.parametrize(
+    ("camera", "lens", "code"),
+    [
+        (focused(".timeSamples = {1: 420, 2: 30}"), "", "out-of-reach"),
+        ("", 'over "S1"\n{\ndouble plen:thickness.timeSamples = {1: 8.8, 2: 1}\n}', "surfaces-cross"),
+        ("", 'over "S1"\n{\nuniform double plen:radius.timeSamples = {1: 38.9, 2: 40}\n}', "uniform-animated"),
+        (
+            focused(".timeSamples = {1: 420, 2: 430}") + "\nuniform double2 plen:shutter:exposure = (1, 100)",
+            "",
+            "still-lens",
+        ),
+    ],
+)
+def test_mistakes_of_one_frame_are_told(tmp_path, camera, lens, code):
+    problems = load(stage(tmp_path / "dataset.usda", camera, lens=lens, end=3)).problems
+    assert code in [problem.code for problem in problems]
