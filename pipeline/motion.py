@@ -1,7 +1,7 @@
 """Poses that change while a frame is exposed, and the times at which lines of a sensor are."""
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,8 @@ from pipeline.records.shapes import Float64
 
 _NODES = 13
 """Poses of a piece of a motion [1]: half a turn in a piece is right to 1e-10 then, see docs/motion.md."""
+_MORE_S = 2e-6
+"""Further time of a motion [s], in which the velocity at an instant is measured."""
 Poses = list[list[list[float]]]
 """Transforms a_from_b, row by row, (n, 4, 4) [mm]."""
 _SCANS = {"none": (1, 0), "leftToRight": (0, 1), "rightToLeft": (0, -1), "topToBottom": (1, 1), "bottomToTop": (1, -1)}
@@ -68,6 +70,11 @@ class Shutter:
         lines = 0 if self.scan_order == "none" else size_px[self.axis] - 1
         return self.opens_s, self.opens_s + self.line_s * lines + self.exposure_s
 
+    def motion_s(self, size_px: tuple[int, int]) -> tuple[float, float]:
+        """Begin and end of what a motion covers [s]: two lines more at both ends, where the search of a row may go."""
+        (first, end), more = self.window_s(size_px), 2 * self.line_s + _MORE_S
+        return first - more, end + more
+
     def ends_s(self, size_px: tuple[int, int]) -> np.ndarray:
         """Middles of the exposures of the first line and of the last, (2,) [s]."""
         return np.array(self.window_s(size_px)) + np.array([0.5, -0.5]) * self.exposure_s
@@ -79,6 +86,13 @@ class Motion:
 
     edges_s: tuple[float, ...]
     poses: tuple[Poses, ...]  # of each piece
+
+    @classmethod
+    def of(cls, pose: Callable[[float], np.ndarray], edges_s: Sequence[float]) -> "Motion":
+        """The motion of a pose (4, 4) [mm] that is a function of time [s], smooth between edges."""
+        times = cls.times_s(np.array(edges_s)).tolist()
+        poses = tuple([np.asarray(pose(time), float).tolist() for time in piece] for piece in times)
+        return cls(edges_s=tuple(edges_s), poses=poses)
 
     def at(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Poses at times, (n, 4, 4); before and after the motion those of its ends."""

@@ -38,6 +38,7 @@ class Projected:
     `hit_fraction`: (n,) float64.
     `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
     `fates`: one per point.
+    `t_s`: middle of the exposure of the position's line after the time code, (n,) float64; None without a shutter.
     """
 
     point: np.ndarray
@@ -48,6 +49,7 @@ class Projected:
     microlens: np.ndarray | None
     microlens_type: np.ndarray | None
     fates: tuple[Fate, ...]
+    t_s: np.ndarray | None = None
 
     @property
     def is_seen(self) -> np.ndarray:

@@ -71,6 +71,7 @@ class Opened:
             rig=rig,
             min_hit_fraction=entry.truth.min_hit_fraction,
             accuracy_px=entry.truth.aim_px,
+            shutter=entry.shutter,
         )
 
 

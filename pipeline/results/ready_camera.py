@@ -4,6 +4,7 @@ It answers by the solver of the ground truth, method `direct`: a row of correspo
 point are the same number.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -13,18 +14,22 @@ from numpy.typing import ArrayLike
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
+from pipeline.motion import Motion, Shutter
 from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
 from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, solve
-from pipeline.truth.planes import faces_camera
+from pipeline.truth.moving import planes_at_own_times
+from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, faces_camera
 
 if TYPE_CHECKING:
     from pipeline.results.spots import SpotDiagram
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """Axes of a plane that faces the camera, by rows: x right, y up, and its front towards the camera."""
+_FRONT = (0.0, 0.0, 1.0)
+"""Front of a flat target in its own frame."""
 _LEAST_PX = 1e-9
 """Finest accuracy that can be asked for [px]: finer than this, traces in double precision round."""
 _PLANES_FOCAL_LENGTHS = (10.0, 20.0)
@@ -38,12 +43,14 @@ class ReadyCamera:
     `name`: name as in tables; empty for a camera from no stage.
     `min_hit_fraction`: positions with less light count as dark.
     `accuracy_px`: error that answers may have by default.
+    `shutter`: when its lines are exposed; None where a frame is an instant.
     """
 
     name: str
     rig: Rig = field(repr=False)
     min_hit_fraction: float
     accuracy_px: float
+    shutter: Shutter | None = None
 
     def __str__(self) -> str:
         sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
@@ -55,12 +62,22 @@ class ReadyCamera:
         return self.rig.tracer.camera
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its image."""
+        return self.camera.sensor.size_px
+
+    @property
     def is_plenoptic(self) -> bool:
         """Whether a microlens array stands before the sensor."""
         return self.rig.images is not None
 
     def project(
-        self, points_mm: ArrayLike, normals: ArrayLike | None = None, *, accuracy_px: float | None = None
+        self,
+        points_mm: ArrayLike,
+        normals: ArrayLike | None = None,
+        *,
+        moving: Motion | Callable[[float], np.ndarray] | None = None,
+        accuracy_px: float | None = None,
     ) -> Projected:
         """Image positions of points: where the mean of a position's bundle is the point, J(x) = p.
 
@@ -71,20 +88,31 @@ class ReadyCamera:
         normals : (p, 3) or (3,), optional
             Fronts of the surfaces on which the points lie. J is the mean on the tangent plane, so out of focus a
             tilted surface has other positions. By default planes perpendicular to the axis.
+        moving : Motion or function of a time [s], optional
+            The pose (4, 4) from a frame in which the points rest, and normals with +z as default, to the vision frame
+            at a time after the time code of the frame, while a shutter is open. A point then lies where its own line
+            sees it, as rows of the ground truth do.
         accuracy_px : float, optional
             Error that positions may have; by default that of the camera.
 
-        CameraError if an argument holds no such numbers.
+        CameraError if an argument holds no such numbers, or if something moves before a camera without a shutter.
         """
         points = _numbers("points_mm", points_mm, 3)
         planes = np.empty((len(points), 4, 3))
-        planes[:, 0], planes[:, 1:] = points, _axes(normals, len(points))
+        planes[:, 0], planes[:, 1:] = (
+            points,
+            _axes(_FRONT if moving is not None and normals is None else normals, len(points)),
+        )
+        of_points: Planes = StillPlanes(planes)
+        if moving is not None:
+            of_points = self._moving(planes, moving)
+            planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
         fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
-        fates[points[:, 2] <= self._front_mm] = Fate.BEHIND
+        fates[planes[:, 0, 2] <= self._front_mm] = Fate.BEHIND
         open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
         guess, _ = guesses(self.rig, planes[open_])
         guess = Guess(open_[guess.point], guess.cell, guess.x_px)
-        truth = solve(self.rig, guess, planes, self._accuracy(accuracy_px), 0.0)
+        truth = solve(self.rig, guess, of_points, self._accuracy(accuracy_px), 0.0)
         is_lit = truth.hit_fraction >= self.min_hit_fraction
         for points_there, fate in (
             (guess.point, Fate.OUTSIDE),
@@ -103,7 +131,15 @@ class ReadyCamera:
             microlens=None if lattice is None else self.rig.axial[cell],
             microlens_type=None if lattice is None else lattice.type[cell],
             fates=tuple(fates),
+            t_s=None if self.shutter is None else self.shutter.middle_s(rows.solutions.xy_px, self.size_px),
         )
+
+    def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> MovingPlanes:
+        if self.shutter is None:
+            hint = "give points where they are at the time code, or plen:shutter:* to the camera"
+            raise CameraError(f"{self.name or 'the camera'} has no shutter, so a frame is an instant", hint=hint)
+        motion = moving if isinstance(moving, Motion) else Motion.of(moving, self.shutter.motion_s(self.size_px))
+        return MovingPlanes(planes, motion, self.shutter, self.size_px)
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
         """Rays of image positions: the line of J(x) through all planes perpendicular to the axis.

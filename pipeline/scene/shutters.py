@@ -27,8 +27,6 @@ _DURATIONS = (_OPENS, _LINE, _EXPOSURE)
 """Attributes that are fractions of a second."""
 _SAME_S = 1e-9
 """Relative difference of two statements of one exposure time [1]."""
-_MORE_S = 2e-6
-"""Further time of a motion [s], in which the velocity at an instant is measured."""
 _RIGID = 1e-9
 """Largest entry of R^T R - 1 of a rotation [1]: rounding leaves 1e-15."""
 
@@ -146,12 +144,10 @@ def _motion(
 
 
 def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
-    """Time that a motion covers: the shutter's, and two lines more, where the search for a row may lead."""
+    """Time that a motion covers."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     width_px, height_px = need(sensor, "plen:resolution")
-    first_s, end_s = shutter.window_s((width_px, height_px))
-    more_s = 2 * shutter.line_s + _MORE_S
-    return first_s - more_s, end_s + more_s
+    return shutter.motion_s((width_px, height_px))
 
 
 def _codes_per_s(prim: Usd.Prim) -> float:

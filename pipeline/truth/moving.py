@@ -41,7 +41,7 @@ def solve_moving(
     rig: Rig, moving: MovingPlanes, some: slice, accuracy_px: float, min_hit_fraction: float
 ) -> Correspondences | None:
     """All rows of some points; None if none of the target's faces the camera when it is exposed."""
-    planes, rays = _at_own_times(rig, moving, some)
+    planes, rays = planes_at_own_times(rig, moving, some)
     if not faces_camera(planes).any():
         return None
     asked = np.zeros_like(planes)
@@ -52,7 +52,7 @@ def solve_moving(
     return rows
 
 
-def _at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, int]:
+def planes_at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, int]:
     """Planes of points (p, 4, 3) about when their lines are exposed, and traced rays; unseen ones in the middle."""
     first, end = moving.shutter.window_s(moving.size_px)
     points = np.arange(len(moving.of_target))

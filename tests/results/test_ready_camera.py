@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from builds import DATA
+from laws import test_shutter
 
 import pipeline
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
-from pipeline.frames import apply
+from pipeline.frames import apply, rigid
 from pipeline.results.answers import Fate
 
 SAME_PX = 1e-9
@@ -29,6 +30,37 @@ def positions(camera, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions anywhere in the image, on no pixel's centre."""
     sensor, random = camera.camera.sensor, np.random.default_rng(5)
     return random.uniform(0, sensor.width_px - 1, count), random.uniform(0, sensor.height_px - 1, count)
+
+
+def test_what_moves_before_a_shutter_is_imaged_as_the_table_says(tmp_path, common_store):
+    ends = "(-0.4, 1.2, -434.4)", "(-0.4, -6.8, -434.4)"  # a stage of test_shutter, which is built once
+    exposed = "double2 exposure = (1, 240)\nint instants = 2"
+    path = test_shutter.stage(tmp_path / "moving", f"{test_shutter.SCAN}{exposed}", ends)
+    rows, _ = test_shutter.built(path, common_store)
+    camera, board = pipeline.ready(path.parent / "out"), pipeline.open_dataset(path).targets[0].target.points()
+    motion = pipeline.open_dataset(path).frames[0].motions["Rig.Camera"].targets["Board"]
+    found = camera.project(board.position_mm, moving=motion)
+    assert found.point.tolist() == [int(point) for point in rows.columns["point_id"]] and set(found.fates) == {
+        Fate.SEEN,
+        Fate.OUTSIDE,
+    }
+    for name, values in {"x_px": found.x_px, "y_px": found.y_px, "t_s": found.t_s}.items():
+        np.testing.assert_allclose(values, rows.numbers(name), rtol=0, atol=SAME_PX)
+    at_code = pipeline.open_dataset(path).frames[0].vision_from_target("Rig.Camera", "Board")
+
+    def flight(time_s: float) -> np.ndarray:
+        return rigid(at_code[:3, :3], at_code[:3, 3] + [0.0, 8.0 * 24 * time_s, 0.0])
+
+    by_function = camera.project(board.position_mm, moving=flight)
+    assert (np.abs(by_function.x_px - found.x_px) <= found.error_px[:, 0] + ROUNDING_PX).all()
+    still = camera.project(apply(at_code, board.position_mm))
+    assert np.abs(still.y_px[found.point] - found.y_px).min() > 0.1
+    np.testing.assert_allclose(still.t_s, 1 / 500 + still.y_px / 1000 + 1 / 480, rtol=0, atol=1e-15)
+
+
+def test_nothing_moves_before_a_camera_without_a_shutter(conventional):
+    with pytest.raises(CameraError, match="no shutter"):
+        pipeline.ready(conventional).project([[0.0, 0.0, 0.0]], moving=lambda _: np.eye(4))
 
 
 def test_a_point_on_the_ray_of_a_position_is_imaged_there(conventional):
