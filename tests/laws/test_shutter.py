@@ -21,14 +21,20 @@ from pipeline.files.exr import Part, read_exr
 from pipeline.files.tables import Table, read_table
 from pipeline.frames import rigid
 from pipeline.motion import Motion, Shutter
+from pipeline.records.plain import to_plain
+from pipeline.render.surroundings import Surroundings
+from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
+from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
+from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.moving import solve_moving, time_of_rows
 from pipeline.truth.planes import MovingPlanes, tangent_planes
 from pipeline.truth.positions.column_sets import column_set, moving_column_set
+from pipeline.truth.visibility import PointBundles, visibility
 
 EXACT_PX = 1e-9
 BOARD = Checkerboard(columns=4, rows=3, square_mm=2.0)
@@ -179,6 +185,39 @@ def test_other_positions_of_a_moving_point_are_those_of_a_still_one_at_their_own
     for row in range(len(points.kinds)):
         np.testing.assert_allclose(x_px[row], still(own_s[row])[row], rtol=0, atol=1e-6)
         assert np.abs(x_px[row] - still(that_of_j_s[row])[row]).max() > 1e-5
+
+
+@pytest.mark.parametrize("exposure_s", [0.0, 0.01])
+def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exposure(exposure_s):
+    """To the nearest of 33 instants: the share lies between those half a step before and after."""
+    rig, shutter = rig_of(rigs.conventional()), Shutter(scan_order="topToBottom", line_s=1e-3, exposure_s=exposure_s)
+    size_px, pose, board = rig.tracer.camera.sensor.size_px, rigs.facing(DISTANCE_MM), Target(BOARD)
+    corners = [(-900, 0, 390), (900, 0, 390), (900, -900, 390), (-900, -900, 390)]
+    wall = Occluder(vertices_mm=tuple(map(tuple, np.array(corners, float).tolist())), triangles=((0, 1, 2), (0, 2, 3)))
+
+    def fallen(time_s: float) -> np.ndarray:
+        return rigid(np.eye(3), np.array([0.0, 60 * (time_s - 0.036), 0.0]))
+
+    first, end = shutter.window_s(size_px)
+    plain = {"kind": "checkerboard", "pattern": to_plain(BOARD), "surface": {"kind": "flat"}}
+    falling = PlacedOccluder(
+        occluder=to_plain(wall), vision_from_occluder=fallen(0).tolist(), motion=motion_of(fallen, [first, end])
+    )
+    seen = PlacedTarget(name="", target=plain, vision_from_target=pose.tolist())
+    view = PlacedView(targets=(seen,), occluders=(falling,))
+    planes = tangent_planes(pose, BOARD.points_mm())
+    rows = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05).solutions
+    bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes[rows.point])
+    share = SurroundingsInTime.of(view, shutter, size_px).visibility(rig, 0, bundles)
+    middle_s, half_s = rows.xy_px[:, 1] * 1e-3 + exposure_s / 2, (end - first) / 64
+
+    def alone(row: int, time_s: float) -> float:
+        around = Surroundings([(board, pose)], [(wall, fallen(time_s))])
+        return float(visibility(rig, around, 0, *bundles.only(np.array([row])))[0][0])
+
+    ends = [[alone(row, time + sign * half_s) for sign in (-1, 1)] for row, time in enumerate(middle_s)]
+    assert (share >= np.min(ends, axis=1) - 1e-12).all() and (share <= np.max(ends, axis=1) + 1e-12).all()
+    assert np.ptp(ends, axis=1).max() < 0.5 and np.sum((share > 0) & (share < 1)) > 2
 
 
 def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
@@ -359,3 +398,48 @@ def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order
         np.testing.assert_allclose(scanned[some], np.mean(instants, axis=0), rtol=0, atol=1e-6)
         assert np.abs(scanned[some] - global_[some]).max() > 0.1
     np.testing.assert_allclose(global_, np.mean([still(0.25 / 240), still(0.75 / 240)], axis=0), rtol=0, atol=1e-6)
+
+
+def beside_the_board(bar: str, lamp: str) -> tuple[str, str]:
+    """An edit that brings a bar before the board and a lamp, each with its place or the samples of it."""
+    things = f"""
+    def Mesh "Bar"
+    {{
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(-1, -9, 0), (1, -9, 0), (1, 9, 0), (-1, 9, 0)]
+        uniform token subdivisionScheme = "none"
+        double3 xformOp:translate{bar}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+
+    def SphereLight "Lamp"
+    {{
+        float inputs:intensity = 300
+        float inputs:radius = 8
+        double3 xformOp:translate{lamp}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+
+    def PlenCheckerboard "Board" ("""
+    return '\n    def PlenCheckerboard "Board" (', things
+
+
+def test_each_line_of_a_lit_image_has_lamps_and_shapes_where_they_are_at_its_time(tmp_path, common_store):
+    ends, place = ((-6.0, 0.0, -425.0), (18.0, 0.0, -425.0)), "(-0.3, 0.2, -434.4)"
+    lamps = (-60.0, 50.0, -340.0), (120.0, 10.0, -400.0)
+
+    def at(pair, time_s: float) -> str:
+        return f" = {tuple((np.array(pair[0]) + 24 * time_s * np.subtract(pair[1], pair[0])).tolist())}"
+
+    def over(pair) -> str:
+        return f".timeSamples = {{1: {pair[0]}, 2: {pair[1]}}}"
+
+    moved = beside_the_board(over(ends), over(lamps))
+    _, scanned = built(stage(tmp_path / "scanned", SCAN, (place, place), moved), common_store)
+    for line in (5, 18):
+        time_s = 0.002 + 0.001 * line
+        still = beside_the_board(at(ends, time_s), at(lamps, time_s))
+        _, image = built(stage(tmp_path / f"still{line}", "", (place, place), still), common_store)
+        np.testing.assert_allclose(scanned[line], image[line], rtol=0, atol=1e-5 * image.max())
+        assert np.abs(scanned - image).max() > 0.1 * image.max()
