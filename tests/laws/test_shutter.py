@@ -187,11 +187,39 @@ def test_other_positions_of_a_moving_point_are_those_of_a_still_one_at_their_own
         assert np.abs(x_px[row] - still(that_of_j_s[row])[row]).max() > 1e-5
 
 
+@pytest.mark.parametrize(
+    ("order", "other"), [("topToBottom", "bottomToTop"), ("rightToLeft", "leftToRight"), ("none", "none")]
+)
+def test_a_motion_that_runs_backwards_is_that_before_the_other_scan(pinhole, order, other):
+    there = Shutter(scan_order=order, opens_s=0.003, line_s=2e-4 * (order != "none"), exposure_s=2e-3)
+    _, end = there.window_s(pinhole.tracer.camera.sensor.size_px)
+    back = replace(there, scan_order=other, opens_s=-end)
+    one, reverse = (
+        solve_moving(pinhole, planes, slice(None), 1e-6, 0.05)
+        for planes in (moving(pinhole, turning, there), moving(pinhole, lambda t: turning(-t), back))
+    )
+    np.testing.assert_allclose(one.solutions.xy_px, reverse.solutions.xy_px, rtol=0, atol=EXACT_PX)
+
+
+def test_an_exposure_becomes_an_instant_by_its_square(pinhole):
+    scan = Shutter(scan_order="topToBottom", line_s=2e-4)
+
+    def rows(exposure_s: float) -> np.ndarray:
+        shutter = replace(scan, opens_s=0.02 - exposure_s / 2, exposure_s=exposure_s)
+        return solve_moving(pinhole, moving(pinhole, turning, shutter), slice(None), 1e-6, 0.05).solutions.xy_px
+
+    instant = rows(0.0)
+    long, short = (np.linalg.norm(rows(exposure_s) - instant) for exposure_s in (0.04, 0.02))
+    assert long > 1e-3 and long / short == pytest.approx(4.0, rel=0.01)
+    np.testing.assert_allclose(rows(1e-9), instant, rtol=0, atol=EXACT_PX)
+
+
 @pytest.mark.parametrize("exposure_s", [0.0, 0.01])
 def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exposure(exposure_s):
     """To the nearest of 33 instants: the share lies between those half a step before and after."""
     rig, shutter = rig_of(rigs.conventional()), Shutter(scan_order="topToBottom", line_s=1e-3, exposure_s=exposure_s)
-    size_px, pose, board = rig.tracer.camera.sensor.size_px, rigs.facing(DISTANCE_MM), Target(BOARD)
+    size_px, board = rig.tracer.camera.sensor.size_px, Target(BOARD)
+    pose = rigs.facing(DISTANCE_MM) @ rigid(Rotation.from_rotvec([0, 0, 0.4]).as_matrix(), np.zeros(3))
     corners = [(-900, 0, 390), (900, 0, 390), (900, -900, 390), (-900, -900, 390)]
     wall = Occluder(vertices_mm=tuple(map(tuple, np.array(corners, float).tolist())), triangles=((0, 1, 2), (0, 2, 3)))
 
