@@ -49,6 +49,11 @@ def gather(
     remarks: tuple[str, ...] = (f"exported from a build of {output.stage} by plenoptic-pipeline",)
     if position != EXACT:
         remarks = (*remarks, f"positions: {position}, not those of J")
+    if any(camera.shutter for camera in output.cameras.values()):
+        remarks = (
+            *remarks,
+            "before a shutter positions are those at the times of their lines, poses those at the time code",
+        )
     material = Material(
         stage=output.stage,
         remarks=remarks,

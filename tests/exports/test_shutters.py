@@ -133,6 +133,7 @@ def test_kalibr_sees_each_corner_at_the_stamp_and_the_delay_of_its_row(order, tm
     scene, output = flown(tmp_path, order)
     (folder,) = export(output, ["kalibr"], tmp_path)
     text = (folder / "camchain.yaml").read_text()
+    assert "positions are those at the times of their lines" in text
     chain, stamps_s = (
         yaml.safe_load(text),
         [float(stamp) for stamp in re.findall(r"time code of its frame: (\S+) s", text)],
