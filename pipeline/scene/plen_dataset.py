@@ -161,6 +161,7 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         root,
         [camera for camera in cameras if camera.GetPath() not in wrong],
         targets(root, "plen:targets", "PlenTarget"),
+        [*seen_meshes(root), *lamp_prims(root.GetStage())],
     )
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)

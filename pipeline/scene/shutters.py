@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from pipeline.motion import Motion, Shutter
 from pipeline.scene.dataset import Motions
+from pipeline.scene.usd.meshes import is_animated
 from pipeline.scene.usd.poses import (
     ancestry,
     camera_from_world,
@@ -17,7 +18,7 @@ from pipeline.scene.usd.poses import (
     world_from,
     xform_ops,
 )
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem
 from pipeline.scene.usd.values import need, read, take, target
 from pipeline.spelling import frames_in_words
 
@@ -157,35 +158,61 @@ def _codes_per_s(prim: Usd.Prim) -> float:
 
 def _samples(prim: Usd.Prim) -> set[float]:
     """Time codes of all samples of the transforms of a prim and of what it lies below."""
-    return {time for link in ancestry(prim) for op in xform_ops(link) for time in op.GetAttr().GetTimeSamples()}
+    return {time for link in ancestry(prim) for time in _own_samples(link)}
 
 
-def check_motions(root: Usd.Prim, cameras: Sequence[Usd.Prim], boards: Sequence[Usd.Prim]) -> Iterator[Problem]:
-    """Prims that bend between samples, or whose samples end before the shutter of a frame closes."""
+def _own_samples(link: Usd.Prim) -> set[float]:
+    return {time for op in xform_ops(link) for time in op.GetAttr().GetTimeSamples()}
+
+
+def check_motions(
+    root: Usd.Prim, cameras: Sequence[Usd.Prim], boards: Sequence[Usd.Prim], things: Sequence[Usd.Prim]
+) -> Iterator[Problem]:
+    """Boards and cameras that bend between samples, and what stands still, or keeps its shape, while a shutter is open.
+
+    `things` are shapes and lamps.
+    """
     numbers, unit_mm = frame_numbers(root), stage_mm_per_unit(root)
     for camera in cameras:
         shutter = read_shutter(camera) if _is_readable(camera) else None
         if shutter is None or not numbers:
             continue
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), _codes_per_s(camera)
+        middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
-            samples = _samples(prim)
-            if len(samples) < 2:
+            if len(_samples(prim)) < 2:
                 continue
-            middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
             turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
             bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
             if bent.any():
                 message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
                 yield problem(prim, "not-rigid", message, hint=hint)
-            ends = np.array(
-                [number < max(samples) + 1 and number + end_s * codes_per_s > max(samples) for number in numbers]
-            )
-            if ends.any():
-                message = f"<{prim.GetPath()}> has no sample after {max(samples):g}, and the shutter is open later"
-                hint = f"it stands still then, in {_frames(numbers, ends)}: write one more sample"
-                yield problem(prim, "motion-ends", message, hint=hint, severity="warning")
+        opens, ends = np.array(numbers) + shutter.opens_s * codes_per_s, np.array(numbers) + end_s * codes_per_s
+        for link in dict.fromkeys(link for prim in (camera, *boards, *things) for link in ancestry(prim)):
+            if len(samples := _own_samples(link)) > 1:
+                yield from _standing(link, min(samples), max(samples), (numbers, opens, ends))
+        for prim in things:
+            if prim.IsA(UsdGeom.Gprim) and is_animated(prim, with_primvars=False):
+                message = (
+                    f"<{prim.GetPath()}> changes its shape, and keeps that of the time code while a shutter is open"
+                )
+                hint = "its transform may move meanwhile"
+                yield problem(prim, NOT_DRAWN, message, hint=hint, severity="warning")
+
+
+def _standing(
+    link: Usd.Prim, first: float, last: float, frames: tuple[Sequence[int], np.ndarray, np.ndarray]
+) -> Iterator[Problem]:
+    """A prim whose samples begin after the shutter of a frame opens, or end before it closes, [time codes]."""
+    numbers, opens, ends = frames
+    before = (np.array(numbers) > first - 1) & (opens < first)
+    after = (np.array(numbers) < last + 1) & (ends > last)
+    for some, word, sample, open_ in ((before, "before", first, "earlier"), (after, "after", last, "later")):
+        if some.any():
+            message = f"<{link.GetPath()}> has no sample {word} {sample:g}, and the shutter is open {open_}"
+            hint = f"it stands still then, in {_frames(numbers, some)}: write one more sample"
+            yield problem(link, "motion-ends", message, hint=hint, severity="warning")
 
 
 def _frames(numbers: Sequence[int], some: np.ndarray) -> str:

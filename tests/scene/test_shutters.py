@@ -24,7 +24,7 @@ def problems(folder: Path, camera: str, *edits: tuple[str, str], last: str = f"{
 
 @pytest.mark.parametrize(
     "camera",
-    [OPEN, ROLLS, ROLLS.replace("bottomToTop", "leftToRight"), f"{ROLLS}\n{OPEN}", "double2 opens = (-1, 1000)", ""],
+    [OPEN, ROLLS, ROLLS.replace("bottomToTop", "leftToRight"), f"{ROLLS}\n{OPEN}", "double2 opens = (1, 1000)", ""],
 )
 def test_shutters_that_say_all_are_right(tmp_path, camera):
     rotation = "2: (0.9762960071199334, 0, 0.21643961393810288, 0),"
@@ -52,6 +52,33 @@ def test_mistakes_of_a_shutter_are_told_once_where_they_are(tmp_path, camera, co
 def test_what_stands_still_because_its_samples_end_is_a_warning(tmp_path):
     (warning,) = [one for one in problems(tmp_path, OPEN, last=_LAST) if one.code == "motion-ends"]
     assert warning.severity == "warning" and "after 2" in warning.message and "frame 2" in warning.hint
+
+
+def test_what_stands_still_because_its_samples_begin_late_is_a_warning(tmp_path):
+    (warning,) = problems(tmp_path, f"double2 opens = (-1, 200)\n{OPEN}")
+    assert (warning.code, warning.severity) == ("motion-ends", "warning")
+    assert "Board> has no sample before 1" in warning.message and "frame 1" in warning.hint
+
+
+def test_shapes_and_lamps_that_keep_still_or_in_shape_are_warnings(tmp_path):
+    """A lamp whose samples end in frame 2, and a ball that grows."""
+    things = """    def SphereLight "Lamp"
+    {
+        double3 xformOp:translate.timeSamples = {1: (0, 50, -300), 2: (0, 60, -300)}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Sphere "Ball"
+    {
+        double radius.timeSamples = {1: 1, 3: 2}
+        double3 xformOp:translate = (0, 30, -400)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def PlenCheckerboard "Board" ("""
+    ends, shape = problems(tmp_path, OPEN, ('    def PlenCheckerboard "Board" (', things))
+    assert ends.at == "/TinyConventional/Lamp" and "after 2" in ends.message
+    assert shape.code == "not-drawn" and "changes its shape" in shape.message and "Ball" in shape.message
 
 
 def test_matrices_that_bend_between_samples_are_an_error(tmp_path):
