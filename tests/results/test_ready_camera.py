@@ -51,6 +51,9 @@ def test_what_moves_before_a_shutter_is_imaged_as_the_table_says(tmp_path, commo
     def flight(time_s: float) -> np.ndarray:
         return rigid(at_code[:3, :3], at_code[:3, 3] + [0.0, 8.0 * 24 * time_s, 0.0])
 
+    poses = pipeline.open_output(path.parent / "out").cameras["Rig.Camera"].views[0].poses
+    ends = [flight(1 / 500 + line / 1000 + 1 / 480) for line in (0, 23)]
+    np.testing.assert_allclose(poses.camera_from_target_at_lines["Board"], ends, rtol=0, atol=1e-9)
     by_function = camera.project(board.position_mm, moving=flight)
     assert (np.abs(by_function.x_px - found.x_px) <= found.error_px[:, 0] + ROUNDING_PX).all()
     still = camera.project(apply(at_code, board.position_mm))
