@@ -135,6 +135,8 @@ def write_camera(
         "resolution": list(size_px),
         "pixel_pitch_mm": 0.01,
         "near_far_mm": [360.0, 480.0],
+        "sensor_distance_mm": 16.0,
+        "lens": {"name": "Hole", "f_number": 8.0, "focus_distance_mm": 450.0},
         "pinhole": pinhole,
     }
     (folder / "camera.json").write_text(json.dumps(record))
