@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdSkel
 
 from pipeline.motion import Motion, Shutter
 from pipeline.scene.dataset import Motions
@@ -28,6 +28,8 @@ _DURATIONS = (_OPENS, _LINE, _EXPOSURE)
 """Attributes that are fractions of a second."""
 _SAME_S = 1e-9
 """Relative difference of two statements of one exposure time [1]."""
+_VELOCITIES = ("velocities", "angularVelocities")
+"""Attributes by which a point instancer says that its instances move."""
 _RIGID = 1e-9
 """Largest entry of R^T R - 1 of a rotation [1]: rounding leaves 1e-15."""
 
@@ -199,6 +201,20 @@ def check_motions(
                 )
                 hint = "its transform may move meanwhile"
                 yield problem(prim, NOT_DRAWN, message, hint=hint, severity="warning")
+        for prim in filter(_is_placed_at_frames, root.GetStage().Traverse()):
+            message = (
+                f"what <{prim.GetPath()}> moves is placed at time codes of frames alone, and a shutter is open longer"
+            )
+            hint = "prims that move by their own xformOps move meanwhile"
+            yield problem(prim, NOT_DRAWN, message, hint=hint, severity="warning")
+
+
+def _is_placed_at_frames(prim: Usd.Prim) -> bool:
+    """Whether a prim is an animation of a skeleton, or a point instancer whose instances move."""
+    if not (prim.IsA(UsdGeom.PointInstancer) or prim.IsA(UsdSkel.Animation)):
+        return False
+    own = [given for given in prim.GetAuthoredAttributes() if not given.GetName().startswith("xform")]
+    return any(given.ValueMightBeTimeVarying() or given.GetName() in _VELOCITIES for given in own)
 
 
 def _standing(

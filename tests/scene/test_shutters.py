@@ -81,6 +81,32 @@ def test_shapes_and_lamps_that_keep_still_or_in_shape_are_warnings(tmp_path):
     assert shape.code == "not-drawn" and "changes its shape" in shape.message and "Ball" in shape.message
 
 
+@pytest.mark.parametrize("positions", [".timeSamples = {1: [(0, 0, -400)], 2: [(9, 0, -400)]}", " = [(0, 0, -400)]"])
+def test_instances_that_move_are_a_warning_and_others_are_not(tmp_path, positions):
+    many = f"""    def PointInstancer "Many"
+    {{
+        point3f[] positions{positions}
+        int[] protoIndices = [0]
+        rel prototypes = </TinyConventional/Many/Ball>
+
+        def Sphere "Ball"
+        {{
+        }}
+    }}
+
+    def SphereLight "Lamp"
+    {{
+        double3 xformOp:translate = (0, 50, -300)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+
+    def PlenCheckerboard "Board" ("""
+    found = problems(tmp_path, OPEN, ('    def PlenCheckerboard "Board" (', many))
+    assert [one.at for one in found if "at time codes of frames alone" in one.message] == (
+        ["/TinyConventional/Many"] if "timeSamples" in positions else []
+    )
+
+
 def test_matrices_that_bend_between_samples_are_an_error(tmp_path):
     turned = "1: ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,-434.4,1)), 2: ((0,1,0,0),(-1,0,0,0),(0,0,1,0),(0,0,-434.4,1)),"
     matrix = (
