@@ -66,6 +66,7 @@ bench: $(STAMP)
 	$(BIN)/python benchmarks/images.py --before 54ef84b --rows 96 --json benchmarks/results/images.json
 	$(BIN)/python benchmarks/single.py
 	$(BIN)/python benchmarks/direct.py
+	$(BIN)/python benchmarks/shutter.py
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/positions.py
 	$(BIN)/python benchmarks/schedule.py --method direct
