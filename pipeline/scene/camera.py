@@ -71,13 +71,17 @@ def read_states(
 
 
 @read_once
-def changes(camera: Usd.Prim) -> bool:
-    """Whether anything of a camera has time samples: of itself, of its lens, of its sensor or of its microlenses."""
+def changes(camera: Usd.Prim, but: str = "-") -> bool:
+    """Whether anything of a camera has time samples, of itself, of its lens, of its sensor or of its microlenses, but
+    for attributes whose names begin so.
+    """
     links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
     parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
     prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
     return any(
-        attribute.GetName().startswith("plen:") and attribute.ValueMightBeTimeVarying()
+        attribute.GetName().startswith("plen:")
+        and not attribute.GetName().startswith(but)
+        and attribute.ValueMightBeTimeVarying()
         for prim in prims
         for attribute in prim.GetAuthoredAttributes()
     )
@@ -177,7 +181,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from _check_samples(camera, name)
     problems = list(check_shutter(camera))
     yield from problems
-    if changes(camera) and not problems and read_shutter(camera) is not None:
+    if changes(camera, "plen:shutter:") and not problems and read_shutter(camera) is not None:
         message = "the lens or the sensor changes from frame to frame, and stands still while the shutter is open"
         yield problem(camera, "still-lens", message, hint="each frame has them as at its time code", severity="warning")
     contradictions = list(_check_request(camera))

@@ -16,7 +16,7 @@ from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entr
 from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entries
 from pipeline.scene.pictures import read_pictures
-from pipeline.scene.shutters import check_motions, motions_before, read_shutter
+from pipeline.scene.shutters import check_motions, motions_before
 from pipeline.scene.targets import is_preview, read_target_entry
 from pipeline.scene.usd.meshes import is_drawn
 from pipeline.scene.usd.poses import (
@@ -107,23 +107,22 @@ def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], source
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
     lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
-    shutters = {prim: read_shutter(prim) for prim in states}
     things = {**dict.fromkeys(seen_meshes(root), world_from), **dict.fromkeys(lamps, world_from_lamp)}
 
-    def there(number: int) -> dict[str, Usd.Prim]:
-        return {entry.name: prim for prim in states for entry, numbers in states[prim] if number in numbers}
+    def there(number: int) -> dict[Usd.Prim, CameraEntry]:
+        return {prim: entry for prim in states for entry, numbers in states[prim] if number in numbers}
 
     def moving(number: int) -> dict[str, Motions]:
         return {
-            name: motions_before(prim, shutter, boards, things, number, scale_mm)
-            for name, prim in there(number).items()
-            if (shutter := shutters[prim]) is not None
+            entry.name: motions_before(prim, entry.shutter, boards, things, number, scale_mm)
+            for prim, entry in there(number).items()
+            if entry.shutter is not None
         }
 
     return tuple(
         Frame(
             number=number,
-            camera_from_world={name: vision[prim][index] for name, prim in there(number).items()},
+            camera_from_world={entry.name: vision[prim][index] for prim, entry in there(number).items()},
             world_from_target={name: matrices[index] for name, matrices in world.items()},
             world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
             world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),

@@ -1,5 +1,6 @@
 """Shutters of cameras, and what moves before them while they are open."""
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -19,7 +20,7 @@ from pipeline.scene.usd.poses import (
     xform_ops,
 )
 from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem
-from pipeline.scene.usd.values import need, read, take, target
+from pipeline.scene.usd.values import at_code, need, read, take, target
 from pipeline.spelling import frames_in_words
 
 _ORDER, _OPENS = "plen:shutter:scanOrder", "plen:shutter:opens"
@@ -174,11 +175,12 @@ def check_motions(
 
     `things` are shapes and lamps.
     """
-    numbers, unit_mm = frame_numbers(root), stage_mm_per_unit(root)
-    for camera in cameras:
-        shutter = read_shutter(camera) if _is_readable(camera) else None
-        if shutter is None or not numbers:
-            continue
+    unit_mm, shutters = stage_mm_per_unit(root), dict[tuple[Usd.Prim, Shutter], list[int]]()
+    for camera, number in itertools.product(cameras, frame_numbers(root)):
+        with at_code(number):
+            if _is_readable(camera) and (shutter := read_shutter(camera)):
+                shutters.setdefault((camera, shutter), []).append(number)
+    for (camera, shutter), numbers in shutters.items():
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), _codes_per_s(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):

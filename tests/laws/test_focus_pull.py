@@ -63,6 +63,27 @@ def test_a_frame_of_a_focus_pull_is_that_of_a_still_rig_byte_for_byte(tmp_path, 
     assert len({line.split()[4] for line in listed if line[0] != "#"}) == 2
 
 
+def test_a_frame_may_have_its_own_shutter(tmp_path, common_store):
+    """Frame 1 is an instant; frame 2 is scanned while the board flies, with the files of a camera that always scans."""
+    shutter = {"token plen:shutter:scanOrder": ('"none"', '"topToBottom"')}
+    shutter |= {
+        "double2 plen:shutter:lineOffset": ("(0, 1)", "(1, 1000)"),
+        "double2 plen:shutter:opens": ("(0, 1)", "(-1, 50)"),
+    }
+    once = [f"{name}.timeSamples = {{1: {first}, 2: {second}}}" for name, (first, second) in shutter.items()]
+    always = [f"{name} = {second}" for name, (_, second) in shutter.items()]
+    folders = []
+    for name, lines in (("once", once), ("always", always)):
+        path = stage(tmp_path / f"{name}.usda", "\n".join(lines), end=3)
+        folders.append(made(path, tmp_path / name, common_store).out)
+    scanned, reference = (folder / "frames/0002" for folder in folders)
+    for file in ("image.exr", "correspondences.csv", "poses.json"):
+        own = (scanned / "Rig.Camera.0002" / file).read_bytes().replace(b"Rig.Camera.0002", b"Rig.Camera")
+        assert own == (reference / "Rig.Camera" / file).read_bytes(), file
+    assert "t_s" not in (folders[0] / "frames/0001/Rig.Camera.0001/correspondences.csv").read_text()
+    assert [path.name for path in (folders[0] / "frames/0003").iterdir()] == ["Rig.Camera.0002"]
+
+
 def test_a_hundred_frames_at_five_focus_settings_make_five_rigs(tmp_path):
     held = ", ".join(f"{20 * n + 1}: {400 + 10 * n}, {20 * n + 20}: {400 + 10 * n}" for n in range(5))
     dataset = open_dataset(stage(tmp_path / "pull.usda", focused(f".timeSamples = {{{held}}}"), end=100))
