@@ -84,9 +84,11 @@ def _is_written(glass: str) -> bool:
 
 def _written(text: str) -> Medium:
     """A formula in place of a name, with wavelengths in micrometres."""
-    kind, _, numbers = text.removesuffix(")").partition("(")
+    kind, _, numbers = text.partition("(")
     try:
-        dispersion = _formula(kind.casefold(), [float(number) for number in numbers.split(",")])
+        if not numbers.endswith(")"):
+            raise ValueError(text)
+        dispersion = _formula(kind.casefold(), [float(number) for number in numbers[:-1].split(",")])
     except ValueError:
         hint = f"write one of {_FORMULAS}"
         raise GlassError(f'"{text}" is no dispersion formula', hint=hint, code=_BAD_FORMULA) from None
