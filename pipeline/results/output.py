@@ -35,8 +35,8 @@ class Output:
 
     `stage`: the stage that was built, as the manifest names it.
     `cameras`: sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
-    `frames`: sorted; a camera has a view of each, but that one whose lens or sensor changes is a camera in each of its
-        states, as `Rig.Camera.0001`, with views of the frames in which it is in it.
+    `frames`: sorted; each camera has a view of each. One whose lens or sensor changes is a camera in each of its
+    states, as `Rig.Camera.0001`, with a view of each frame in which it is in that state.
     """
 
     path: Path
