@@ -99,10 +99,8 @@ class ReadyCamera:
         """
         points = _numbers("points_mm", points_mm, 3)
         planes = np.empty((len(points), 4, 3))
-        planes[:, 0], planes[:, 1:] = (
-            points,
-            _axes(_FRONT if moving is not None and normals is None else normals, len(points)),
-        )
+        planes[:, 0] = points
+        planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))
         of_points: Planes = StillPlanes(planes)
         if moving is not None:
             of_points = self._moving(planes, moving)

@@ -284,7 +284,7 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
 def _sampled(
     params: Image, rig: Rig, bands: list[Band], scenes: list[Scene], white: np.ndarray, kept: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a pass samples of pixels that see the same instants, and their colours, as `image_pass` writes them."""
+    """Light that a pass samples of pixels that see the same instants, and their colours, as `image_pass` has them."""
     colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
     light = replicas_of(
         params.number,

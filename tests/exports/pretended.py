@@ -88,7 +88,7 @@ class Scene:
 
 
 def write_build(folder: Path, scene: Scene) -> Path:
-    """What a build would write; the stop stands 6 mm behind the centre of projection."""
+    """What a build would write; the stop stands 6 mm before the centre of projection."""
     for name in scene.rig:
         write_camera(folder / "cameras" / name, SIZE_PX, F_PX, CENTRE_PX, DISTORTION)
         for frame in scene.poses:
@@ -125,7 +125,7 @@ def write_manifest(folder: Path) -> None:
 def write_camera(
     folder: Path, size_px: tuple[int, int], f_px: float, centre_px: np.ndarray, distortion: np.ndarray
 ) -> None:
-    """Files of a camera whose centre of projection is 6 mm before its stop."""
+    """Files of a camera whose centre of projection is 6 mm behind its stop."""
     folder.mkdir(parents=True)
     plain = {"principal_distance_px": f_px, "principal_point_px": centre_px.tolist()}
     plain["residual_px"] = {"rms": 0.0, "max": 0.0}

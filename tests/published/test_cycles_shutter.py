@@ -54,6 +54,7 @@ def of_cycles(folder: Path, camera: dict) -> np.ndarray:
 @pytest.mark.heavy
 def test_cycles_paints_the_board_where_we_do(tmp_path, common_store):
     if subprocess.run([PYTHON, "-c", "import bpy"], capture_output=True).returncode:
+        assert "BLENDER_PYTHON" not in os.environ, f"{PYTHON} has no bpy"
         pytest.skip("NOT JUDGED: bpy is not installed; BLENDER_PYTHON may name a Python that has it")
     turn = (np.cos(np.radians(TURN_DEG / 2)), 0, 0, np.sin(np.radians(TURN_DEG / 2)))
     samples = "uniform int plen:image:samples = 64\n"

@@ -65,26 +65,27 @@ def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
 
 def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None]) -> list[Reply]:
     start, replies = time.perf_counter(), dict[str, Reply]()
+    firsts = {spec.key: spec for spec in reversed(specs)}  # frames that are alike have one key
     with contextlib.ExitStack() as locks:
         # Always in the same order, so that two builders cannot wait for each other for ever.
-        firsts = {spec.key: spec for spec in reversed(specs)}  # frames that are alike have one key
         for key, spec in sorted(firsts.items()):
             locks.enter_context(store.single_flight(key, f"makes {spec.name}"))
         begin()
-        for spec in firsts.values():  # another builder may have made it meanwhile
-            if not spec.force and (record := store.record(spec.key)) is not None:
-                replies[spec.name] = Reply(name=spec.name, state="cached", record=record)
-        todo = [spec for spec in specs if firsts[spec.key] is spec and spec.name not in replies]
+        for key, spec in firsts.items():  # another builder may have made it meanwhile
+            if not spec.force and (record := store.record(key)) is not None:
+                replies[key] = Reply(name=spec.name, state="cached", record=record)
+        todo = [spec for spec in specs if firsts[spec.key] is spec and spec.key not in replies]
         if todo:
             with _logging(store.file_for("log", todo[0].key), store):
                 made = _compute(todo, store, packages)
             seconds = round((time.perf_counter() - start) / len(todo), 4)
-            replies |= {reply.name: replace(reply, seconds=seconds) for reply in made}
-        for spec in specs:
-            if spec.name not in replies:
-                record = replies[firsts[spec.key].name].record
-                replies[spec.name] = Reply(name=spec.name, state="cached", record=record)
-    return [replies[spec.name] for spec in specs]
+            replies |= {spec.key: replace(reply, seconds=seconds) for spec, reply in zip(todo, made, strict=True)}
+    return [
+        replies[spec.key]
+        if firsts[spec.key] is spec
+        else Reply(name=spec.name, state="cached", record=replies[spec.key].record)
+        for spec in specs
+    ]
 
 
 def _failure(spec: Spec, error: BaseException, store: Store, start: float) -> Reply:

@@ -18,7 +18,7 @@ from pipeline.frames import inverse
 FORMAT = Format(
     consumer="OpenTrackIO 1.0 and OpenLensIO 1.0: Unreal Engine and other programs of virtual production",
     note="the stage's z is y of a world with Y up, and its y is -z; x is x",
-    source="the equations of OpenLensIO 1.0.1; read: SMPTE/ris-osvp-metadata-camdkit f9f9480, whose schema takes it",
+    source="proof: the schema of SMPTE/ris-osvp-metadata-camdkit f9f9480. Read: OpenLensIO 1.0.1, its equations",
     cameras=Cameras.CONVENTIONAL,
     files=("<camera>/<frame>.json",),
     origin=Origin.IMAGE_CENTRE,
