@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builds import made
+from pxr import Usd, UsdGeom
 from stage_text import tiny_text
 
 import pipeline
+from pipeline.files.tables import read_table
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load, open_dataset
 
@@ -33,6 +35,12 @@ def stage(path: Path, camera: str, *edits: tuple[str, str], sensor: str = "", le
 
 def focused(value: str) -> str:
     return f"double plen:camera:focusDistance{value}\ndouble plen:camera:sensorDistance = None"
+
+
+def field_of_view(out: Path, frame: int) -> float:
+    """Focal length of the pinhole that viewers see in the stage of a build."""
+    built = Usd.Stage.Open(str(out / "dataset.usda"))
+    return float(UsdGeom.Camera.Get(built, "/TinyConventional/Rig/Camera").GetFocalLengthAttr().Get(frame))
 
 
 def test_a_frame_of_a_focus_pull_is_that_of_a_still_rig_byte_for_byte(tmp_path, common_store):
@@ -59,6 +67,8 @@ def test_a_frame_of_a_focus_pull_is_that_of_a_still_rig_byte_for_byte(tmp_path, 
         distance_px = record["pinhole"]["with_distortion"]["principal_distance_px"]
         assert exported["camera_matrix"][0, 0] == distance_px and exported["frames"].tolist() == [frame]
         assert pipeline.open_output(pulled).view(frame).camera == f"Rig.Camera.{frame:04d}"
+        viewers = [field_of_view(folder, frame) for folder in (pulled, still)]
+        assert viewers[0] == viewers[1] and viewers[0] != field_of_view(pulled, 3 - frame)
     listed = (pulled / "exports/colmap/cameras.txt").read_text().splitlines()
     assert len({line.split()[4] for line in listed if line[0] != "#"}) == 2
 
@@ -77,6 +87,8 @@ def test_a_frame_may_have_its_own_shutter(tmp_path, common_store):
         path = stage(tmp_path / f"{name}.usda", "\n".join(lines), end=3)
         folders.append(made(path, tmp_path / name, common_store).out)
     scanned, reference = (folder / "frames/0002" for folder in folders)
+    rows = [read_table(folders[1] / f"frames/{n:04d}/Rig.Camera/correspondences.csv").numbers("x_px") for n in (2, 3)]
+    assert np.abs(rows[0] - rows[1]).min() > 1e-3, "the board is where it is in frame 3, but it moved before"
     for file in ("image.exr", "correspondences.csv", "poses.json"):
         own = (scanned / "Rig.Camera.0002" / file).read_bytes().replace(b"Rig.Camera.0002", b"Rig.Camera")
         assert own == (reference / "Rig.Camera" / file).read_bytes(), file
