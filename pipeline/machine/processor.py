@@ -56,7 +56,8 @@ def settings_of_numba() -> dict[str, str]:
     chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": TUNING.get(target, "")} if target else {}
     # SVML is a library by Intel that Numba would use instead of libm if it happened to be installed.
     usual = {f"NUMBA_{name}": str(value) for name, value in _USUAL_CODE.items()}
-    return {**chosen, **usual, "NUMBA_DISABLE_INTEL_SVML": "1"}
+    # Few rays make few threads, of which numba-cuda would warn at every launch.
+    return {**chosen, **usual, "NUMBA_DISABLE_INTEL_SVML": "1", "NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS": "0"}
 
 
 def settings() -> dict[str, str]:
