@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from pipeline.records.shapes import Float64
+from pipeline.records.shapes import Float64, Num
 
 VISION_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 """Vision frame (x right, y down, z forward) from USD's camera frame (x right, y up, looking along -z)."""
@@ -30,6 +30,22 @@ def inverse(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:
 def apply(a_from_b: Float64[np.ndarray, "4 4"], points_mm: Float64[np.ndarray, "... 3"]) -> np.ndarray:
     """Points of frame b in frame a, (n, 3)."""
     return points_mm @ a_from_b[:3, :3].T + a_from_b[:3, 3]
+
+
+def on_tilted(
+    tau_rad: Num[np.ndarray, "2"], x: Num[np.ndarray, "n"], y: Num[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the plane z = 1, seen from the origin on that plane turned about (0, 0, 1), in its own x and y.
+
+    computeTiltProjectionMatrix of OpenCV, by tauX and tauY; analytic.
+    """
+    (cos_x, cos_y), (sin_x, sin_y) = np.cos(tau_rad), np.sin(tau_rad)
+    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
+    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
+    turn = about_y @ about_x
+    upright = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
+    seen = upright @ turn @ np.stack([x, y, np.ones_like(x)])
+    return seen[0] / seen[2], seen[1] / seen[2]
 
 
 def rotation_vector(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:

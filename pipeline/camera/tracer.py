@@ -1,4 +1,8 @@
-"""A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays, all in the vision frame."""
+"""A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays.
+
+Positions on the sensor and microlenses are in the film frame: the vision frame, turned with a tilted sensor about the
+point where the axis meets it. Rays that leave the lens, and all that they meet, are in the vision frame.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,6 +22,7 @@ from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECO
 from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
+from pipeline.frames import apply, inverse
 from pipeline.optics.table import is_centred, towards_scene
 from pipeline.records.shapes import Float64, Int64, Num
 
@@ -50,8 +55,8 @@ class Tracer:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """Surfaces towards the scene, (n, columns)."""
-        return towards_scene(self.camera.prescription)
+        """Surfaces towards the scene, (n, columns): rays enter in the film frame and leave in the vision frame."""
+        return towards_scene(self.camera.prescription, self.camera.film)
 
     @property
     def stop_row(self) -> int:
@@ -76,7 +81,7 @@ class Tracer:
 
     @cached_property
     def vertices_mm(self) -> np.ndarray:
-        """Microlens vertices across the optical axis, vision frame (n, 2); none for a conventional camera."""
+        """Microlens vertices across the optical axis, film frame (n, 2); none for a conventional camera."""
         if self.lattice is None:
             return np.zeros((0, 2))
         sensor = self.camera.sensor
@@ -105,18 +110,28 @@ class Tracer:
             extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
             slack = sensor.pitch_mm * np.sqrt(0.5)
         middle, reach = (0.0, 0.0, self.film_z_mm), (float(extents[0]), float(extents[1]))
-        return grid_outlines(self.camera.prescription, middle, reach, float(slack), self.margin)
+        return grid_outlines(self.camera.prescription, middle, reach, float(slack), self.margin, self.camera.film)
 
     def on_film(self, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Points (n, 2) of the plane that the main lens sees, in space (n, 3), vision frame."""
+        """Points (n, 2) of the plane that the main lens sees, in space (n, 3), film frame."""
         return np.column_stack([points_mm, np.full(len(points_mm), self.film_z_mm)])
+
+    def arrivals(
+        self, points_mm: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Crossings of rays behind the lens, vision frame, with that plane, and slopes there, film frame (n, 2)."""
+        vision_from_film = self.camera.film.vision_from_film
+        if vision_from_film is not None:
+            points_mm, directions = apply(inverse(vision_from_film), points_mm), directions @ vision_from_film[:3, :3]
+        slopes = directions[:, :2] / directions[:, 2:]
+        return points_mm[:, :2] + (self.film_z_mm - points_mm[:, 2:]) * slopes, slopes
 
     @cached_property
     def arrays(self) -> CameraArrays:
         return camera_arrays(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
 
     def positions_mm(self, x_px: Num[np.ndarray, "n"] | float, y_px: Num[np.ndarray, "n"] | float) -> np.ndarray:
-        """Image positions as points of the sensor, vision frame (n, 2)."""
+        """Image positions as points of the sensor, film frame (n, 2)."""
         sensor = self.camera.sensor
         x = (np.asarray(x_px) - (sensor.width_px - 1) / 2) * sensor.pitch_mm - sensor.offset_x_mm
         y = (np.asarray(y_px) - (sensor.height_px - 1) / 2) * sensor.pitch_mm - sensor.offset_y_mm
@@ -177,6 +192,17 @@ class Tracer:
         """Samples of each wavelength: together as many as asked for, or up to twice as many; they are powers of two."""
         return max(1, samples >> (len(self.lights).bit_length() - 1))
 
+    @property
+    def reference(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position (1, 2) from which the reference bundle starts, on the axis or behind microlens (0, 0) along the
+        axis, and its microlens (1,)."""
+        array, film = self.camera.microlenses, self.camera.film.vision_from_film
+        if array is None or self.lattice is None:
+            return np.zeros((1, 2)), np.array([NO_MICROLENS])
+        microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
+        slope = np.zeros(2) if film is None else film[2, :2] / film[2, 2]
+        return self.vertices_mm[microlens] - slope * array.distance_mm, microlens
+
     @cached_property
     def reference_weight_sr(self) -> float:
         """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2].
@@ -187,10 +213,7 @@ class Tracer:
         """
         if len(self.lights) > 1:
             return math.fsum(light.share * light.tracer.reference_weight_sr for light in self.lights)
-        microlens, position = np.array([NO_MICROLENS]), np.zeros((1, 2))
-        if self.lattice is not None:
-            microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
-            position = self.vertices_mm[microlens]
+        position, microlens = self.reference
         planes = parallel_planes(1.0, 2.0)
         rows, status, _ = regions(self.arrays, position, microlens).moments(planes[None], _REFERENCE_NODES)
         if status[0] == NOT_STAR_SHAPED:

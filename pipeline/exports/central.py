@@ -46,7 +46,7 @@ def _of_pinhole(camera: ExportCamera) -> CentralModel:
         centre_mm=pinhole.centre_mm,
         focal_px=np.full(2, pinhole.principal_distance_px),
         principal_point_px=pinhole.principal_point_px,
-        coefficients=pinhole.distortion,
+        coefficients=np.array(camera.brown),
         rms_px=pinhole.rms_px,
         max_px=pinhole.max_px,
     )

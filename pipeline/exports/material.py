@@ -132,10 +132,20 @@ class ExportCamera:
         return self.pinhole
 
     @property
+    def brown(self) -> list[float]:
+        """k1, k2, p1, p2, k3 of `model`, of formats that know no more; ExportError: the sensor is tilted."""
+        if self.model.tilt_rad.any():
+            raise ExportError(
+                f"the sensor of {self.name} is tilted, and the pinhole of this format is not",
+                hint="formats that hold a tilt: opencv, opencv-multiview, lensboy, vision-calibration, rays",
+            )
+        return list(self.model.distortion.tolist())
+
+    @property
     def opencv(self) -> list[float]:
-        """fx, fy, cx, cy, k1, k2, p1, p2, k3 of `model`."""
+        """fx, fy, cx, cy of `model`, and `brown`."""
         f = self.model.principal_distance_px
-        return [f, f, *self.model.principal_point_px.tolist(), *self.model.distortion.tolist()]
+        return [f, f, *self.model.principal_point_px.tolist(), *self.brown]
 
     @property
     def image_model(self) -> CentralModel:
@@ -151,7 +161,9 @@ class ExportCamera:
 
     @property
     def thin_lens(self) -> ThinLens:
-        """The thin-lens camera; focal lengths in the order of its types."""
+        """The thin-lens camera; focal lengths in the order of its types. ExportError: its sensor is tilted."""
+        if "sensor_tilt_deg" in self.built.record:
+            raise ExportError(f"the sensor of {self.name} is tilted, and a thin-lens camera has none that is")
         return thin_lens(self.built.record, self.array[0].focal_lengths_mm)
 
 

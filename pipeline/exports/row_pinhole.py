@@ -31,7 +31,8 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     `image`: the pinhole with distortion of camera.json.
     `seen`: rows of each target in each frame that shows some, where it truly is.
     """
-    start = np.zeros(11)
+    start = np.zeros(fit.PARAMETERS)
+    start[list(fit.TILT)] = image.tilt_rad
     start[[F, *fit.CENTRE, *fit.POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
     start[[*fit.RADIAL, *fit.TANGENTIAL]] = image.distortion[[0, 1, 4, 2, 3]]
     free = (F, *(number for number in fit.RADIAL if start[number]))

@@ -2,7 +2,7 @@
 one nearest to exact rays: least squares of image positions on two planes, by SciPy.
 
 Every model is analytic in its parameters, so that derivatives follow from complex steps, without cancelled digits. The
-image plane is parallel to the sensor and the axes are those of the vision frame: no rotation is fitted.
+axes are those of the vision frame: no rotation is fitted, but the tilt of the image plane in a model that has one.
 
 A narrow field does not tell the coefficients of high powers from each other: values of a million would cancel, and fall
 apart in single precision or a pixel outside of the image. So each coefficient's effect in the image counts as a
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError
+from pipeline.frames import on_tilted
 
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 """Parameters that all models begin with: the centre of projection, vision frame."""
@@ -53,19 +54,8 @@ def _opencv(p: np.ndarray, points: np.ndarray) -> np.ndarray:
     x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u) + r2 * (s1 + r2 * s2)
     y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v + r2 * (s3 + r2 * s4)
     if len(p) > 16:
-        seen = _tilted(taux, tauy) @ np.stack([x, y, np.ones_like(x)])
-        x, y = seen[0] / seen[2], seen[1] / seen[2]
+        x, y = on_tilted(np.array([taux, tauy]), x, y)
     return np.stack([fx * x + cx, fy * y + cy], axis=1)
-
-
-def _tilted(taux: complex, tauy: complex) -> np.ndarray:
-    """Projection onto a tilted sensor, (3, 3): computeTiltProjectionMatrix of OpenCV."""
-    cos_x, sin_x, cos_y, sin_y = np.cos(taux), np.sin(taux), np.cos(tauy), np.sin(tauy)
-    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
-    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
-    turn = about_y @ about_x
-    upright = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
-    return np.asarray(upright @ turn)
 
 
 def _angle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from pipeline.jit.decorators import fma, inline
-from pipeline.optics.table import CURVATURE, INDEX_RATIO, POSE, SEMI_DIAMETER_SQUARED, VERTEX
+from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 
 
 class Ray(NamedTuple):
@@ -83,9 +83,9 @@ def cap_of(row):
 
 
 @inline
-def motion_of_row(row):
-    """The motion that takes the surface of a table's row off its place."""
-    i = int(row[POSE])
+def motion_of_row(row, place):
+    """The motion that takes the surface of a table's row off its place, as rays leave it or, at ENTRY, enter it."""
+    i = int(row[place])
     return Motion(
         row[i],
         row[i + 1],

@@ -76,7 +76,7 @@ def trace_packet(table, packet, count):
     for k in range(table.shape[0]):
         row, posed = table[k], table[k, column.POSE] > 0.0
         if posed:
-            motion = motion_of_row(row)
+            motion = motion_of_row(row, column.ENTRY)
             for i in range(count):
                 put(packet, i, entered(motion, ray_of(packet, i)))
         if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0:
@@ -90,7 +90,7 @@ def trace_packet(table, packet, count):
         if row[column.INNER_SQUARED] > 0.0 or row[column.EDGES] > 0.0:
             _clip(row, packet, count)
         if posed:
-            motion = motion_of_row(row)
+            motion = motion_of_row(row, column.POSE)
             for i in range(count):
                 put(packet, i, left(motion, ray_of(packet, i)))
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pipeline.errors import PipelineError
 from pipeline.records.declared import settle
 
-_UPRIGHT_DEG = 90.0
+UPRIGHT_DEG = 90.0
 """Tilt from which on a surface no longer faces the light [deg]."""
 _HEIGHTS = 64
 """Equal parts of a semi-diameter at whose ends the gap of two surfaces is taken: sags are smooth between them."""
@@ -210,7 +210,7 @@ class Group:
 def _check_displacement(what: str, decentre_mm: tuple[float, float], tilt_deg: tuple[float, float]) -> None:
     if not all(map(math.isfinite, decentre_mm)):
         raise PrescriptionError(f"{what} is decentred by {decentre_mm} mm")
-    if not all(abs(angle) < _UPRIGHT_DEG for angle in tilt_deg):
+    if not all(abs(angle) < UPRIGHT_DEG for angle in tilt_deg):
         raise PrescriptionError(f"{what} is tilted by {tilt_deg} deg", hint="less than 90 deg either way")
 
 

@@ -23,11 +23,14 @@ GRID = 81
 
 
 def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np.ndarray:
-    """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm]."""
+    """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm].
+
+    In the frame from which rays enter.
+    """
     radius = np.sqrt(table[0, column.SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, count)
     x, y = (axis.ravel() for axis in np.meshgrid(u, u))
-    return np.column_stack([x, y, np.full(len(x), table[0, column.VERTEX])])
+    return apply(motion_of(table[0], column.ENTRY), np.column_stack([x, y, np.full(len(x), table[0, column.VERTEX])]))
 
 
 class Traced(NamedTuple):
@@ -47,16 +50,16 @@ def traced(
     position, alive = position_mm, np.ones(len(position_mm), bool)
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
         for row in table:
-            motion = motion_of(row) if row[column.POSE] else None
-            if motion is not None:
-                back = inverse(motion)
+            if row[column.POSE]:
+                back = inverse(motion_of(row, column.ENTRY))
                 position, direction = apply(back, position), direction @ back[:3, :3].T
             position = position + ((row[column.VERTEX] - position[:, 2]) / direction[:, 2])[:, None] * direction
             position, direction, passed = (
                 _ideal(row, position, direction) if row[column.TERMS] < 0 else _crossed(row, position, direction)
             )
             alive &= passed & _is_inside(row, position)
-            if motion is not None:
+            if row[column.POSE]:
+                motion = motion_of(row)
                 position, direction = apply(motion, position), direction @ motion[:3, :3].T
     return Traced(position, direction, alive)
 

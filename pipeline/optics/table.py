@@ -5,24 +5,40 @@ vision frame (origin at the stop, z forward), `towards_sensor` the lens frame mo
 
 A surface off its place has the rigid motion that carries it there from where it stands in the centred lens, about the
 centre of the nominal stop; what follows it stays.
+
+Rays from a tilted sensor start in the film frame: the vision frame, turned with the sensor. Its only trace is that they
+enter the first surface of `towards_scene` by another motion than they leave it: behind it they are in the vision frame.
 """
 
 import math
 from itertools import chain, combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.frames import VISION_FROM_CAMERA, rigid
+from pipeline.frames import VISION_FROM_CAMERA, inverse, rigid
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.shapes import Float64
 
-VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
-    range(11)
-)
+(
+    VERTEX,
+    CURVATURE,
+    INDEX_RATIO,
+    SEMI_DIAMETER_SQUARED,
+    CONIC,
+    TERMS,
+    ODD,
+    INNER_SQUARED,
+    EDGES,
+    FIRST_EDGE,
+    POSE,
+    ENTRY,
+) = range(12)
 """Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
 number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
 straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
-its place, 0 for a surface in it. Zeros behind the first four make a circle of a centred sphere. An edge takes three
+its place, 0 for a surface in it, and of the twelve by which rays enter: the same, unless they come from a tilted
+sensor. Zeros behind the first four make a circle of a centred sphere. An edge takes three
 columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
 IDEAL = -1.0
 """Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
@@ -31,8 +47,24 @@ TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
 and k1, k2, p1, p2, k3, see `optics.brown`."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
-COEFFICIENTS = 11
+COEFFICIENTS = 12
 """First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
+
+
+class Film(NamedTuple):
+    """Plane in which rays start, turned as in `motion` about the point of the axis at a vision z [mm]."""
+
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    pivot_mm: float = 0.0
+
+    @property
+    def vision_from_film(self) -> np.ndarray | None:
+        """The vision frame from the film frame, (4, 4); None: they are one."""
+        return motion((0.0, 0.0), self.tilt_deg, self.pivot_mm)
+
+
+UPRIGHT = Film()
+"""The plane across the axis."""
 
 
 def displacements(prescription: Prescription) -> list[np.ndarray | None]:
@@ -61,9 +93,9 @@ def motion(decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivo
     return rigid(turn, pivot - turn @ pivot + np.array([*decentre_mm, 0.0]))
 
 
-def towards_scene(prescription: Prescription) -> np.ndarray:
-    """Surfaces from the rear one to the front one, as rays from the sensor meet them, (n, columns), vision frame."""
-    return np.ascontiguousarray(_table(prescription, -1.0)[::-1])
+def towards_scene(prescription: Prescription, film: Film = UPRIGHT) -> np.ndarray:
+    """Surfaces from the rear one to the front one, as rays from the film meet them, (n, columns), vision frame."""
+    return np.ascontiguousarray(_table(prescription, -1.0, film.vision_from_film)[::-1])
 
 
 def towards_sensor(prescription: Prescription) -> np.ndarray:
@@ -71,7 +103,7 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
     return _table(prescription, 1.0)
 
 
-def _table(prescription: Prescription, sign: float) -> np.ndarray:
+def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray | None = None) -> np.ndarray:
     """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
     rows, in_front = [], 1.0
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
@@ -80,18 +112,31 @@ def _table(prescription: Prescription, sign: float) -> np.ndarray:
         row = _row(surface, sign * vertex_mm, index_ratio, sign)
         if motion is not None:
             there = motion if sign > 0 else VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA
-            row = [*row[:POSE], float(len(row)), *row[POSE + 1 :], *(there[:3] + 0.0).ravel().tolist()]
+            row = _moved(row, there)
         rows.append(row)
         in_front = surface.index
+    if vision_from_film is not None:
+        there = motion_of(np.array(rows[-1]))
+        rows[-1] = _moved(rows[-1], there, inverse(vision_from_film) @ there)
     table = np.zeros((len(rows), max(map(len, rows))))
     for i, row in enumerate(rows):
         table[i, : len(row)] = row
     return table
 
 
-def motion_of(row: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Motion of the surface of a row from its place in the centred lens, (4, 4), in the frame of its table."""
-    result, first = np.eye(4), int(row[POSE])
+def _moved(row: list[float], *motions: np.ndarray) -> list[float]:
+    """The row with the motion by which rays leave its surface, and the one by which they enter, if that is another."""
+    places = [float(len(row) + 12 * i) for i in range(len(motions))]
+    numbers = [value for there in motions for value in (there[:3] + 0.0).ravel().tolist()]
+    return [*row[:POSE], places[0], places[-1], *row[COEFFICIENTS:], *numbers]
+
+
+def motion_of(row: Float64[np.ndarray, "n"], place: int = POSE) -> np.ndarray:
+    """Motion of the surface of a row from its place in the centred lens, (4, 4), in the frame behind it.
+
+    `place`: POSE, or ENTRY for the frame in which rays come.
+    """
+    result, first = np.eye(4), int(row[place])
     if first:
         result[:3] = row[first : first + 12].reshape(3, 4)
     return result
@@ -154,6 +199,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
         COEFFICIENTS + len(coefficients),
+        0.0,
         0.0,
         *(sign * a + 0.0 for a in coefficients),
         *edges,

@@ -20,7 +20,7 @@ from pipeline.camera.bundle import Bundle, bundle, bundle_behind
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.optics.table import EDGES, is_centred, towards_sensor
+from pipeline.optics.table import EDGES, towards_sensor
 from pipeline.optics.transmission import Losses, transmitted
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
@@ -89,7 +89,7 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
                 total, passed = total + weight, passed + weight * _passed(rays, tracer, losses)
         return passed / total if total > 0 else np.nan
 
-    if is_centred(table) and not table[:, EDGES].any():
+    if camera.is_centred and not table[:, EDGES].any():
         nodes = _along_heights(tracer, axis_px, share)
     else:
         ends = camera.sensor.height_px - 1.0, camera.sensor.width_px - 1.0
@@ -118,10 +118,7 @@ def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
     """Share of the light of the reference bundle that surfaces and glass of the main lens let pass."""
     if losses is None:
         return 1.0
-    position = np.zeros((1, 2))
-    if tracer.lattice is not None:
-        position = tracer.vertices_mm[np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[:1]]
-    x_px, y_px = tracer.pixels_at(position)[0]
+    x_px, y_px = tracer.pixels_at(tracer.reference[0])[0]
     return _passed(bundle(tracer.camera, float(x_px), float(y_px), samples=RAYS), tracer, losses)
 
 

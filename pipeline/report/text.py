@@ -113,6 +113,8 @@ def _lens(lens: Json) -> Iterator[Figure]:
     where = "" if "matched_stop" not in lens else "without microlenses"
     yield Figure("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
     yield Figure("magnification there", f"{lens['magnification']:.4f}")
+    if tilt := lens.get("focus_plane_tilt_deg"):
+        yield Figure("plane of sharp focus", "turned by {:.3f}, {:.3f} deg".format(*tilt), "about x, about y, there")
 
 
 def _sensor(document: Json) -> Iterator[Figure]:
@@ -124,6 +126,8 @@ def _sensor(document: Json) -> Iterator[Figure]:
     yield from _acceptance(document["pixel_acceptance"])
     yield Figure("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
     yield Figure("distance behind the stop", _mm(document["sensor_distance_mm"]))
+    if tilt := document.get("sensor_tilt_deg"):
+        yield Figure("tilt", "{:g}, {:g} deg".format(*tilt), "about x, about y: tauX and tauY of OpenCV")
     yield Figure(
         "principal distance", f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
     )

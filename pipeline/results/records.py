@@ -16,6 +16,7 @@ from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.tables import Table, read_table
+from pipeline.frames import on_tilted
 from pipeline.motion import Shutter
 from pipeline.records.shapes import Float64
 from pipeline.results.rows import (
@@ -124,7 +125,8 @@ class BuiltPinhole:
 
     `centre_mm`: centre of projection in the vision frame, (3,) float64.
     `principal_point_px`: (2,) float64; (0, 0) is the centre of the top-left pixel.
-    `distortion`: k1, k2, p1, p2, k3 of OpenCV, (5,) float64; zeros in the pinhole without distortion.
+    `distortion`: k1, k2, p1, p2, k3 of OpenCV, (5,) float64; of a tilted sensor all 14 with tauX and tauY. Zeros in the
+    pinhole without distortion.
     `rms_px`, `max_px`: residual of the mean rays of the camera.
     """
 
@@ -141,16 +143,23 @@ class BuiltPinhole:
         (x, y), f = self.principal_point_px, self.principal_distance_px
         return np.array([[f, 0.0, x], [0.0, f, y], [0.0, 0.0, 1.0]])
 
+    @property
+    def tilt_rad(self) -> np.ndarray:
+        """tauX and tauY, (2,)."""
+        return self.distortion[12:14] if len(self.distortion) > 5 else np.zeros(2)
+
     def projected(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints`."""
-        k1, k2, p1, p2, k3 = self.distortion.tolist()
+        k1, k2, p1, p2, k3 = self.distortion[:5].tolist()
         x, y = (points_mm[:, :2] / points_mm[:, 2:]).T
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent = [
+        bent: tuple[np.ndarray, np.ndarray] = (
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ]
+        )
+        if self.tilt_rad.any():
+            bent = on_tilted(self.tilt_rad, *bent)
         return np.stack(bent, axis=1) * self.principal_distance_px + self.principal_point_px
 
 

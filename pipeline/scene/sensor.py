@@ -71,6 +71,7 @@ def read_sensor(prim: Usd.Prim) -> Sensor:
         pitch_mm=need(prim, "plen:pixelPitch"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
+        tilt_deg=tuple(need(prim, "plen:tilt")),
         acceptance=acceptance,
         **{field: need(prim, name) for field, name in ACCEPTANCE_VALUES[acceptance].items()},
     )
@@ -127,9 +128,6 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
 
 def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenSensor whose values are right one by one."""
-    if (tilt := need(sensor, "plen:tilt")) != (0.0, 0.0):
-        message, hint = f'"plen:tilt" = {tilt} is not supported yet', "supported: (0.0, 0.0)"
-        yield problem(sensor.GetAttribute("plen:tilt"), "not-yet-supported", message, hint=hint)
     if not has_response(sensor):
         return
     try:

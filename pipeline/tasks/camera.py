@@ -60,14 +60,14 @@ def pinhole(params: Nothing, inputs: Inputs, out: Path) -> None:
     write_json(out / PINHOLE, to_plain(equivalent_pinhole.pinhole(focused_camera(inputs))))
 
 
-_FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
+_FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm", "sensor_tilt_deg")
 
 
 def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> Json:
     """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
     figures = report(camera)
     lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
-    head = {name: figures.pop(name) for name in _FIRST}
+    head = {name: figures.pop(name) for name in _FIRST if name in figures}
     shone = labels.light
     light: Json = {
         "weight": shone.weight,

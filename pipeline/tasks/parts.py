@@ -95,14 +95,16 @@ def _sensor(camera: Camera) -> PartMesh:
     half = np.array(sensor.size_mm) / 2
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     corners = signs * half + np.array([sensor.offset_x_mm, sensor.offset_y_mm])
-    points = np.column_stack([corners, np.full(4, -camera.sensor_distance_mm)])
+    points = camera.in_vision(np.column_stack([corners, np.full(4, -camera.sensor_distance_mm)]))
     return _mesh("Sensor", points, [(0, 1, 2, 3)], _FILM, 1.0)
 
 
 def _microlenses(tracer: Tracer, array: MicrolensArray) -> PartCopies:
     corners = np.pad(-cell(array), ((0, 0), (0, 1)))
     shape = _mesh("Cell", corners, [tuple(range(len(corners)))], _ARRAY, 0.6)
-    return PartCopies(name="Microlenses", mesh=shape, places_mm=tracer.on_film(tracer.vertices_mm))
+    return PartCopies(
+        name="Microlenses", mesh=shape, places_mm=tracer.camera.in_vision(tracer.on_film(tracer.vertices_mm))
+    )
 
 
 def _mesh(

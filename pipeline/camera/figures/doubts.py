@@ -132,7 +132,7 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
     what, traced_mm = "the farthest corner", far
     if camera.microlenses:
         what, traced_mm = "the farthest microlens", float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
-    if camera.prescription.is_centred:
+    if camera.is_centred:
         crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, np.array([traced_mm]))
         if np.isnan(crossing[0]):
             raise CameraError(

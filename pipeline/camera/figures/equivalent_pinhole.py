@@ -7,9 +7,11 @@ by 0.18 mm along the axis in the double Gauss at F/7.7, which is 0.1 px of its i
 
 In the equations of OpenCV with C the centre, u = (X - C_x, Y - C_y) / (Z - C_z), r = |u|:
 
-    x = f (u (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential(p1, p2; u)) + c
+    x = f T(u (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential(p1, p2; u)) + c
 
-The image plane is parallel to the sensor, so a pinhole has the axes of the vision frame.
+with T(tauX, tauY) the projection onto a tilted sensor. A pinhole has the axes of the vision frame. Behind pupils of the
+magnification m rays are m times less steep than before them, so a sensor tilted by theta is one by tau for a pinhole,
+tan tau = tan theta / m.
 """
 
 import dataclasses
@@ -23,6 +25,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.frames import on_tilted
 from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64, Num, Shaped
 
@@ -30,8 +33,10 @@ STEPS = 40
 """Steps of a fit at most: a fit that settles needs few, and one that does not has to end."""
 SETTLED = 1e-12
 """Change of the image by the last step over the norm of all image positions [1]: thousands of roundings of a double."""
-F, CENTRE, POINT, RADIAL, TANGENTIAL = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10)
-"""Places of the parameters: f, C, c, (k1, k2, k3), (p1, p2)."""
+F, CENTRE, POINT, RADIAL, TANGENTIAL, TILT = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10), (11, 12)
+"""Places of the parameters: f, C, c, (k1, k2, k3), (p1, p2), (tauX, tauY) [rad]."""
+PARAMETERS = 13
+"""How many these are."""
 NOTHING_LEFT_PX = 1e-6
 """Residual below which no coefficient is added [px]: a thousandth of the accuracy that tables claim by default."""
 WORTH_IT = 0.9
@@ -39,6 +44,8 @@ WORTH_IT = 0.9
 IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken, so
 derivatives have neither truncation errors nor cancelled digits."""
+_NO_MORE = (0.0,) * 7
+"""k4, k5, k6, s1, s2, s3, s4 of OpenCV, which no pinhole here has."""
 _COLUMNS, _ROWS = 17, 13
 """Image positions that are traced, the corners among them: 442 coordinates for eleven parameters at most."""
 _LEVEL = 2
@@ -51,7 +58,8 @@ class Projection:
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
-    distortion: tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 as OpenCV orders and defines them
+    # k1, k2, p1, p2, k3 as OpenCV orders and defines them; of a tilted sensor all 14, the last two tauX and tauY
+    distortion: tuple[float, ...]
     # Lengths of the differences to what it was fitted to
     rms_px: float
     max_px: float
@@ -64,7 +72,7 @@ class Sightings:
     x_px: Float64[np.ndarray, "n 2"]
     places_mm: Num[np.ndarray, "n 3"]
 
-    def residuals(self, p: Shaped[np.ndarray, "11"]) -> np.ndarray:
+    def residuals(self, p: Shaped[np.ndarray, "13"]) -> np.ndarray:
         """Differences of a pinhole's images of the points from their positions, (n, 2) [px]; analytic in `p`."""
         (k1, k2, k3), (p1, p2) = p[list(RADIAL)], p[list(TANGENTIAL)]
         ahead = self.places_mm - p[list(CENTRE)]
@@ -73,16 +81,18 @@ class Sightings:
         radial = 1 + square * (k1 + square * (k2 + square * k3))
         x = u * radial + 2 * p1 * u * v + p2 * (square + 2 * u * u)
         y = v * radial + p1 * (square + 2 * v * v) + 2 * p2 * u * v
+        if p[list(TILT)].any():
+            x, y = on_tilted(p[list(TILT)], x, y)
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 
-    def slopes(self, p: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
+    def slopes(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
         """Derivatives of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
         tilted = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
         with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
             derivatives = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
         return derivatives.reshape(len(free), self.x_px.size).T
 
-    def fitted(self, start: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
+    def fitted(self, start: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
         """The parameters with those in `free` at least squares: Gauss and Newton."""
         p = start.copy()
         for _ in range(STEPS):
@@ -97,7 +107,7 @@ class Sightings:
                 break
         return p
 
-    def with_radial(self, p: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
+    def with_radial(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
         """Parameters fitted again with those radial coefficients that are worth it."""
         for count in range(1, len(RADIAL) + 1):
             if self.rms_px(p) < NOTHING_LEFT_PX:
@@ -107,18 +117,19 @@ class Sightings:
                 p = finer
         return p
 
-    def rms_px(self, p: Float64[np.ndarray, "11"]) -> float:
+    def rms_px(self, p: Float64[np.ndarray, "13"]) -> float:
         """Root mean square of the lengths of the residuals."""
         return float(np.sqrt(np.mean(np.sum(self.residuals(p) ** 2, axis=1))))
 
-    def projection(self, p: Float64[np.ndarray, "11"]) -> Projection:
+    def projection(self, p: Float64[np.ndarray, "13"]) -> Projection:
         """The part of the parameters that makes the image."""
         k1, k2, k3, p1, p2 = p[[*RADIAL, *TANGENTIAL]].tolist()
         x, y = p[list(POINT)].tolist()
+        tau = p[list(TILT)].tolist()
         return Projection(
             principal_distance_px=float(p[F]),
             principal_point_px=(x, y),
-            distortion=(k1, k2, p1, p2, k3),
+            distortion=(k1, k2, p1, p2, k3, *((*_NO_MORE, *tau) if any(tau) else ())),
             rms_px=self.rms_px(p),
             max_px=float(np.hypot(*self.residuals(p).T).max()),
         )
@@ -131,7 +142,7 @@ class Pinhole:
     centre_mm: tuple[float, float, float]  # centre of projection, vision frame
     planes_mm: tuple[float, float]  # vision z of the planes between which it was fitted: those of J_near and J_far
     lit_share: float  # share of the image that light reaches; the rest is not fitted
-    plain: Projection  # without distortion: the best one over the image
+    plain: Projection  # without distortion and tilt: the best one over the image
     distorted: Projection  # with distortion, whose principal distance is that on the axis
 
 
@@ -154,13 +165,16 @@ def pinhole(camera: Camera) -> Pinhole | None:
         return None  # no chief ray from its corners
     centred = camera.prescription.is_centred
     free = (F, CENTRE[2]) if centred else (F, *CENTRE, *POINT, *TANGENTIAL)
+    if any(camera.sensor.tilt_deg):
+        free = (*free, *TILT)
     if len(rays.x_px) <= 2 * len(free):
         return None
     ideal = camera.prescription.ideal
     bent = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
     bare = bent.copy()
-    bare[[*RADIAL, *TANGENTIAL]] = 0.0
-    plain = bare if ideal and not ideal.distortion else rays.fitted(bare, (F,) if centred else (F, *POINT))
+    bare[[*RADIAL, *TANGENTIAL, *TILT]] = 0.0
+    plain_free = (F,) if camera.is_centred else (F, *POINT)
+    plain = bare if ideal and (bare == bent).all() else rays.fitted(bare, plain_free)
     if not (np.isfinite(bent).all() and np.isfinite(plain).all() and bent[F] > 0):
         return None
     x, y, z = (bent[list(CENTRE)] + 0.0).tolist()
@@ -175,7 +189,9 @@ def pinhole(camera: Camera) -> Pinhole | None:
 
 def _paraxial(camera: Camera) -> np.ndarray:
     """Parameters of the pinhole at the paraxial entrance pupil, with the distortion that an ideal lens has."""
-    parameters = np.zeros(11)
+    parameters = np.zeros(PARAMETERS)
+    slopes = np.tan(np.radians(camera.sensor.tilt_deg))
+    parameters[list(TILT)] = np.arctan(slopes / first_order(camera.prescription).pupil_magnification)
     parameters[[F, *POINT, CENTRE[2]]] = paraxial_pinhole(camera)
     if camera.prescription.ideal and camera.prescription.ideal.distortion:
         k1, k2, p1, p2, k3 = camera.prescription.ideal.distortion

@@ -62,7 +62,8 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     From the image of the axis towards the farthest corner of the sensor, as far as light arrives; in a centred lens
     along x, because all directions are alike.
     """
-    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    sensor = dataclasses.replace(camera.sensor, tilt_deg=(0.0, 0.0))  # the curves are those of the lens
+    tracer = Tracer(dataclasses.replace(camera, sensor=sensor, microlenses=None))
     centred = camera.prescription.is_centred
     corner = sensor.farthest_corner_mm
     end = np.array([math.hypot(*corner), 0.0]) if centred else corner

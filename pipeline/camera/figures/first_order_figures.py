@@ -7,6 +7,8 @@ No ray is traced for them; `camera.figures.equivalent_pinhole` is fitted to real
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus
 from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -36,6 +38,7 @@ def report(camera: Camera) -> Json:
         "pixel_acceptance": acceptance,
         "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
         "sensor_distance_mm": camera.sensor_distance_mm,
+        **({"sensor_tilt_deg": list(sensor.tilt_deg)} if any(sensor.tilt_deg) else {}),
         "lens": _lens(camera, lens, to_sensor),
         "principal_distance_mm": principal_mm,
         "principal_distance_px": principal_mm / sensor.pitch_mm,
@@ -100,15 +103,25 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
     figures = lens_report(camera.prescription)
+    tilted = camera.film.vision_from_film
     return {
         **{name: figures[name] for name in ("efl_mm", "bfd_mm", "f_number")},
         "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
         **{name: figures[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
         "magnification": _magnification(lens, in_focus),
         "focus_distance_mm": in_focus,
+        **({} if tilted is None else {"focus_plane_tilt_deg": _focus_plane_tilt_deg(tilted, lens, in_focus)}),
         "stop_diameter_mm": figures["stop_diameter_mm"],
         "matched_stop_diameter_mm": matched,
     }
+
+
+def _focus_plane_tilt_deg(vision_from_film: np.ndarray, lens: FirstOrder, in_focus_mm: float) -> list[float]:
+    """Angles by which the plane whose image lies on a tilted sensor is turned, as the sensor's own (Scheimpflug)."""
+    # The lens is a collineation: a plane turned by theta has an image turned by theta', tan theta' = m tan theta.
+    across_x, across_y, along = vision_from_film[:3, 2].tolist()
+    x, y, z = -across_x, -across_y, -along * lens.magnification(in_focus_mm)
+    return [math.degrees(math.atan2(-y, z)), math.degrees(math.asin(x / math.hypot(x, y, z)))]
 
 
 def _magnification(lens: FirstOrder, object_mm: float) -> float:

@@ -126,13 +126,12 @@ def _light(tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.nd
     way = near - np.repeat(points_mm * _FLIP, len(aims), axis=0)
     way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
     place, way, passed = traced(table, near, way)
-    slope = way[:, :2] / way[:, 2:]
-    film = (place[:, :2] - (tracer.film_z_mm + place[:, 2:]) * slope) * _FLIP[:2]
+    film, slope = tracer.arrivals(place * _FLIP, way * _FLIP)
     array, shape = tracer.camera.microlenses, (len(points_mm), len(aims))
     if array:
         low, high = tracer.vertices_mm.min(axis=0) - array.pitch_mm, tracer.vertices_mm.max(axis=0) + array.pitch_mm
         passed &= ((film >= low) & (film <= high)).all(axis=1)
-        film = film + array.distance_mm * slope * _FLIP[:2]  # through a microlens's vertex light goes straight on
+        film = film - array.distance_mm * slope  # through a microlens's vertex light goes straight on
     x, ray = tracer.pixels_at(film).reshape(*shape, 2), passed.reshape(*shape, 1)
     lit: np.ndarray = ray.any(axis=(1, 2))  # type: ignore[assignment]
     low, high = np.where(ray, x, np.inf).min(axis=1), np.where(ray, x, -np.inf).max(axis=1)

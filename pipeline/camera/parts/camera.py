@@ -3,6 +3,7 @@
 Distances along the axis are counted from the aperture stop, the origin of the camera frame.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +11,12 @@ import numpy as np
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import LEAST_MM, MicrolensArray
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
-from pipeline.optics.prescription import Prescription
+from pipeline.frames import apply
+from pipeline.optics.prescription import UPRIGHT_DEG, Prescription
 from pipeline.optics.printed import Lost, PrintedLens
+from pipeline.optics.table import UPRIGHT, Film
 from pipeline.records.declared import settle
+from pipeline.records.shapes import Float64
 
 WEIGHTS = ("irradiance", "area")
 REPLICAS = 4
@@ -21,14 +25,17 @@ REPLICAS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """A plane of square pixels, perpendicular to the axis.
+    """A plane of square pixels, perpendicular to the axis unless tilted.
 
     - `width_px`, `height_px`: number of pixels along x and y.
     - `pitch_mm`: distance of neighbouring pixel centres, the same in x and y.
     - `offset_x_mm`, `offset_y_mm`: where the optical axis meets the sensor, from its centre, sensor frame (x right, y
       down in the image).
-    - `acceptance`: share of a ray at the angle theta to the axis that a pixel takes: `all`; `cosine`, cos^power(theta);
-      `cone`, 1 up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
+    - `tilt_deg`: turn about that point, first about x, then about the turned y of the vision frame: tauX and tauY of
+      OpenCV. The array turns with it.
+    - `acceptance`: share of a ray at the angle theta to its normal that a pixel takes: `all`; `cosine`,
+      cos^power(theta); `cone`, 1 up to the half angle, from there falling linearly with the angle to 0 over the
+      roll-off.
     """
 
     width_px: int
@@ -36,6 +43,7 @@ class Sensor:
     pitch_mm: float
     offset_x_mm: float = 0.0
     offset_y_mm: float = 0.0
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
     acceptance: str = "all"
     acceptance_power: float = 1.0
     acceptance_half_angle_deg: float = 90.0
@@ -51,6 +59,8 @@ class Sensor:
                 f" acceptance_roll_off_deg {self.acceptance_roll_off_deg}",
                 hint="power and half angle are positive, the roll-off is not negative",
             )
+        if not all(abs(angle) < UPRIGHT_DEG for angle in self.tilt_deg):
+            raise CameraError(f"a sensor is tilted by {self.tilt_deg} deg", hint="less than 90 deg either way")
         if self.width_px < 1 or self.height_px < 1 or not self.pitch_mm > 0:
             raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
 
@@ -111,6 +121,37 @@ class Camera:
             raise CameraError(
                 f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
             )
+        self._check_tilt(last_mm)
+
+    def _check_tilt(self, last_mm: float) -> None:
+        """The plane of a tilted sensor, or of its array, has the rim of the last surface in front of it."""
+        vision_from_film = self.film.vision_from_film
+        if vision_from_film is None:
+            return
+        across_x, across_y, along = vision_from_film[:3, 2].tolist()
+        rear = self.prescription.surfaces[-1]
+        to_rim_mm = self.sensor_distance_mm - last_mm - rear.sag_mm(rear.semi_diameter_mm)
+        ahead_mm = along * to_rim_mm - math.hypot(across_x, across_y) * rear.semi_diameter_mm
+        if ahead_mm <= (self.microlenses.reach_mm if self.microlenses else 0.0) + LEAST_MM:
+            raise CameraError(
+                f"the plane of the sensor, tilted by {self.sensor.tilt_deg} deg, cuts the last surface of the lens",
+                hint="tilt it less (plen:tilt of the sensor), or move it back",
+            )
+
+    @property
+    def film(self) -> Film:
+        """The plane in which rays start."""
+        return Film(self.sensor.tilt_deg, -self.sensor_distance_mm) if any(self.sensor.tilt_deg) else UPRIGHT
+
+    def in_vision(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Points of the film frame in the vision frame, (n, 3)."""
+        vision_from_film = self.film.vision_from_film
+        return points_mm if vision_from_film is None else apply(vision_from_film, points_mm)
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether the camera is symmetric about its axis, apertures and edges of the sensor left aside."""
+        return self.prescription.is_centred and not any(self.sensor.tilt_deg)
 
     def at(self, node: SpectralNode) -> "Camera":
         """The same camera in light of one wavelength alone: glasses have other indices, and nothing else changes."""

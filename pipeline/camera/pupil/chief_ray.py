@@ -12,7 +12,7 @@ from pipeline.camera.boundary import halved
 from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import VERTEX, is_centred, motion_of, unbounded
+from pipeline.optics.table import ENTRY, VERTEX, is_centred, motion_of, unbounded
 from pipeline.records.shapes import Float64
 
 _STEPS = 25
@@ -102,7 +102,7 @@ def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np
     place = np.zeros((len(points), 2))
     miss = np.full((len(points), 2), np.inf)
     for share in (0.0, 0.25, 0.5, -0.25):
-        trial = motion_of(rear[0])[:2, 3] + share * points[:, :2]
+        trial = motion_of(rear[0], ENTRY)[:2, 3] + share * points[:, :2]
         trial_miss = _stop_miss(rear, points, trial)
         better = (_length(trial_miss) < _length(miss))[:, None]
         place, miss = np.where(better, trial, place), np.where(better, trial_miss, miss)

@@ -23,7 +23,16 @@ from pipeline.camera.boundary import even_angles, halved, inner_points
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing, motion_of, towards_scene
+from pipeline.optics.table import (
+    ENTRY,
+    SEMI_DIAMETER_SQUARED,
+    UPRIGHT,
+    VERTEX,
+    Film,
+    enclosing,
+    motion_of,
+    towards_scene,
+)
 from pipeline.records.shapes import Float64
 
 _KEPT = 8
@@ -65,9 +74,9 @@ class Outlines:
     drift: float  # motion of an outline per motion of its point: near the axis, or the median over a grid
 
 
-def _rear_of(prescription: Prescription) -> tuple[np.ndarray, int]:
+def _rear_of(prescription: Prescription, film: Film = UPRIGHT) -> tuple[np.ndarray, int]:
     """Table towards the scene of the circles around all apertures, and the row of the stop."""
-    table = enclosing(towards_scene(prescription))
+    table = enclosing(towards_scene(prescription, film))
     return table, len(table) - 1 - prescription.stop_index
 
 
@@ -217,14 +226,15 @@ def grid_outlines(
     half_extents_mm: tuple[float, float],
     slack_mm: float,
     margin: float = MARGIN,
+    film: Film = UPRIGHT,
 ) -> Outlines:
-    """Trace the outlines of any lens for a grid of points of a plane across the axis behind it.
+    """Trace the outlines of any lens for a grid of points of a plane behind it.
 
-    `middle_mm`: middle of the grid, vision frame.
+    `middle_mm`: middle of the grid, film frame.
     `half_extents_mm`: largest distances from there, along x and y, of points that will be asked for.
     `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.
     """
-    table, stop_row = _rear_of(prescription)
+    table, stop_row = _rear_of(prescription, film)
     step = max(*half_extents_mm, 1e-6) / _NODES
     columns, rows = (max(3, 2 * int(np.ceil(extent / step - 1e-9)) + 1) for extent in half_extents_mm)
     y, x = (axis - axis.mean() for axis in np.mgrid[:rows, :columns] * step)
@@ -243,7 +253,7 @@ def grid_outlines(
 
 def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
     """Supports of what passes from each point, (n, DIRECTIONS); NaN where nothing passes."""
-    middle = motion_of(table[0])[:2, 3]
+    middle = motion_of(table[0], ENTRY)[:2, 3]
     inside = passing_points(table, starts, chief_crossings(table, stop_row, starts), middle)
     lit = ~np.isnan(inside[:, 0])
     result = np.full((len(starts), DIRECTIONS), np.nan)

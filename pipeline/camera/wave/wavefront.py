@@ -27,7 +27,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_aroun
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.optics.rays import traced
-from pipeline.optics.table import INDEX_RATIO, POSE, TERMS, motion_of
+from pipeline.optics.table import INDEX_RATIO, POSE, TERMS, motion_of, towards_scene
 from pipeline.records.shapes import Bool, Float64
 
 _COARSE = 65
@@ -110,7 +110,11 @@ def sent(
             plain = tracer.arrays.elements.model == PLAIN
             rays = _through_plain(tracer, microlens, rays) if plain else _through(tracer, microlens, rays)
         behind = tracer.camera.prescription.surfaces[-1].index
-        return with_path(tracer.table, rays._replace(medium=behind))
+        film = tracer.camera.film.vision_from_film
+        if film is not None:
+            turned = apply(film, rays.position_mm), rays.direction @ film[:3, :3].T
+            rays = rays._replace(position_mm=turned[0], direction=turned[1])
+        return with_path(towards_scene(tracer.camera.prescription), rays._replace(medium=behind))
 
 
 def _through_plain(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:

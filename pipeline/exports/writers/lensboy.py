@@ -23,14 +23,15 @@ _COEFFICIENTS = 14
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
-        (width, height), (fx, fy, cx, cy, *known) = camera.size_px, camera.opencv
+        (width, height), f, known = camera.size_px, camera.model.principal_distance_px, camera.model.distortion.tolist()
+        cx, cy = camera.model.principal_point_px.tolist()
         record = {
             "type": "opencv",
             "about": list(material.remarks),
             "image_width": width,
             "image_height": height,
-            "fx": fx,
-            "fy": fy,
+            "fx": f,
+            "fy": f,
             "cx": cx,
             "cy": cy,
             "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],

@@ -49,7 +49,7 @@ def _calibration(material: Material, camera: ExportCamera, views: list[ExportVie
         ids = view.observations.ids
         places[ids, :, number] = view.observations.positions
         errors[ids, :, number] = model.projected(apply(view.camera_from_target, points[ids])) - places[ids, :, number]
-    k1, k2, p1, p2, k3 = model.distortion.tolist()
+    k1, k2, p1, p2, k3 = camera.brown
     parameters = {
         "RadialDistortion": [[k1, k2, k3]],
         "TangentialDistortion": [[p1, p2]],

@@ -60,7 +60,7 @@ def _lens(camera: ExportCamera) -> tuple[Json, float]:
     """The lens of a camera, and how far the pinhole stands before the sensor [mm]."""
     pinhole, record = camera.model, camera.built.record
     focal_mm = pinhole.principal_distance_px * camera.pitch_mm
-    k1, k2, p1, p2, k3 = pinhole.distortion.tolist()
+    k1, k2, p1, p2, k3 = camera.brown
     offset_mm = pinhole.principal_point_px * camera.pitch_mm
     before_mm = float(record["sensor_distance_mm"] + record["pinhole"]["centre_mm"][2])
     radial = [k1 / focal_mm**2, 0.0, k2 / focal_mm**4, 0.0, k3 / focal_mm**6, 0.0]

@@ -9,7 +9,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements, towards_scene
 from pipeline.report.page.records import Matrix, RayFan, SurfaceShape
 
 _PROFILE = 13
@@ -53,27 +53,28 @@ def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
     centre = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
     fans = []
     for place, share in ends:
-        start = np.array([*(centre + share * np.array([half_x, half_y])), tracer.film_z_mm])
-        fans.append(RayFan(place=place, rays=_rays(tracer, start)))
+        start = np.array([[*(centre + share * np.array([half_x, half_y])), tracer.film_z_mm]])
+        fans.append(RayFan(place=place, rays=_rays(camera, camera.in_vision(start)[0])))
     return tuple(fans)
 
 
-def _rays(tracer: Tracer, start_mm: np.ndarray) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, float, float], ...], ...]:
     """Polylines of the rays from a point that pass all surfaces, out to some way behind the distance in focus."""
-    radius = math.sqrt(tracer.table[0, SEMI_DIAMETER_SQUARED])
+    table = towards_scene(camera.prescription)
+    radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, _ACROSS)
     aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
     for _ in range(2):  # again within what passed: a narrow stop lets few rays through
-        points, direction, alive = _traced(tracer.table, start_mm, aim)
+        points, direction, alive = _traced(table, start_mm, aim)
         if not alive.any():
             return ()
         low, high = aim[alive].min(axis=0), aim[alive].max(axis=0)
         step = (aim[:, 0].max() - aim[:, 0].min()) / (_ACROSS - 1)
         across = [np.linspace(low[i] - 0.6 * step, high[i] + 0.6 * step, _ACROSS) for i in (0, 1)]
         aim = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
-    points, direction, alive = _traced(tracer.table, start_mm, aim)
-    focus = middle_focus(tracer.camera)
-    reach = 1.15 * focus if math.isfinite(focus) else 20.0 * tracer.camera.sensor_distance_mm
+    points, direction, alive = _traced(table, start_mm, aim)
+    focus = middle_focus(camera)
+    reach = 1.15 * focus if math.isfinite(focus) else 20.0 * camera.sensor_distance_mm
     end = points[-1] + direction * ((reach - points[-1][:, 2]) / direction[:, 2])[:, None]
     paths = np.round(np.stack([*points, end], axis=1)[alive], 3)
     return tuple(tuple((p[0], p[1], p[2]) for p in path) for path in paths.tolist())

@@ -104,7 +104,7 @@ def _fans(tracer: Tracer) -> list[np.ndarray]:
 def _footprint(
     tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Crossings with the plane of the sensor or array, slopes there, vision x and y, (n, 2) each, and the rays traced.
+    """Crossings with the plane of the sensor or array, slopes there, film frame, (n, 2) each, and the rays traced.
 
     Rays of the first fan of which any ray passes.
     """
@@ -118,9 +118,7 @@ def _footprint(
         rays += len(aim)
         passed = alive > 0
         if passed.any():
-            slope = direction[passed, :2] / direction[passed, 2:]
-            crossing = position[passed, :2] + (-tracer.film_z_mm - position[passed, 2:]) * slope
-            return crossing * _FLIP[:2], slope * _FLIP[:2], rays
+            return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
 
 
@@ -138,7 +136,7 @@ def _through_microlenses(
     soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
     along = np.linalg.solve(q.T @ q + soft, q.T @ s)
     vertex = tracer.vertices_mm[seen]
-    x = vertex + array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
+    x = vertex - array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
     farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.nearby.nearest(x)[0][:, 0]
     near = farther <= _CELL_SLACK * array.pitch_mm
     return seen[near], x[near]
