@@ -161,9 +161,10 @@ class ExportCamera:
 
     @property
     def thin_lens(self) -> ThinLens:
-        """The thin-lens camera; focal lengths in the order of its types. ExportError: its sensor is tilted."""
-        if "sensor_tilt_deg" in self.built.record:
-            raise ExportError(f"the sensor of {self.name} is tilted, and a thin-lens camera has none that is")
+        """The thin-lens camera; focal lengths in the order of its types. ExportError: there is none like it."""
+        if "sensor_tilt_deg" in self.built.record or not self.built.record["lens"]["f_number"]:
+            what = f"no thin lens is like {self.name}: its sensor is tilted, or its lens telecentric"
+            raise ExportError(what, hint="rays and the tables hold any camera")
         return thin_lens(self.built.record, self.array[0].focal_lengths_mm)
 
 

@@ -4,6 +4,7 @@ Positions are vision z, counted from the aperture stop and positive towards the 
 Matrices act on (height, index times slope); Hecht, Optics, chapter "Analytical ray tracing".
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,11 @@ _AT_FOCUS_MM = 1e-9
 of 10 mm such an object is a hundred thousand kilometres away."""
 
 
+_TELECENTRIC = 1e-9
+"""Slope of a chief ray outside of the lens over its slope at the stop below which the pupil there lies at infinity [1].
+It is counted where it would be with that slope, so that what depends on it stays a number, right to nine digits."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pupil:
     """Paraxial image of the stop: position as vision z, diameter, magnification over the stop (signed)."""
@@ -26,6 +32,11 @@ class Pupil:
     z_mm: float
     diameter_mm: float
     magnification: float
+
+    @property
+    def is_infinite(self) -> bool:
+        """Whether it stands for one at infinity: chief rays are parallel to the axis on its side of the lens."""
+        return abs(self.magnification * _TELECENTRIC) > 1 / 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,8 +54,8 @@ class FirstOrder:
 
     @property
     def f_number(self) -> float:
-        """Focal length over entrance-pupil diameter."""
-        return self.efl_mm / self.entrance_pupil.diameter_mm
+        """Focal length over entrance-pupil diameter; 0 of a pupil at infinity: the stop bounds no beam from there."""
+        return 0.0 if self.entrance_pupil.is_infinite else self.efl_mm / self.entrance_pupil.diameter_mm
 
     @property
     def pupil_magnification(self) -> float:
@@ -127,10 +138,15 @@ def exit_pupil(prescription: Prescription) -> Pupil:
     rear = prescription.surfaces[prescription.stop_index :]
     before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
     matrix = _matrix(rear, before)
-    behind_mm = float(-matrix[0, 1] / matrix[1, 1])
+    behind_mm = float(-matrix[0, 1] / _off_zero(matrix[1, 1], matrix[0, 1]))
     scale = float(matrix[0, 0] + behind_mm * matrix[1, 0])
     z_mm = -(prescription.vertices_from_stop_mm[-1] + behind_mm)
     return Pupil(z_mm=z_mm, diameter_mm=2 * prescription.stop.semi_diameter_mm * abs(scale), magnification=scale)
+
+
+def _off_zero(slope: float, height_mm: float) -> float:
+    """The slope, or of a pupil at infinity one that puts it far behind the lens, as scene or sensor see it."""
+    return slope if abs(slope) > _TELECENTRIC else math.copysign(_TELECENTRIC, height_mm)
 
 
 def _entrance_pupil(prescription: Prescription, front: tuple[Surface, ...]) -> Pupil:
@@ -142,7 +158,7 @@ def _entrance_pupil(prescription: Prescription, front: tuple[Surface, ...]) -> P
     last = front[-1]
     matrix = np.array([[1.0, last.thickness_mm / last.index], [0.0, 1.0]]) @ matrix
     # An object at distance s before the first vertex images onto the stop where B + A s = 0.
-    before_mm = float(-matrix[0, 1] / matrix[0, 0])
-    scale = float(matrix[0, 0])
+    scale = float(_off_zero(matrix[0, 0], matrix[0, 1]))
+    before_mm = float(-matrix[0, 1] / scale)
     z_mm = -(prescription.vertices_from_stop_mm[0] - before_mm)
     return Pupil(z_mm=z_mm, diameter_mm=diameter / abs(scale), magnification=1.0 / scale)

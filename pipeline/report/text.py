@@ -128,9 +128,8 @@ def _sensor(document: Json) -> Iterator[Figure]:
     yield Figure("distance behind the stop", _mm(document["sensor_distance_mm"]))
     if tilt := document.get("sensor_tilt_deg"):
         yield Figure("tilt", "{:g}, {:g} deg".format(*tilt), "about x, about y: tauX and tauY of OpenCV")
-    yield Figure(
-        "principal distance", f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
-    )
+    principal = f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
+    yield Figure("principal distance", principal)
     yield from _pinhole(document["pinhole"])
     yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
     yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")
@@ -141,7 +140,7 @@ def _sensor(document: Json) -> Iterator[Figure]:
 def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
     """The pinhole that fits real rays best, for OpenCV."""
     if pinhole is None:
-        yield Figure("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
+        yield Figure("equivalent pinhole", "none", "a telecentric lens, too wide a field, or too little light")
         return
     x, y, z = pinhole["centre_mm"]
     centre = f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if x or y else _mm(z)

@@ -71,6 +71,8 @@ def _lens(out: Path, wish: RigWish) -> str:
     if wish.f_number is not None:
         prescription = loaded.lens.prescription
         semi_mm = prescription.stop.semi_diameter_mm * first_order(prescription).f_number / wish.f_number
+        if not semi_mm:
+            raise UsageError("a telecentric lens has no F-number at infinity", hint="leave --f-number out")
         stop = f'        # The stop of F/{wish.f_number:g}.\n        over "{loaded.lens.stop_name}"\n        {{\n'
         stop += f"            uniform double plen:semiDiameter = {semi_mm:.9g}\n        }}\n"
     return _part("Lens", asset_path(wish.lens, out), stop)

@@ -12,9 +12,10 @@ import numpy as np
 from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus
 from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.optics.first_order import FirstOrder, first_order
+from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.records.plain import Json
 
@@ -40,8 +41,8 @@ def report(camera: Camera) -> Json:
         "sensor_distance_mm": camera.sensor_distance_mm,
         **({"sensor_tilt_deg": list(sensor.tilt_deg)} if any(sensor.tilt_deg) else {}),
         "lens": _lens(camera, lens, to_sensor),
-        "principal_distance_mm": principal_mm,
-        "principal_distance_px": principal_mm / sensor.pitch_mm,
+        "principal_distance_mm": math.inf if lens.entrance_pupil.is_infinite else principal_mm,
+        "principal_distance_px": math.inf if lens.entrance_pupil.is_infinite else principal_mm / sensor.pitch_mm,
         "optical_axis_px": [
             sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
             sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
@@ -64,13 +65,19 @@ def lens_report(prescription: Prescription) -> Json:
         "bfd_mm": lens.bfd_mm,
         "f_number": lens.f_number,
         "focal_points_mm": [lens.front_focus_mm, lens.rear_focus_mm],
-        "entrance_pupil": {"z_mm": entrance.z_mm, "diameter_mm": entrance.diameter_mm},
-        "exit_pupil": {"z_mm": exit_.z_mm, "diameter_mm": exit_.diameter_mm},
+        "entrance_pupil": _pupil(entrance),
+        "exit_pupil": _pupil(exit_),
         "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
         "stop_diameter_mm": 2 * prescription.stop.semi_diameter_mm,
         "length_mm": prescription.vertices_mm[-1],
         "surfaces": len(prescription.surfaces),
     }
+
+
+def _pupil(pupil: Pupil) -> Json:
+    if pupil.is_infinite:
+        return {"z_mm": math.copysign(math.inf, pupil.z_mm), "diameter_mm": math.inf}
+    return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
 
 
 def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
@@ -196,8 +203,10 @@ class Viewfinder:
 
 
 def viewfinder(camera: Camera) -> Viewfinder:
-    """Find the viewfinder of a camera whose focus is solved."""
+    """Find the viewfinder of a camera whose focus is solved; CameraError: it would stand at infinity."""
     lens, sensor = first_order(camera.prescription), camera.sensor
+    if lens.entrance_pupil.is_infinite:
+        raise CameraError("a telecentric lens has its entrance pupil at infinity, and so no pinhole of a field of view")
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     focus_mm = middle_focus(camera)
     return Viewfinder(

@@ -301,6 +301,11 @@ def stopped_down(camera: Camera, f_number: float) -> Camera:
     Raises CameraError: the lens does not open so far: the edge of another surface would limit the light on the axis.
     """
     lens = first_order(camera.prescription)
+    if lens.entrance_pupil.is_infinite:
+        raise CameraError(
+            f"a telecentric lens has no F/{f_number:g}: its entrance pupil is at infinity",
+            hint="set its stop by plen:semiDiameter; camera.json states the working F-number",
+        )
     diameter = lens.f_number / f_number * 2 * camera.prescription.stop.semi_diameter_mm
     ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
     widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)

@@ -54,6 +54,8 @@ def _focused_alike(camera: Camera | FocusRequest, model: str) -> Camera | FocusR
     real = first_order(camera.prescription)
     if not real.efl_mm > 0:
         raise CameraError(f"a lens of focal length {real.efl_mm:g} mm has no {model} that images like it")
+    if real.entrance_pupil.is_infinite:
+        raise CameraError(f"a telecentric lens has no {model} that images like it: its entrance pupil is at infinity")
     wide_mm = abs(real.entrance_pupil.diameter_mm) / 2
     semi_diameter_mm = _PINHOLE_SEMI_DIAMETER_MM if model == PINHOLE else wide_mm
     stop = Surface(focal_length_mm=real.efl_mm, semi_diameter_mm=semi_diameter_mm, is_stop=True)
