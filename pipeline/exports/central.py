@@ -4,6 +4,7 @@ It is the equivalent pinhole of camera.json, which has the coefficients of Brown
 follow, or has no such pinhole; then others are fitted to the rays of its image.
 """
 
+import math
 from collections.abc import Iterable
 from contextlib import suppress
 
@@ -69,6 +70,9 @@ def _of_fit(fit: Fit, field: FieldRays) -> CentralModel:
 
 def _field(camera: ExportCamera) -> FieldRays:
     record = camera.built.record
+    if not math.isfinite(float(record["principal_distance_px"])):
+        what = f"the lens of {camera.name} is telecentric, and a central model has one centre of projection"
+        raise ExportError(what, hint="export rays, which hold any camera")
     near_mm, far_mm = map(float, record["near_far_mm"])
     pupil_mm = record["lens"]["entrance_pupil"]["z_mm"]
     start = np.array([record["principal_distance_px"], *record["optical_axis_px"], pupil_mm])

@@ -128,8 +128,9 @@ def _sensor(document: Json) -> Iterator[Figure]:
     yield Figure("distance behind the stop", _mm(document["sensor_distance_mm"]))
     if tilt := document.get("sensor_tilt_deg"):
         yield Figure("tilt", "{:g}, {:g} deg".format(*tilt), "about x, about y: tauX and tauY of OpenCV")
-    principal = f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
-    yield Figure("principal distance", principal)
+    principal_mm, principal_px = document["principal_distance_mm"], document["principal_distance_px"]
+    in_px = "" if math.isinf(principal_mm) else f" = {principal_px:.2f} px"
+    yield Figure("principal distance", f"{_mm(principal_mm)}{in_px}")
     yield from _pinhole(document["pinhole"])
     yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
     yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")

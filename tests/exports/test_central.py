@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,9 +14,13 @@ from exports.pretended import board_mm, same, write_manifest, write_target
 from exports.readers import seen_by_nerfstudio
 
 from pipeline.exports import export
+from pipeline.exports.central import central_model
+from pipeline.exports.material import ExportCamera
 from pipeline.files.tables import write_table
+from pipeline.formats import ExportError
 from pipeline.frames import apply, rigid
 from pipeline.results.output import open_output
+from pipeline.results.records import BuiltPinhole
 
 SIZE_PX, MATRIX = (320, 240), np.array([[200.0, 0, 161.25], [0, 200.0, 118.5], [0, 0, 1]])
 STOP_MM, WORLD_MM = np.array([0.0, 0.0, 7.0]), np.array([1.0, 2.0, 3.0])
@@ -133,3 +138,23 @@ def test_a_pinhole_that_leaves_next_to_nothing_asks_for_no_rays(output, tmp_path
     monkeypatch.setattr(export, "sight_of", lambda out, name: sight)
     export.export(output, ["ros"], tmp_path)
     assert sight.asked == 0
+
+
+def test_what_a_format_cannot_hold_is_said_and_not_left_out():
+    """A tilted sensor where five coefficients are all, and a telecentric lens where one centre is."""
+    tilted = BuiltPinhole(
+        centre_mm=np.zeros(3),
+        principal_distance_px=900.0,
+        principal_point_px=np.zeros(2),
+        distortion=np.array([*(0.0,) * 12, 0.1, 0.0]),
+        rms_px=0.0,
+        max_px=0.0,
+    )
+    parts = {"size_px": SIZE_PX, "pitch_mm": 0.01, "axis": np.zeros(2), "micro_images": None, "rays": None}
+    built = SimpleNamespace(record={"principal_distance_px": "inf", "near_far_mm": [200.0, 400.0]})
+    camera = ExportCamera(name="Rig.Camera", pinhole=tilted, built=built, **parts)
+    for ask in (lambda of: of.opencv, lambda of: central_model(of, ("rational",))):
+        with pytest.raises(ExportError, match=r"sensor of Rig\.Camera is tilted"):
+            ask(camera)
+    with pytest.raises(ExportError, match=r"lens of Rig\.Camera is telecentric"):
+        central_model(replace(camera, pinhole=None), ("rational",))

@@ -35,6 +35,9 @@ from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
+_FARTHEST_PX = 1e12
+"""Principal distance of a telecentric lens in the 3-D view [px]: a number, and edges of its field look parallel."""
+
 _MOST_FACES = 20_000
 """Faces of a target in the 3-D view; one with more is left out there."""
 _FUNCTION = "plenopticReport"
@@ -114,7 +117,7 @@ def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) 
         lens=record["lens"]["name"],
         width_px=width,
         height_px=height,
-        principal_distance_px=record["principal_distance_px"],
+        principal_distance_px=min(float(record["principal_distance_px"]), _FARTHEST_PX),
         certificate=certificate,
         optics=optics,
         micro_images=_micro_images(source, camera),
