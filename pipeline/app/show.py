@@ -10,7 +10,7 @@ from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.camera.figures.point_images import PointImage, point_images
-from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
@@ -83,7 +83,7 @@ def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str 
 def _shown_camera(entry: CameraEntry, warnings: list[Problem]) -> Shown:
     with blamed_on(entry.file, entry.line, entry.prim_path):
         camera = entry.camera
-        content = document(labels_of(entry), camera, pinhole(camera))
+        content = document(labels_of(entry), camera, pinhole(camera), focused(entry.asked))
         return Shown(entry, warnings, content, camera, field_curves(camera, middle_focus(camera)))
 
 

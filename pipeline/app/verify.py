@@ -39,7 +39,7 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
-from pipeline.tasks.params.cameras import AskedCamera, InChannel, JoinedRays, Planes
+from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, InChannel, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging import sample
 from pipeline.truth.visibility import PointBundles
@@ -197,12 +197,17 @@ def _judged_camera(build: Project, name: str) -> _JudgedCamera:
 
 
 def _camera(graph: TaskGraph, name: str) -> Camera:
-    """The camera that the tasks `focus`, `planes` and, of a channel, `channel` would make."""
+    """The camera that the tasks `focus`, `planes`, `windows` if any and, of a channel, `channel` would make."""
     body, channel = body_and_channel(name)
     focus = from_plain(AskedCamera, graph[f"focus/{body}"].params)
     planes = from_plain(Planes, graph[f"planes/{body}"].params)
     camera = focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
-    return camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel) if channel else camera
+    if channel:
+        camera = camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel)
+    if f"windows/{name}" not in graph:
+        return camera
+    before = from_plain(BehindWindows, graph[f"windows/{name}"].params)
+    return camera.behind(before.windows, before.wavelength_nm)
 
 
 def _view(graph: TaskGraph, task: str) -> PlacedView:

@@ -15,7 +15,7 @@ from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, NoiseCheck, Noth
 from pipeline.tasks.params.frames import Image
 
 _MODULES = {
-    "camera": ("focus", "channel", "stop", "planes", "pinhole", "first_order"),
+    "camera": ("focus", "channel", "windows", "stop", "planes", "pinhole", "first_order"),
     "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
     "labels": ("labels", "labels_tile"),
     "micro_images": ("micro_images", "micro_images_tile"),

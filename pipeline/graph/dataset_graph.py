@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
-from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.exports import add_exports
-from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of
+from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of, seen_through
 from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.denoising import require_denoiser
@@ -50,7 +49,7 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
             parts = cameras.Parts(meters_per_unit=dataset.meters_per_unit, up_axis=dataset.up_axis)
-            task = add(graph, f"parts/{camera.name}", parts, {"camera": f"focus/{camera.name}"})
+            task = add(graph, f"parts/{camera.name}", parts, {"camera": seen_through(graph, camera)})
             files[camera.parts_file] = (task, cameras.PARTS)
             _add_poses(graph, files, dataset, camera)
             for seen in camera.in_channels:
@@ -104,9 +103,10 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
         circle_of_confusion_px=entry.asked.circle_of_confusion_px,
     )
     reads = {"camera": add(graph, f"focus/{name}", cameras.AskedCamera.of(entry.asked))}
-    settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
+    settled = {"camera": seen_through(graph, entry), "planes": add(graph, f"planes/{name}", planes, reads)}
     pinhole = add(graph, f"pinhole/{name}", cameras.Nothing(), settled)
-    report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole})
+    alone = {"alone": reads["camera"]} if entry.windows and entry.channels else {}
+    report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole, **alone})
     files[f"{folder}/camera.json"] = (report, "camera.json")
     if entry.shutter:
         files[f"{folder}/{cameras.TIMES}"] = (report, cameras.TIMES)
@@ -211,6 +211,7 @@ def labels_of(entry: CameraEntry) -> cameras.CameraLabels:
         focus_request=focus,
         channels=entry.channels,
         shutter=entry.shutter and dataclasses.replace(entry.shutter, instants=1),
+        windows=entry.windows if entry.channels else None,
     )
 
 
@@ -235,9 +236,10 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     if response is None or irradiation is None:
         return
     kind = "colour_image" if entry.channels else "image"
-    of_cameras = {"camera": f"focus/{name}"} if irradiation.radiance else {}
+    of_cameras = {"camera": seen_through(graph, entry)} if irradiation.radiance else {}
+    seen = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
     channels = [radiance.channel for radiance in irradiation.channels]
-    of_cameras |= {f"camera_{channel}": f"channel/{name_with(name, channel)}" for channel in channels}
+    of_cameras |= {f"camera_{channel}": seen_through(graph, seen[channel]) for channel in channels if channel}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:

@@ -49,6 +49,15 @@ def light_of(entry: CameraEntry) -> cameras.BundleLight:
     return cameras.BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
+def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
+    """The task that makes the camera as it sees the scene: focused, in its channel, behind windows in the world."""
+    camera = f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"
+    if entry.windows is None or (name := f"windows/{entry.full_name}") in graph:
+        return camera if entry.windows is None else name
+    params = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
+    return add(graph, name, params, {"camera": camera})
+
+
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
@@ -103,7 +112,7 @@ class FrameTasks:
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
+        self._reads = {"camera": seen_through(graph, entry)}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[frames.JudgedFrame] = []
@@ -252,7 +261,7 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             whole = replace(whole, next_targets=targets, next_occluders=tuple(map(there.get, _paths(dataset, frame))))
         name, tiles = f"{entry.name}/{frame.number:04d}", {}
         for number, rows in enumerate(image_bands(entry.asked.sensor, entry.image_samples)):
-            params, reads = replace(whole, rows=rows), {"camera": f"focus/{entry.name}"}
+            params, reads = replace(whole, rows=rows), {"camera": seen_through(graph, entry)}
             if whole.view.lighting:
                 reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
             tile = add(graph, f"labels_tile/{name}/{number:04d}", params, reads, f"labels/{entry.name}/{number}")

@@ -41,9 +41,9 @@ class Pupil:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstOrder:
-    """First-order constants of a lens in air; planes and points are vision z."""
+    """First-order constants of a lens with air behind it; planes and points are vision z."""
 
-    efl_mm: float
+    efl_mm: float  # from the rear principal plane to the rear focus
     bfd_mm: float  # last vertex to rear focus
     front_focus_mm: float
     rear_focus_mm: float
@@ -51,6 +51,7 @@ class FirstOrder:
     rear_principal_mm: float
     entrance_pupil: Pupil
     exit_pupil: Pupil
+    index_in_front: float = 1.0  # of the medium of the scene
 
     @property
     def f_number(self) -> float:
@@ -63,55 +64,65 @@ class FirstOrder:
         return self.exit_pupil.diameter_mm / self.entrance_pupil.diameter_mm
 
     def principal_distance_mm(self, sensor_distance_mm: float) -> float:
-        """Principal distance with a sensor so far behind the stop: exit pupil to sensor over pupil magnification."""
-        return (self.exit_pupil.z_mm + sensor_distance_mm) / self.pupil_magnification
+        """Principal distance with a sensor so far behind the stop: exit pupil to sensor over pupil magnification.
+
+        Height in the image over the slope of the chief ray in the scene, whose medium makes it longer.
+        """
+        return self.index_in_front * (self.exit_pupil.z_mm + sensor_distance_mm) / self.pupil_magnification
+
+    @property
+    def newton_mm2(self) -> float:
+        """Product of both focal lengths, which Newton's equation has [mm^2]."""
+        return self.index_in_front * self.efl_mm**2
 
     def image_mm(self, object_mm: float) -> float:
-        """Vision z of the image of an axial object at vision z (Newton's equation x x' = f^2)."""
-        return self.rear_focus_mm - self.efl_mm**2 / (object_mm - self.front_focus_mm)
+        """Vision z of the image of an axial object at vision z (Newton's equation x x' = f f')."""
+        return self.rear_focus_mm - self.newton_mm2 / (object_mm - self.front_focus_mm)
 
     def object_mm(self, image_mm: float) -> float:
         """Vision z of the object whose image lies at vision z, inf for the rear focus; inverse of `image_mm`."""
         if abs(image_mm - self.rear_focus_mm) < _AT_FOCUS_MM:
             return float("inf")
-        return self.front_focus_mm + self.efl_mm**2 / (self.rear_focus_mm - image_mm)
+        return self.front_focus_mm + self.newton_mm2 / (self.rear_focus_mm - image_mm)
 
     def magnification(self, object_mm: float) -> float:
         """Lateral magnification for an object at vision z; negative: inverted."""
-        return -self.efl_mm / (object_mm - self.front_focus_mm)
+        return -self.index_in_front * self.efl_mm / (object_mm - self.front_focus_mm)
 
 
 def first_order(prescription: Prescription) -> FirstOrder:
     """First-order constants at the prescription's wavelength; a PrescriptionError if the lens is afocal."""
     surfaces, stop = prescription.surfaces, prescription.stop_index
     vertices = prescription.vertices_from_stop_mm
-    whole = _matrix(surfaces, 1.0)
+    index = prescription.index_in_front
+    whole = _matrix(surfaces, index)
     if abs(whole[1, 0]) < _LEAST_POWER_PER_MM:
         raise PrescriptionError("the lens is afocal: it has no focal length")
     efl = float(-1.0 / whole[1, 0])
     bfd = float(-whole[0, 0] / whole[1, 0])
-    front_focus = -(vertices[0] + float(whole[1, 1] / whole[1, 0]))
+    front_focus = -(vertices[0] + index * float(whole[1, 1] / whole[1, 0]))
     rear_focus = -(vertices[-1] + bfd)
     return FirstOrder(
         efl_mm=efl,
         bfd_mm=bfd,
         front_focus_mm=front_focus,
         rear_focus_mm=rear_focus,
-        front_principal_mm=front_focus - efl,
+        front_principal_mm=front_focus - index * efl,
         rear_principal_mm=rear_focus + efl,
         entrance_pupil=_entrance_pupil(prescription, surfaces[:stop]),
         exit_pupil=exit_pupil(prescription),
+        index_in_front=index,
     )
 
 
 def paraxial_ray(
-    surfaces: Sequence[Surface | PrintedSurface], height: float, slope: float
+    surfaces: Sequence[Surface | PrintedSurface], height: float, slope: float, index: float = 1.0
 ) -> tuple[list[float], float]:
-    """Heights at all surfaces of a ray that comes from air to the first vertex, and its slope behind the last one.
+    """Heights at all surfaces of a ray that comes to the first vertex from a medium, and its slope behind the last one.
 
     The slope counts times the index.
     """
-    heights, index = list[float](), 1.0
+    heights = list[float]()
     for i, surface in enumerate(surfaces):
         if i:
             height += surfaces[i - 1].thickness_mm * slope / index
@@ -136,7 +147,8 @@ def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
 def exit_pupil(prescription: Prescription) -> Pupil:
     """Image of the stop through what stands behind it."""
     rear = prescription.surfaces[prescription.stop_index :]
-    before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
+    stop = prescription.stop_index
+    before = prescription.surfaces[stop - 1].index if stop else prescription.index_in_front
     matrix = _matrix(rear, before)
     behind_mm = float(-matrix[0, 1] / _off_zero(matrix[1, 1], matrix[0, 1]))
     scale = float(matrix[0, 0] + behind_mm * matrix[1, 0])
@@ -154,11 +166,11 @@ def _entrance_pupil(prescription: Prescription, front: tuple[Surface, ...]) -> P
     diameter = 2 * prescription.stop.semi_diameter_mm
     if not front:
         return Pupil(z_mm=0.0, diameter_mm=diameter, magnification=1.0)
-    matrix = _matrix(front, 1.0)
+    matrix = _matrix(front, prescription.index_in_front)
     last = front[-1]
     matrix = np.array([[1.0, last.thickness_mm / last.index], [0.0, 1.0]]) @ matrix
-    # An object at distance s before the first vertex images onto the stop where B + A s = 0.
+    # An object at distance s before the first vertex, in a medium n, images onto the stop where B + A s / n = 0.
     scale = float(_off_zero(matrix[0, 0], matrix[0, 1]))
-    before_mm = float(-matrix[0, 1] / scale)
+    before_mm = prescription.index_in_front * float(-matrix[0, 1] / scale)
     z_mm = -(prescription.vertices_from_stop_mm[0] - before_mm)
     return Pupil(z_mm=z_mm, diameter_mm=diameter / abs(scale), magnification=1.0 / scale)

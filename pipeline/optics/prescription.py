@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 from pipeline.errors import PipelineError
 from pipeline.records.declared import settle
@@ -193,6 +192,7 @@ class Group:
     count: int
     decentre_mm: tuple[float, float] = (0.0, 0.0)  # from the axis along x and y of the lens frame
     tilt_deg: tuple[float, float] = (0.0, 0.0)  # about the pivot: first about x, then about the turned y
+    roll_deg: float = 0.0  # about the axis, before the tilt
     pivot_mm: float = 0.0  # place of the pivot on the axis, from the vertex of the first surface, + towards the sensor
 
     def __post_init__(self) -> None:
@@ -224,6 +224,7 @@ class Prescription:
 
     surfaces: tuple[Surface, ...]
     groups: tuple[Group, ...] = ()
+    index_in_front: float = 1.0  # of the medium before the first surface, relative to air
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
@@ -233,9 +234,12 @@ class Prescription:
                 f"groups hold the surfaces {sorted(held)} of {len(self.surfaces)}",
                 hint="a group holds consecutive surfaces of the prescription, and no surface is in two groups",
             )
-        for front, ideal in pairwise(self.surfaces):
-            if ideal.focal_length_mm is not None and front.index != 1:
-                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {front.index}", hint="air: 1")
+        if not self.index_in_front > 0:
+            raise PrescriptionError(f"the medium before the lens has the index {self.index_in_front}")
+        before = (self.index_in_front, *(surface.index for surface in self.surfaces))
+        for index, surface in zip(before, self.surfaces, strict=False):
+            if surface.focal_length_mm is not None and index != 1:
+                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {index:g}", hint="air: 1")
         stops = sum(surface.is_stop for surface in self.surfaces)
         if stops != 1:
             raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {stops}")
@@ -252,7 +256,8 @@ class Prescription:
     def is_centred(self) -> bool:
         """Whether no surface and no group stands off its place."""
         parts: tuple[Surface | Group, ...] = (*self.surfaces, *self.groups)
-        return not any(value for part in parts for value in (*part.decentre_mm, *part.tilt_deg))
+        rolls = (group.roll_deg for group in self.groups)
+        return not any((*(value for part in parts for value in (*part.decentre_mm, *part.tilt_deg)), *rolls))
 
     @property
     def stop_index(self) -> int:

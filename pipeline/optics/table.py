@@ -75,21 +75,27 @@ def displacements(prescription: Prescription) -> list[np.ndarray | None]:
     vertices = prescription.vertices_from_stop_mm
     motions = [motion(s.decentre_mm, s.tilt_deg, z) for s, z in zip(prescription.surfaces, vertices, strict=True)]
     for group in prescription.groups:
-        whole = motion(group.decentre_mm, group.tilt_deg, vertices[group.first] + group.pivot_mm)
+        pivot_mm = vertices[group.first] + group.pivot_mm
+        whole = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
         for i in group.members if whole is not None else ():
             alone = motions[i]
             motions[i] = whole if alone is None else whole @ alone
     return motions
 
 
-def motion(decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivot_mm: float) -> np.ndarray | None:
-    """Turn about the point (0, 0, pivot), first about x, then about the turned y, then shift; None for no motion."""
-    if not any((*decentre_mm, *tilt_deg)):
+def motion(
+    decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivot_mm: float, roll_deg: float = 0.0
+) -> np.ndarray | None:
+    """Turn about the point (0, 0, pivot), first about x, then about the turned y and z, then shift; None: no motion."""
+    if not any((*decentre_mm, *tilt_deg, roll_deg)):
         return None
     (cos_x, cos_y), (sin_x, sin_y) = ([f(math.radians(angle)) for angle in tilt_deg] for f in (math.cos, math.sin))
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
     about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
     turn, pivot = about_x @ about_y, np.array([0.0, 0.0, pivot_mm])
+    if roll_deg:
+        cos, sin = math.cos(math.radians(roll_deg)), math.sin(math.radians(roll_deg))
+        turn = turn @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return rigid(turn, pivot - turn @ pivot + np.array([*decentre_mm, 0.0]))
 
 
@@ -105,7 +111,7 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
 def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray | None = None) -> np.ndarray:
     """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
-    rows, in_front = [], 1.0
+    rows, in_front = [], prescription.index_in_front
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex_mm, motion in placed:
         index_ratio = in_front / surface.index if sign > 0 else surface.index / in_front

@@ -153,11 +153,11 @@ def transmitted(
 
     `table`: from `optics.table`.
     `position_mm`, `direction`: points on the rays and unit directions with a positive z.
-    `losses`: in the order of the table. Light comes from air.
+    `losses`: in the order of the table, at whose end is air.
     """
     across, along = np.ones(len(position_mm)), np.ones(len(position_mm))
     alive = np.ones(len(position_mm), bool)
-    met = _met(table, position_mm, direction)
+    met = _met(table, position_mm, direction, float(np.prod(table[:, INDEX_RATIO])))
     for at, coat, glass in zip(met, losses.coatings, (1.0, *losses.per_mm[:-1]), strict=True):
         inside = np.asarray(glass ** np.where(np.isfinite(at.way_mm), np.maximum(at.way_mm, 0.0), 0.0))
         if coat is not None:
@@ -180,7 +180,7 @@ def steepest_deg(
     0 where no ray passes. The arguments are those of `transmitted`.
     """
     alive, angles = np.ones(len(position_mm), bool), []
-    for at in _met(table, position_mm, direction):
+    for at in _met(table, position_mm, direction, 1.0):
         angles.append(angles_deg(at.before, at.behind, at.cosine))
         alive &= at.passes
     return np.array([angle[alive].max(initial=0.0) for angle in angles])
@@ -199,9 +199,8 @@ class _Met(NamedTuple):
     behind: float
 
 
-def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray) -> Iterator[_Met]:
-    """Rays at one surface after the other."""
-    behind = 1.0
+def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray, behind: float) -> Iterator[_Met]:
+    """Rays at one surface after the other; `behind` is the index of the medium that they come from."""
     for row in table:
         before, behind = behind, behind / row[INDEX_RATIO]
         point, bent, passes = traced(row[None], position_mm, direction)

@@ -125,7 +125,8 @@ def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
 def photon_rate(camera: Camera, radiance: Radiance) -> float:
     """Photons that hit a pixel in a second where the linear image is 1: on the axis, before a white scene [1/s].
 
-    Those of a channel count by its relative response; the camera is then the one of the channel.
+    Behind a medium of index n a radiance is n^2 times smaller, as its light fills a wider cone. Photons of a channel
+    count by its relative response; the camera is then the one of the channel.
 
     Raises SensorError: rays of the camera weigh area, so that no image is one of irradiance.
     """
@@ -134,6 +135,7 @@ def photon_rate(camera: Camera, radiance: Radiance) -> float:
     area_m2, rate = (camera.sensor.pitch_mm * 1e-3) ** 2, 0.0
     for light, losses in zip(Tracer(camera).lights, radiance.losses, strict=True):
         weight_sr, share = light.tracer.reference_weight_sr, axial_transmission(light.tracer, losses)
+        share /= light.tracer.camera.prescription.index_in_front**2
         rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
     return rate
 

@@ -64,8 +64,7 @@ class Opened:
         """The camera made ready as a build does it."""
         entry = self.entry
         with blamed_on(entry.file, entry.line, entry.prim_path):
-            camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
-            rig = Rig.of(Tracer(camera, self.seed), entry.square_px)
+            rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px)
         return ReadyCamera(
             name=entry.full_name,
             rig=rig,

@@ -32,6 +32,7 @@ from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import at_code, need, read, read_once, target, target_paths
+from pipeline.scene.windows import behind_fixed, check_windows, standing_windows, windows_in_frame
 from pipeline.truth.settings import TruthSettings
 
 _MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
@@ -57,9 +58,10 @@ def read_states(
 ) -> list[tuple[CameraEntry, list[int]]]:
     """A camera in each state of its lens and sensor, and the frames that have it; most cameras are in one state."""
     states = list[tuple[CameraEntry, list[int]]]()
-    for number in numbers if changes(prim) else numbers[:1]:
+    for number in numbers if changes(prim) or standing_windows(prim) else numbers[:1]:
         with at_code(number):
             entry = read_camera_entry(prim, root, seed)
+        entry = replace(entry, windows=windows_in_frame(prim, number, _wavelengths_nm(entry)))
         frames = next((frames for state, frames in states if state == entry), None)
         if frames is None:
             states.append((entry, [number]))
@@ -68,6 +70,12 @@ def read_states(
     if len(states) < 2:
         return [(entry, list(numbers)) for entry, _ in states]
     return [(replace(entry, name=name_in_state(entry.name, frames[0])), frames) for entry, frames in states]
+
+
+def _wavelengths_nm(entry: CameraEntry) -> list[float]:
+    """All wavelengths for which records of a camera have indices."""
+    nodes = (node for channel in entry.channels for node in (channel.middle, *channel.nodes))
+    return list(dict.fromkeys([entry.wavelength_nm, *(node.wavelength_nm for node in nodes)]))
 
 
 @read_once
@@ -137,7 +145,8 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
 
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record of a Camera with the model of its lens; a request if a focus or a matched stop is asked for."""
-    return with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
+    alone = with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
+    return replace(alone, prescription=behind_fixed(prim, alone.prescription))
 
 
 @read_once
@@ -196,6 +205,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if array := target(camera, "plen:camera:microlenses", "PlenMicrolensArray"):
         yield from check_microlens_glass(camera, array)
         yield from check_near_microlenses(camera, array)
+    yield from check_windows(camera)
     try:
         prescription = read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
     except PipelineError as error:

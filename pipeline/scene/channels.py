@@ -25,6 +25,7 @@ from pipeline.scene.lens import (
 from pipeline.scene.microlenses import microlens_index
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+from pipeline.scene.windows import indices_before
 
 
 def channel_prims(sensor: Usd.Prim) -> list[Usd.Prim]:
@@ -121,10 +122,12 @@ def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     is_ideal = need(camera, "plen:camera:model") != "prescription"  # a plane in air, which no wavelength tells apart
     has_index = array and need(array, "plen:model") != "thin"
+    before = indices_before(camera, wavelength_nm)
     return SpectralNode(
         wavelength_nm=wavelength_nm,
         weight=weight,
-        indices=(1.0,) if is_ideal else indices(lens, wavelength_nm),
+        indices=(*before.behind, *((1.0,) if is_ideal else indices(lens, wavelength_nm))),
+        index_in_front=before.index_in_front,
         microlens_index=microlens_index(array, wavelength_nm) if has_index else None,
     )
 

@@ -14,6 +14,7 @@ from pipeline.channel_names import name_with
 from pipeline.formats import EXACT
 from pipeline.motion import Motion, Shutter
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.windows import Windows
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.colours import Colorimetry
 from pipeline.render.sensor.response import Irradiation, SensorResponse
@@ -72,13 +73,17 @@ class CameraEntry:
     response: SensorResponse | None = None  #: from photons to digital numbers; None where the stage states none
     irradiation: Irradiation | None = None  #: light of each frame; None: there are no raw images
     shutter: Shutter | None = None  #: when its lines are exposed; None: a frame is an instant
+    windows: Windows | None = None  #: those that stand in the world before it; others are parts of the camera
     file: str | None = field(default=None, compare=False)  #: of its definition, for messages
     line: int | None = field(default=None, compare=False)  #: of its definition, for messages
 
     @cached_property
     def camera(self) -> Camera:
-        """The focused camera; the focus is solved at first use."""
-        return focused(self.asked)
+        """The focused camera, in the light of its channel if it has one, behind windows that stand in the world; the
+        focus is solved at first use.
+        """
+        camera = focused(self.asked) if self.channel is None else focused(self.asked).in_light(self.channel)
+        return camera.behind(self.windows, self.wavelength_nm) if self.windows else camera
 
     @cached_property
     def group_shift_mm(self) -> float | None:

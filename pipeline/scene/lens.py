@@ -18,7 +18,7 @@ from pipeline.optics.glass.medium import GlassError, Medium
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
 
 APERTURE_VALUES = {
     "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
@@ -59,7 +59,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
 
 
 def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
-    """Surfaces of a lens in the order it states; names without a prim are left out."""
+    """Surfaces of a lens or window in the order it states; names without a prim are left out."""
     named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
     return [prim for prim in named if prim and prim.IsA("PlenSurface")]
 
@@ -81,11 +81,6 @@ def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Pre
         surfaces=tuple(replace(read_surface(prim), index=index) for prim, index in bent),
         groups=tuple(sorted(groups, key=lambda group: group.first)),
     )
-
-
-def prescription_of(camera: Usd.Prim) -> Prescription:
-    """The prescription of the lens of a Camera with PlenCameraAPI, at its wavelength."""
-    return read_prescription(target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength"))
 
 
 def _read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
@@ -206,9 +201,9 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenLens as a whole."""
-    yield from _check_order(lens)
     prims = ordered_surfaces(lens)
     if not prims:
+        yield from _check_order(lens)
         return
     stops = [prim.GetName() for prim in prims if read(prim, "plen:isStop")]
     if not stops:
@@ -216,6 +211,17 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
         yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
     elif len(stops) > 1:
         yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
+    yield from check_surfaces(lens)
+    if (read(prims[-1], "plen:index") or 1) != 1:
+        message = f"the medium behind the last surface has index {read(prims[-1], 'plen:index')}, and only air (1) is"
+        attribute = prims[-1].GetAttribute("plen:index")
+        yield problem(attribute, "not-yet-supported", f"{message} supported yet")
+
+
+def check_surfaces(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the surfaces of a PlenLens or PlenWindow, one by one and with their neighbours."""
+    yield from _check_order(lens)
+    prims = ordered_surfaces(lens)
     surfaces = dict[Usd.Prim, Surface]()
     for prim in prims:
         try:
@@ -236,10 +242,6 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     for front, behind in pairwise(prims):
         if front in surfaces and behind in surfaces:
             yield from _check_gap(front, behind, surfaces[front], surfaces[behind])
-    last = surfaces.get(prims[-1])
-    if last and last.index != 1:
-        message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
-        yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
 
 
 def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:

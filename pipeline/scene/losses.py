@@ -1,4 +1,6 @@
-"""Coatings and glasses of a lens: what they take at a wavelength, and whether they cover the light of a camera."""
+"""Coatings and glasses of a lens and the windows before it: what they take at a wavelength, and whether they cover the
+light of a camera.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,9 +17,10 @@ from pipeline.optics.table import towards_scene
 from pipeline.optics.transmission import CoatingData, Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
-from pipeline.scene.lens import medium_behind, ordered_surfaces
+from pipeline.scene.lens import medium_behind
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+from pipeline.scene.windows import surfaces_before_sensor
 
 _COATING = {
     "wavelengths_nm": "plen:coatingWavelengths",
@@ -46,7 +49,7 @@ def losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
     GlassError where the absorption of a glass is not known, or not at that wavelength.
     """
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    return read_losses(lens, wavelength_nm) if _loses_light(camera, lens) else None
+    return read_losses(camera, wavelength_nm) if _loses_light(camera, lens) else None
 
 
 def _loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
@@ -64,12 +67,12 @@ def wavelengths_seen(camera: Usd.Prim) -> list[float]:
     return [float(nm) for channel in channels for nm in wavelengths_of(channel, illuminant)[0]]
 
 
-def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
-    """Coatings and glasses of a lens at a wavelength; raises as `losses_at`."""
-    surfaces = ordered_surfaces(lens)
+def read_losses(camera: Usd.Prim, wavelength_nm: float) -> Losses:
+    """Coatings and glasses of the windows and the lens of a camera at a wavelength; raises as `losses_at`."""
+    surfaces = surfaces_before_sensor(camera)
     return Losses(
-        coatings=tuple(_read_coating(surface).at(wavelength_nm) for surface in surfaces),
-        per_mm=tuple(_share_per_mm(surface, lens, wavelength_nm) for surface in surfaces),
+        coatings=tuple(_read_coating(surface).at(wavelength_nm) for surface, _ in surfaces),
+        per_mm=tuple(_share_per_mm(surface, part, wavelength_nm) for surface, part in surfaces),
     )
 
 
@@ -112,10 +115,10 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
         seen_nm = wavelengths_seen(camera) if _loses_light(camera, lens) else []
     except (SpectrumError, UnreadableValue):
         return  # reported where the channel or the value is checked
-    for surface in ordered_surfaces(lens):
+    for surface, part in surfaces_before_sensor(camera):
         try:
             coating = _read_coating(surface)
-            absorption = _read_absorption(surface, lens) if seen_nm else None
+            absorption = _read_absorption(surface, part) if seen_nm else None
             if absorption is not None:
                 for nm in (min(seen_nm), max(seen_nm)):
                     absorption.share_per_mm(nm)
@@ -137,14 +140,15 @@ def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if read(camera, "plen:image:exposure") != "radiance" or not lens or not _loses_light(camera, lens):
         return
-    tables = [_read_coating(surface).angles_deg for surface in ordered_surfaces(lens)]
+    surfaces = [surface for surface, _ in surfaces_before_sensor(camera)]
+    tables = [_read_coating(surface).angles_deg for surface in surfaces]
     if not any(tables):
         return
     table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])
     way = front_grid(table, GRID) - film_mm
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     met = steepest_deg(table, np.tile(film_mm, (len(way), 1)), way)[::-1]
-    for surface, angles_deg, met_deg in zip(ordered_surfaces(lens), tables, met, strict=True):
+    for surface, angles_deg, met_deg in zip(surfaces, tables, met, strict=True):
         if angles_deg and met_deg > angles_deg[-1] + _SLACK_DEG:
             what = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
             yield _short(surface, "plen:coatingAngles", f"{what} up to {met_deg:.2f}")

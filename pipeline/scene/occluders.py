@@ -7,7 +7,6 @@ from pxr import Sdf, Usd
 
 from pipeline.frames import apply
 from pipeline.scene.dataset import OccluderEntry
-from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import read_finish, seen_meshes
 from pipeline.scene.usd.meshes import drawn, is_animated
 from pipeline.scene.usd.opening import instance_of
@@ -23,6 +22,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, over_limit, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
+from pipeline.scene.windows import prescription_of
 from pipeline.targets.mesh import Occluder
 
 

@@ -107,7 +107,10 @@ def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], source
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
     lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
-    things = {**dict.fromkeys(seen_meshes(root), world_from), **dict.fromkeys(lamps, world_from_lamp)}
+    things: dict[Usd.Prim, Callable[..., Any]] = {
+        **dict.fromkeys(seen_meshes(root), world_from),
+        **dict.fromkeys(lamps, world_from_lamp),
+    }
 
     def there(number: int) -> dict[Usd.Prim, CameraEntry]:
         return {prim: entry for prim in states for entry, numbers in states[prim] if number in numbers}

@@ -1,6 +1,6 @@
-"""Tasks of a camera: `focus`, `channel`, `stop`, `planes`, `pinhole` and `first_order`.
+"""Tasks of a camera: `focus`, `channel`, `windows`, `stop`, `planes`, `pinhole` and `first_order`.
 
-The first three write `focused.json`, the camera that all others read. What no image depends on is no part of it: planes
+The first four write `focused.json`, the camera that all others read. What no image depends on is no part of it: planes
 of J_near and J_far come from `planes`, and names are written by `first_order`: renaming a lens touches no ray.
 """
 
@@ -20,12 +20,14 @@ from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.motion import Shutter
 from pipeline.optics import first_order as paraxial
+from pipeline.optics.windows import Windows
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
 from pipeline.tasks.params.cameras import (
     CONVENTIONS,
     TIMES,
     AskedCamera,
+    BehindWindows,
     CameraLabels,
     InChannel,
     Nothing,
@@ -42,6 +44,11 @@ def focus(params: AskedCamera, inputs: Inputs, out: Path) -> None:
 def channel(params: InChannel, inputs: Inputs, out: Path) -> None:
     """A camera as one of its colour channels sees it: focused.json."""
     write_json(out / FOCUSED, to_plain(focused_camera(inputs).in_light(params.channel)))
+
+
+def windows(params: BehindWindows, inputs: Inputs, out: Path) -> None:
+    """A camera behind windows that stand in the world: focused.json."""
+    write_json(out / FOCUSED, to_plain(focused_camera(inputs).behind(params.windows, params.wavelength_nm)))
 
 
 def stop(params: Stop, inputs: Inputs, out: Path) -> None:
@@ -63,8 +70,10 @@ def pinhole(params: Nothing, inputs: Inputs, out: Path) -> None:
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm", "sensor_tilt_deg")
 
 
-def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> Json:
-    """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
+def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None, alone: Camera | None = None) -> Json:
+    """Content of camera.json: a focused camera, its pinhole, and `labels` besides; `alone` is the camera without the
+    windows of the labels.
+    """
     figures = report(camera)
     lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST if name in figures}
@@ -75,7 +84,7 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> J
         "wavelengths_nm": [shone.wavelength_nm],
     }
     if labels.channels:
-        light["channels"] = [_channel(camera, channel) for channel in labels.channels]
+        light["channels"] = [_channel(alone or camera, channel, labels.windows) for channel in labels.channels]
     head["focus_request"] = to_plain(labels.focus_request)
     if shutter := labels.shutter:
         times = {"opens_s": shutter.opens_s, "line_offset_s": shutter.line_s, "exposure_s": shutter.exposure_s}
@@ -84,9 +93,10 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> J
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
 
 
-def _channel(camera: Camera, channel: Channel) -> Json:
+def _channel(camera: Camera, channel: Channel, windows: Windows | None) -> Json:
     """A channel: its wavelengths, and what the lens is at their mean."""
-    lens = paraxial.first_order(camera.in_light(channel).prescription)
+    seen, mean_nm = camera.in_light(channel), channel.middle.wavelength_nm
+    lens = paraxial.first_order((seen.behind(windows, mean_nm) if windows else seen).prescription)
     return {
         "name": channel.name,
         "mean_wavelength_nm": channel.middle.wavelength_nm,
@@ -122,7 +132,8 @@ def _projection(projection: Projection, pitch_mm: float) -> Json:
 def first_order(params: CameraLabels, inputs: Inputs, out: Path) -> None:
     """The first-order report of a camera and its equivalent pinhole: camera.json; with a shutter also times.exr."""
     camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
-    write_json(out / "camera.json", document(params, camera, pinhole_of(inputs)))
+    alone = focused_camera(inputs, "alone") if params.windows else None
+    write_json(out / "camera.json", document(params, camera, pinhole_of(inputs), alone))
     if params.shutter:
         write_bands(out / TIMES, [_times(params.shutter, camera.sensor.size_px)])
 

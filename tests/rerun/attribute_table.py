@@ -15,6 +15,8 @@ PINHOLE = {"pinhole"} | POSES
 PLANES = {"planes", "first_order"} | PINHOLE
 FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
+SEEN = {"windows", "parts", "first_order"} | PINHOLE | TRUTH | {"image"}
+"""What sees a window that stands in the world."""
 CAMERA = {"focus", "parts", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 PATTERN = {"expose", "fixed_pattern"}
@@ -51,6 +53,9 @@ SENSOR, ARRAY = "A/Sensor", "B/Microlenses"
 CHARUCO, TAGS, CIRCLES, TRIANGLES = "More/Charuco", "More/Tags", "More/Circles", "More/Triangles"
 STARS, SIEMENS, EDGE, LINES, MESH = "More/Stars", "More/Siemens", "More/Edge", "More/Lines", "More/Marked"
 
+PORT, OUTER = "A/Camera/Port", "A/Camera/Port/Outer"
+PORTED: dict[tuple[str, str], Any] = {(A, "plen:camera:windows"): [PORT]}
+NO_GLASS: dict[tuple[str, str], Any] = {(OUTER, "plen:glass"): None}
 POLYGON = {(STOP, "plen:apertureShape"): "polygonal", (STOP, "plen:blades"): 6}
 FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDistance"): None}
 CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
@@ -109,6 +114,12 @@ ROLLED = _shaped("cylinder", radius=20.0)
 CUBE = _shaped("cube", edge=10.0)
 STAIRS = _shaped("stairs", steps=2, depth=1.0)
 
+ALONE = CAMERA - {"micro_images", "baselines"}
+WET = ONE_CAMERA | AUTHORED | {("", "plen:medium"): "water"}
+WET |= {
+    (camera, f"plen:camera:{end}"): mm for camera in (B, "C/Camera") for end, mm in (("near", 400.0), ("far", 500.0))
+}
+
 DATASET = {
     "plen:cameras": [Case("", ["A/Camera"])],
     "plen:targets": [Case("", ["One"], TARGET | {"frame_poses"})],
@@ -123,6 +134,10 @@ DATASET = {
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
     "plen:background": [Case("", 0.5, {"image"})],
+    "plen:medium": [Case("", "vacuum", CAMERA)],
+    "plen:medium:temperature": [Case("", 15.0, CAMERA), Case("", 15.0, ALONE, given=WET)],
+    "plen:medium:pressure": [Case("", 90.0, CAMERA)],
+    "plen:medium:salinity": [Case("", 35.0), Case("", 35.0, ALONE, given=WET)],
     "plen:exports": [Case("", ["npz", "rays"], {"export"}, given=EXPORTED)],
     # Points that have such a position; rays have no points.
     "plen:exports:position": [
@@ -138,11 +153,12 @@ DATASET = {
 
 MAIN_LENS = {
     "plen:name": [Case(LENS, "mine", {"first_order"})],
-    "plen:surfaceOrder": [Case(LENS, SWAPPED, CAMERA)],
+    "plen:surfaceOrder": [Case(LENS, SWAPPED, CAMERA), Case(PORT, ["Inner", "Outer"], CAMERA, given=PORTED | AUTHORED)],
     "plen:nominalFocalLength": [Case(LENS, 101.0)],
     "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
     # Printed indices stay what they are: only what says the wavelength has to be written again.
     "plen:wavelength": [
+        Case(PORT, 546.1, CAMERA, given=PORTED | {(OUTER, "plen:index"): 1.52, (OUTER, "plen:abbe"): 60.0} | NO_GLASS),
         Case(LENS, 587.6, {"first_order"} | IMAGES | TRUTH, along={(A, "plen:camera:wavelength"): 587.6}),
         Case(
             LENS,
@@ -303,7 +319,10 @@ RAW_IMAGES = {
     "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
     "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
     "plen:transmission": [Case(LENS, "surfaces", LOST, given=RADIANCE)],
-    "plen:transmittanceSource": [Case(LENS, "catalogue", LOST, given=LOSSY | KNOWN)],
+    "plen:transmittanceSource": [
+        Case(LENS, "catalogue", LOST, given=LOSSY | KNOWN),
+        Case(PORT, "catalogue", LOST, given=LOSSY | PORTED),
+    ],
     "plen:internalTransmittance": [Case(GLASS, 0.99, LOST, given=LOSSY)],
     "plen:internalTransmittanceThickness": [
         Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99}),
@@ -415,6 +434,7 @@ CAMERAS = {
     "plen:camera:microlenses": [
         Case(B, [], CAMERA - {"micro_images"}, along={(B, "plen:camera:microlensDistance"): None}),
     ],
+    "plen:camera:windows": [Case(A, [PORT], CAMERA), Case(A, ["Pane"], SEEN)],
     "plen:camera:sensorDistance": [Case(A, 131.9, CAMERA)],
     "plen:camera:focusDistance": [Case(B, 421.0, CAMERA, given=FOCUSED)],
     "plen:camera:focusType": [Case(B, 2, CAMERA, given=FOCUSED)],

@@ -122,7 +122,7 @@ def test_tables_and_films_of_a_stage_are_those_of_the_surface_at_the_wavelength(
     put(stage, f"{LENS}/S1", coatingWavelengths=[500, 600], coatingAngles=[0, 30])
     put(stage, f"{LENS}/S1", coatingReflectance=[0.01, 0.03, 0.02, 0.06])
     put(stage, f"{LENS}/S2", coatingFilmIndices=[2.1, 1.38], coatingFilmThicknesses=[130, 100])
-    found = read_losses(stage.GetPrimAtPath(LENS), 550.0).coatings
+    found = read_losses(stage.GetPrimAtPath(CAMERA), 550.0).coatings
     table, films = found[0], found[1]
     assert table is not None and table.angles_deg == (0.0, 30.0)
     assert table.reflectance == pytest.approx((0.02, 0.04))
@@ -134,18 +134,18 @@ def test_internal_transmittance_is_that_of_the_stated_thickness(stage: Usd.Stage
     """Half of the light in 25 mm; between two entries the logarithm is linear."""
     put(stage, f"{LENS}/S1", internalTransmittance=0.5, internalTransmittanceThickness=25)
     put(stage, f"{LENS}/S3", internalTransmittanceTable=[0.5, 0.8], internalTransmittanceWavelengths=[500, 600])
-    per_mm = read_losses(stage.GetPrimAtPath(LENS), 550.0).per_mm
+    per_mm = read_losses(stage.GetPrimAtPath(CAMERA), 550.0).per_mm
     assert per_mm[0] ** 25 == pytest.approx(0.5)
     assert per_mm[2] ** 10 == pytest.approx(math.sqrt(0.5 * 0.8))
 
 
 def test_the_catalogue_gives_what_a_surface_does_not_write(stage: Usd.Stage) -> None:
-    lens = stage.GetPrimAtPath(LENS)
+    camera = stage.GetPrimAtPath(CAMERA)
     put(stage, LENS, transmittanceSource="catalogue")
     with pytest.raises(GlassError, match="ohara:LAL11"):
-        read_losses(lens, 400.0)
+        read_losses(camera, 400.0)
     put(stage, f"{LENS}/S8", internalTransmittance=0.9)
-    per_mm, glass = read_losses(lens, 400.0).per_mm, measured(find("schott:SF15"))
+    per_mm, glass = read_losses(camera, 400.0).per_mm, measured(find("schott:SF15"))
     assert glass is not None
     assert per_mm[3] == glass.share_per_mm(400.0) < 1
     assert per_mm[7] ** 10 == pytest.approx(0.9)

@@ -124,7 +124,7 @@ def test_the_tiny_dataset_reads_as_written():
     assert (entry.name, entry.prim_path) == ("Rig.Camera", "/TinyConventional/Rig/Camera")
     assert (entry.lens_name, entry.index_source) == ("Tronnier double Gauss 100 mm f/2", "printed")
     assert (entry.wavelength_nm, entry.weight, entry.footprint) == (587.56, "irradiance", "point")
-    assert dataclasses.astuple(entry.camera.sensor)[:6] == (32, 24, 0.1, 0.0, 0.0, "all")
+    assert dataclasses.astuple(entry.camera.sensor)[:7] == (32, 24, 0.1, 0.0, 0.0, (0.0, 0.0), "all")
     assert entry.camera.microlenses is None
     assert (entry.asked.near_mm, entry.asked.far_mm) == (None, None)
     assert dataclasses.astuple(entry.sampling) == (1, 64, 3)

@@ -158,8 +158,8 @@ def behind_microlenses_px(
     behind_mm, ahead_mm = np.array(array.principal_mm).T[:, :, None]
     from_focus = z_mm - lens.front_focus_mm
     # a (z - F) for an image at distance a behind the array: finite even where that image lies at infinity.
-    reach = from_focus * (ahead_mm - camera.sensor_distance_mm - lens.rear_focus_mm) + lens.efl_mm**2
+    reach = from_focus * (ahead_mm - camera.sensor_distance_mm - lens.rear_focus_mm) + lens.newton_mm2
     relative = np.abs(1 - behind_mm / np.array(array.focal_lengths_mm)[:, None] - behind_mm * from_focus / reach)
     sharpest = relative.argmin(axis=0), np.arange(len(z_mm))
-    size = np.abs(lens.efl_mm * behind_mm / reach)
+    size = np.abs(lens.index_in_front * lens.efl_mm * behind_mm / reach)
     return relative[sharpest] * array.aperture_mm / pitch_mm, size[sharpest] / pitch_mm

@@ -114,8 +114,8 @@ def _miss(lens: Prescription, object_mm: float, image_mm: float) -> float:
     """Height at the image plane of a paraxial ray from the axial object point; it vanishes where both are conjugate."""
     vertices = lens.vertices_from_stop_mm
     # Of unit height or slope, whichever is the smaller number: infinity is no special case.
-    before = object_mm + vertices[0]
-    heights, slope = paraxial_ray(lens.surfaces, *((1.0, 1.0 / before) if before else (0.0, 1.0)))
+    before, index = object_mm + vertices[0], lens.index_in_front
+    heights, slope = paraxial_ray(lens.surfaces, *((1.0, index / before) if before else (0.0, 1.0)), index)
     return heights[-1] + (image_mm - vertices[-1]) * slope
 
 

@@ -15,6 +15,7 @@ from pipeline.frames import apply
 from pipeline.optics.prescription import UPRIGHT_DEG, Prescription
 from pipeline.optics.printed import Lost, PrintedLens
 from pipeline.optics.table import UPRIGHT, Film
+from pipeline.optics.windows import Windows
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
@@ -160,8 +161,16 @@ class Camera:
         array = self.microlenses
         if array is not None and node.microlens_index is not None:
             array = array.with_index(node.microlens_index)
-        prescription = replace(self.prescription, surfaces=bent)
+        prescription = replace(self.prescription, surfaces=bent, index_in_front=node.index_in_front)
         return replace(self, prescription=prescription, microlenses=array, spectrum=())
+
+    def behind(self, windows: Windows, wavelength_nm: float) -> "Camera":
+        """The same camera with windows before it; the wavelength is that of its own indices."""
+        media = [(node, windows.at(node.wavelength_nm)) for node in self.spectrum]
+        spectrum = tuple(
+            replace(node, indices=(*at.behind, *node.indices), index_in_front=at.index_in_front) for node, at in media
+        )
+        return replace(self, prescription=windows.before(self.prescription, wavelength_nm), spectrum=spectrum)
 
     def in_light(self, channel: Channel) -> "Camera":
         """The same camera as one of its channels sees it; its own indices become those of the mean wavelength."""

@@ -19,6 +19,7 @@ class SpectralNode:
     weight: float
     indices: tuple[float, ...]  # refractive index behind each surface of the lens, relative to air
     microlens_index: float | None = None  # index of the microlenses; None where there are none, or thin ones
+    index_in_front: float = 1.0  # of the medium before the lens
 
     def __post_init__(self) -> None:
         settle(self, CameraError)

@@ -352,11 +352,11 @@ def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm
     position, direction, weight = rays.position_mm, rays.direction, weight[lit] / weight.sum()
     mean = weight @ direction[lit]
     if math.isinf(object_mm):
-        return rays.path_mm - (position - weight @ position[lit]) @ (mean / np.linalg.norm(mean))
+        return rays.path_mm - rays.medium * ((position - weight @ position[lit]) @ (mean / np.linalg.norm(mean)))
     along = (object_mm - position[:, 2]) / direction[:, 2]
     crossing = position + along[:, None] * direction
     point = weight @ crossing[lit]
     ahead = np.sum((point - position) * direction, axis=1)
     missed = np.sum((point - position - ahead[:, None] * direction) ** 2, axis=1)
     radius = (object_mm - aperture_mm) / mean[2]
-    return rays.path_mm + ahead + missed / (2 * radius)
+    return rays.path_mm + rays.medium * (ahead + missed / (2 * radius))

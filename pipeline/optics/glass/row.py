@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from pipeline.optics.glass.catalogue import find, listed, nearest
+from pipeline.optics.glass.fluids import FLUIDS, fluid
 from pipeline.optics.glass.medium import (
     Cauchy,
     Constant,
@@ -55,6 +56,8 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
     """
     if not glass:
         return _nameless(index, abbe, wavelength_nm)
+    if glass in FLUIDS:
+        return fluid(glass)
     try:
         stated = _written(glass) if _is_written(glass) else find(glass)
     except GlassError as error:

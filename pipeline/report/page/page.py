@@ -117,8 +117,7 @@ def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> s
     """Script of the optical part of a camera."""
     if entry is None:
         return None
-    camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
-    return source.scripts.write(f"optics.{entry.full_name}", optics(camera, entry.full_name, record))
+    return source.scripts.write(f"optics.{entry.full_name}", optics(entry.camera, entry.full_name, record))
 
 
 def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:

@@ -7,7 +7,6 @@ import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
 from pipeline.scene.lamps import lamp_prims
-from pipeline.scene.lens import prescription_of
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.occluders import check_outside_lens
 from pipeline.scene.targets import read_target
@@ -26,6 +25,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import targets
+from pipeline.scene.windows import WINDOWS, check_standing, prescription_of
 from pipeline.spelling import frames_in_words
 
 # Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
@@ -49,18 +49,21 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     frames = tuple(frame_numbers(root))
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
     boards = targets(root, "plen:targets", "PlenTarget")
+    windows = list(dict.fromkeys(prim for camera in cameras for prim in targets(camera, WINDOWS, "PlenWindow")))
+    rigid = [*cameras, *boards, *windows]
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders, *lamps] for link in ancestry(prim)))
-    exact = {link for prim in [*cameras, *boards] for link in ancestry(prim)}
+    moved = list(dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim)))
+    exact = {link for prim in rigid for link in ancestry(prim)}
     problems = [bad for link in moved for bad in _check_link(link, frames, is_exact=link in exact)]
     if not any(bad.is_error for bad in problems):
-        problems += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
+        problems += [bad for prim in rigid for bad in _check_rigid(prim, frames)]
     yield from problems
     if not any(bad.is_error for bad in problems):
         hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, hulls, root, frames)
             yield from check_outside_lens(camera, occluders, root, frames)
+            yield from check_standing(camera, boards, hulls, frames)
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> Iterator[Problem]:

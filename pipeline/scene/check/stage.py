@@ -38,15 +38,18 @@ from pipeline.scene.usd.problems import (
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.values import LENS_DISTORTION, Range, UnreadableValue, at_code
+from pipeline.scene.windows import check_medium, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
     ("PlenLensGroup", check_group_place),
+    ("PlenWindow", check_window),
     ("PlenChannel", check_channel),
     ("PlenDataset", check_illuminant),
     ("PlenDataset", check_exports),
+    ("PlenDataset", check_medium),
 )
 _MOST_OPS = 100
 """Most transform operations of one prim: real stages have fewer than ten."""
@@ -70,6 +73,7 @@ _LINKS = {
     "PlenMicrolensArray": "plen:camera:microlenses",
     "PlenSensor": "plen:camera:sensor",
     "PlenTarget": "plen:targets",
+    "PlenWindow": "plen:camera:windows",
 }
 """Types of parts, and the relationships that name them."""
 _MOST_NAMES = 4

@@ -4,6 +4,7 @@ USD's own matrices use a quaternion off unit length as it is; here it is normali
 fixed order instead of by BLAS, whose sums depend on the processor.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -51,10 +52,13 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
     return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
 
 
-def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
-    """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is."""
+def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float, below: Usd.Prim | None = None) -> np.ndarray:
+    """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is.
+
+    `below`: an ancestor, in whose frame the prim is wanted instead.
+    """
     world_from_prim = np.eye(4)
-    for link in ancestry(prim):
+    for link in itertools.takewhile(lambda link: link != below, ancestry(prim)):
         parent_from_link = np.eye(4)
         for op in xform_ops(link):
             asked = times if op.MightBeTimeVarying() else times[:1]

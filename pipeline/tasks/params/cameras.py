@@ -6,6 +6,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.motion import Shutter
+from pipeline.optics.windows import Windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +63,14 @@ class InChannel:
     """The light of a channel; its name is left out."""
 
     channel: Channel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BehindWindows:
+    """Windows that stand before a camera, and the wavelength of its own indices."""
+
+    windows: Windows
+    wavelength_nm: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +132,7 @@ class CameraLabels:
     focus_request: FocusLabels | None
     channels: tuple[Channel, ...] = ()
     shutter: Shutter | None = None
+    windows: Windows | None = None  # those in the world: the channels are of the camera without them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,8 @@ microlenses it is the ray through the centre of the stop. Behind a microlens, wh
 through the vertex of the microlens, or of that face which has the aperture. Apertures do not block it.
 """
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +21,12 @@ from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.frames import apply
+from pipeline.frames import inverse as inverse_transform
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor, unbounded
+from pipeline.optics.rays import traced
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, motion_of, towards_sensor, unbounded
 from pipeline.records.shapes import Float64, Int64
 
 _FLIP = np.array([1.0, -1.0, -1.0])
@@ -44,6 +49,10 @@ _DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
 """Largest last step that ends the search of all points, and largest last step of a point that counts as found [px]:
 rounding may keep a point from the former; the latter is a ten-thousandth of the default claim.
 """
+_AIM_STEP_MM = 1e-3
+"""Step of difference quotients of the way to the stop."""
+_AT_CENTRE = 0.1
+"""Distance from the centre of the stop, over its semi-diameter, at which a ray is a chief ray for aims around it."""
 _DIFFERENCE_PX = 0.05
 """Half the step of difference quotients [px]: chief rays bend little over it, and rounding costs few digits."""
 
@@ -67,8 +76,8 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     vertices = None if images is None else Nearby(tracer.vertices_mm)
     table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
     for number, p in enumerate(points_mm):
-        crossing, slope, traced = _footprint(tracer, table, fans, p)
-        rays += traced
+        crossing, slope, sent = _footprint(tracer, table, fans, p)
+        rays += sent
         if not len(crossing):
             continue
         if images is None or vertices is None:
@@ -109,7 +118,7 @@ def _footprint(
     Rays of the first fan of which any ray passes.
     """
     rays = 0
-    for aim in fans:
+    for aim in itertools.chain(fans, _at_the_stop(tracer, table, fans[0], point_mm)):
         position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
         direction = aim - position
         direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -120,6 +129,30 @@ def _footprint(
         if passed.any():
             return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
+
+
+def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
+    """Points over the entrance pupil as a point sees it, which windows and media displace, (n, 3); no such points where
+    no real ray comes to the centre of the stop. By Newton's method, whatever apertures block.
+    """
+    front, stop = unbounded(table[: tracer.camera.prescription.stop_index + 1]), tracer.camera.prescription.stop
+    start, aim = point_mm * _FLIP, fan[len(fan) // 2] * (0.0, 0.0, 1.0)
+    steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    for _ in range(_STEPS):
+        aims = aim + _AIM_STEP_MM * steps
+        way = aims - start
+        way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
+        crossing, _, passes = traced(front, np.repeat(start[None], 3, axis=0), way)
+        local = apply(inverse_transform(motion_of(front[-1])), crossing)[:, :2]
+        derivative = (local[1:] - local[0]).T / _AIM_STEP_MM
+        if not passes.all() or not abs(np.linalg.det(derivative)) > 0:
+            return
+        over_stop = np.linalg.inv(derivative)
+        aim = aim - np.append(over_stop @ local[0], 0.0)
+        if np.hypot(*local[0]) < _AT_CENTRE * stop.semi_diameter_mm:
+            disc = (fan[:, :2] - fan[:, :2].mean(axis=0)) / np.abs(fan[:, :2] - fan[:, :2].mean(axis=0)).max()
+            yield aim + np.pad(stop.semi_diameter_mm * disc @ over_stop.T, ((0, 0), (0, 1)))
+            return
 
 
 def _through_microlenses(

@@ -1,0 +1,53 @@
+"""What stands before a lens: windows such as ports, domes and panes, and the medium of the scene.
+
+A window is surfaces in front of the others of a prescription, all of them one group that stands where the window does.
+"""
+
+from dataclasses import dataclass, replace
+
+from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
+from pipeline.records.declared import settle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Indices:
+    """What media before a lens are at a wavelength."""
+
+    wavelength_nm: float
+    index_in_front: float  # of the medium before the outermost window, or before the lens
+    behind: tuple[float, ...]  # of the medium behind each surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Windows:
+    """Windows from the outermost one to the lens, each as its group; none, for a medium alone.
+
+    The indices of `surfaces` do not count: `light` has those of every wavelength that a camera sees.
+    """
+
+    surfaces: tuple[Surface, ...] = ()
+    groups: tuple[Group, ...] = ()
+    first_mm: float = 0.0  # vertex of the first surface from the stop along the axis, + towards the sensor
+    light: tuple[Indices, ...]
+
+    def __post_init__(self) -> None:
+        settle(self, PrescriptionError)
+
+    def at(self, wavelength_nm: float) -> Indices:
+        """The media at one of the wavelengths of `light`."""
+        return next(indices for indices in self.light if indices.wavelength_nm == wavelength_nm)
+
+    def before(self, lens: Prescription, wavelength_nm: float) -> Prescription:
+        """A prescription with these windows before it."""
+        media = self.at(wavelength_nm)
+        glazed = tuple(replace(s, index=n) for s, n in zip(self.surfaces, media.behind, strict=True))
+        if glazed:
+            last_mm = self.first_mm + sum(surface.thickness_mm for surface in glazed[:-1])
+            glazed = (*glazed[:-1], replace(glazed[-1], thickness_mm=lens.vertices_from_stop_mm[0] - last_mm))
+        moved = (replace(group, first=group.first + len(glazed)) for group in lens.groups)
+        return replace(
+            lens,
+            surfaces=(*glazed, *lens.surfaces),
+            groups=(*self.groups, *moved),
+            index_in_front=media.index_in_front,
+        )

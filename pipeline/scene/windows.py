@@ -1,0 +1,245 @@
+"""Windows before a camera, and the medium of the scene: fixed to the camera, they are part of it; standing in the
+world, they are before it in each frame as they stand there, and nothing of the camera itself depends on them.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.errors import PipelineError
+from pipeline.optics.glass import row
+from pipeline.optics.glass.fluids import FLUIDS, fluid
+from pipeline.optics.glass.medium import D_UM, GlassError, Medium
+from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
+from pipeline.optics.windows import Indices, Windows
+from pipeline.scene.lens import (
+    check_surfaces,
+    media_behind,
+    medium_behind,
+    ordered_surfaces,
+    read_prescription,
+    read_surface,
+)
+from pipeline.scene.usd.poses import ancestry, inverse, moving_op, product, stage_mm_per_unit, world_from
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
+
+WINDOWS = "plen:camera:windows"
+
+
+def prescription_of(camera: Usd.Prim) -> Prescription:
+    """The prescription of the lens of a camera, at its wavelength, behind the windows that are fixed to it."""
+    light_nm = read(camera, "plen:camera:wavelength")
+    return behind_fixed(camera, read_prescription(target(camera, "plen:camera:lens", "PlenLens"), light_nm))
+
+
+def behind_fixed(camera: Usd.Prim, lens: Prescription) -> Prescription:
+    """The prescription behind the windows that are fixed to a camera, and the medium before them."""
+    light_nm = need(camera, "plen:camera:wavelength")
+    return _read_windows(camera, fixed_windows(camera), 0.0, (light_nm,)).before(lens, light_nm)
+
+
+def windows_in_frame(camera: Usd.Prim, number: float, wavelengths_nm: Sequence[float]) -> Windows | None:
+    """The windows that stand in the world before a camera in a frame; None: there is none."""
+    standing = standing_windows(camera)
+    return _read_windows(camera, standing, number, wavelengths_nm) if standing else None
+
+
+def surfaces_before_sensor(camera: Usd.Prim) -> list[tuple[Usd.Prim, Usd.Prim]]:
+    """Every PlenSurface of the windows and the lens of a camera, as light meets them, with what it belongs to."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    parts = [*reversed(_windows(camera)), *([lens] if lens else [])]
+    return [(surface, part) for part in parts for surface in ordered_surfaces(part)]
+
+
+def is_fixed(camera: Usd.Prim, window: Usd.Prim) -> bool:
+    """Whether a window moves with a camera, because it stands below it."""
+    return camera in ancestry(window)
+
+
+def fixed_windows(camera: Usd.Prim) -> tuple[Usd.Prim, ...]:
+    """Windows that move with a camera, from the lens outwards."""
+    return tuple(prim for prim in _windows(camera) if is_fixed(camera, prim))
+
+
+def standing_windows(camera: Usd.Prim) -> tuple[Usd.Prim, ...]:
+    """Windows of a camera that stand in the world, from the lens outwards."""
+    return tuple(prim for prim in _windows(camera) if not is_fixed(camera, prim))
+
+
+def _below(camera: Usd.Prim, window: Usd.Prim) -> list[Usd.Prim]:
+    """A fixed window and what carries it below its camera; none for one that stands in the world."""
+    links = list(ancestry(window))
+    return links[: links.index(camera)] if camera in links else []
+
+
+@read_once
+def _windows(camera: Usd.Prim) -> list[Usd.Prim]:
+    return targets(camera, WINDOWS, "PlenWindow")
+
+
+def indices_before(camera: Usd.Prim, wavelength_nm: float) -> Indices:
+    """The media before the lens of a camera at a wavelength: of the windows fixed to it, and before them."""
+    return _indices(camera, fixed_windows(camera), wavelength_nm)
+
+
+@read_once
+def _indices(camera: Usd.Prim, prims: tuple[Usd.Prim, ...], wavelength_nm: float) -> Indices:
+    media = [medium_behind(surface, prim) for prim in reversed(prims) for surface in ordered_surfaces(prim)]
+    standing = standing_windows(camera)
+    outside = scene_medium(camera.GetStage())
+    if standing and prims != standing:  # inside of the innermost one that stands in the world
+        outside = medium_behind(ordered_surfaces(standing[0])[-1], standing[0])
+    return Indices(
+        wavelength_nm=wavelength_nm,
+        index_in_front=outside.index(wavelength_nm) + 0.0,
+        behind=tuple(medium.index(wavelength_nm) + 0.0 for medium in media),
+    )
+
+
+@read_once
+def scene_medium(stage: Usd.Stage) -> Medium:
+    """What fills the scene of a stage: `plen:medium` of its dataset, or air; GlassError."""
+    root = stage.GetDefaultPrim()
+    if not root or not root.IsA("PlenDataset"):
+        return fluid("air")
+    name = need(root, "plen:medium")
+    if name not in FLUIDS:
+        return row.medium(glass=name, index=None, abbe=None, wavelength_nm=1e3 * D_UM)
+    conditions = (need(root, f"plen:medium:{what}") for what in ("temperature", "pressure", "salinity"))
+    return fluid(name, *conditions)
+
+
+def _read_windows(
+    camera: Usd.Prim, prims: Sequence[Usd.Prim], number: float, wavelengths_nm: Sequence[float]
+) -> Windows:
+    """Windows, given from the lens outwards, as they stand in a frame; UnreadableValue, GlassError."""
+    surfaces, groups, first_mm, end_mm = list[Surface](), list[Group](), 0.0, 0.0
+    for prim in reversed(prims):
+        placed, glazed = camera_from_window(camera, prim, number), list(map(read_surface, ordered_surfaces(prim)))
+        x_mm, y_mm, z_mm = placed[:3, 3].tolist()
+        if surfaces:
+            surfaces[-1] = replace(surfaces[-1], thickness_mm=z_mm - end_mm)
+        else:
+            first_mm = z_mm
+        end_mm = z_mm + sum(surface.thickness_mm for surface in glazed[:-1])
+        tilt_x, tilt_y, roll = _angles_deg(placed[:3, :3])
+        groups.append(
+            Group(
+                name=str(prim.GetPath()),
+                first=len(surfaces),
+                count=len(glazed),
+                decentre_mm=(x_mm, y_mm),
+                tilt_deg=(tilt_x, tilt_y),
+                roll_deg=roll,
+            )
+        )
+        surfaces += glazed
+    light = tuple(_indices(camera, tuple(prims), nm) for nm in wavelengths_nm)
+    return Windows(surfaces=tuple(surfaces), groups=tuple(groups), first_mm=first_mm, light=light)
+
+
+def camera_from_window(camera: Usd.Prim, window: Usd.Prim, number: float) -> np.ndarray:
+    """Transform from a window to the frame of a Camera, whose axes are those of its lens, in a frame, (4, 4) [mm]."""
+    scale_mm = stage_mm_per_unit(camera)
+    if is_fixed(camera, window):
+        return world_from(window, [number], scale_mm, below=camera)[0]
+    world_from_camera, world_from_window = (world_from(prim, [number], scale_mm)[0] for prim in (camera, window))
+    return product(inverse(world_from_camera), world_from_window)
+
+
+def _angles_deg(turn: np.ndarray) -> tuple[float, float, float]:
+    """Angles of a rotation, (3, 3): about x, then about the turned y, then about the turned z."""
+    x, y, z = math.atan2(-turn[1, 2], turn[2, 2]), math.asin(turn[0, 2]), math.atan2(-turn[0, 1], turn[0, 0])
+    return math.degrees(x) + 0.0, math.degrees(y) + 0.0, math.degrees(z) + 0.0
+
+
+def check_window(window: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenWindow alone."""
+    yield from check_surfaces(window)
+    for surface in ordered_surfaces(window):
+        if read(surface, "plen:isStop"):
+            message = "a window has no aperture stop: that is in the lens"
+            yield problem(surface.GetAttribute("plen:isStop"), "several-stops", message)
+    yield from media_behind(window, ordered_surfaces(window))[1]
+
+
+def check_medium(root: Usd.Prim) -> Iterator[Problem]:
+    """A problem of the medium of a PlenDataset that nobody knows."""
+    try:
+        scene_medium(root.GetStage())
+    except GlassError as error:
+        yield problem(root.GetAttribute("plen:medium"), error.code, error.what, hint=error.hint)
+    except UnreadableValue:
+        return  # reported where the value is checked
+
+
+def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the windows of a camera, and of the medium that they and its lens stand in."""
+    relationship, prims = camera.GetRelationship(WINDOWS), _windows(camera)
+    if outer := [prim for before, prim in pairwise(prims) if is_fixed(camera, prim) and not is_fixed(camera, before)]:
+        message = f"<{outer[0].GetPath()}> moves with the camera, and is listed behind a window that does not"
+        yield problem(relationship, "window-order", message, hint="windows are listed from the lens outwards")
+        return
+    moving = (moving_op(link) for prim in prims for link in _below(camera, prim))
+    if op := next(filter(None, moving), None):
+        hint = "a window that moves before its camera stands elsewhere in the scene, not below the camera"
+        yield problem(op, "moving-window", "a window below a camera is fixed to it, and this one moves", hint=hint)
+    if standing_windows(camera) and read(camera, "plen:truth:method") != "direct":
+        message = "position images hold for a camera, and not for what stands before it in a frame"
+        hint = 'write plen:truth:method = "direct", or move the windows below the camera'
+        yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
+    if standing_windows(camera) and read(camera, "plen:shutter:scanOrder") not in (None, "none"):
+        message = "a camera that moves while its shutter is open looks through windows that move along with it"
+        hint = "in each frame they stand before it as at its time code"
+        yield problem(relationship, "still-window", message, hint=hint, severity="warning")
+    lens, nm = target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength")
+    if not lens or nm is None:
+        return
+    try:
+        bare, has_index = read_prescription(lens, nm), scene_medium(camera.GetStage()) != fluid("air")
+    except PipelineError:
+        return  # reported where the lens or the medium is checked
+    try:
+        whole = prescription_of(camera) if prims or has_index else bare
+    except PrescriptionError as error:
+        hint = error.hint or "a window with air behind it comes between"
+        yield problem(relationship if prims else camera, error.code or "window", error.what, hint=hint)
+        return
+    except PipelineError:
+        return  # reported where the window is checked
+    edges = whole.vertices_from_stop_mm[: len(whole.surfaces) - len(bare.surfaces) + 1]
+    for behind, before in pairwise(reversed(edges)):
+        if before >= behind:
+            message = f"a window {-before:.6g} mm before the stop stands behind what follows it, at {-behind:.6g} mm"
+            hint = "windows are listed from the lens outwards; the camera looks along its -Z"
+            yield problem(relationship, "window-order", message, hint=hint)
+            return
+
+
+def check_standing(
+    camera: Usd.Prim, boards: Sequence[Usd.Prim], hulls: Sequence[np.ndarray], frames: Sequence[int]
+) -> Iterator[Problem]:
+    """Problems of windows in the world that do not face their camera, or stand behind a target of a hull (n, 3)."""
+    scale_mm = stage_mm_per_unit(camera)
+    for number in frames if standing_windows(camera) else ():
+        try:
+            windows_in_frame(camera, number, ())
+        except PrescriptionError as error:
+            message = f"a window stands before the camera at time code {number} as none does: {error.what}"
+            hint = "light goes through a window towards its +Z, as through a camera that looks along -Z"
+            yield problem(camera.GetRelationship(WINDOWS), "window-order", message, hint=hint)
+            return
+        for window in standing_windows(camera):
+            window_from_world = inverse(world_from(window, [number], scale_mm)[0])
+            for board, corners in zip(boards, hulls, strict=True):
+                placed = product(window_from_world, world_from(board, [number], scale_mm)[0])
+                if (corners @ placed[2, :3] + placed[2, 3]).max() >= 0:
+                    message = f'"{board.GetName()}" is not wholly before <{window.GetPath()}> at time code {number}'
+                    hint = f"<{camera.GetPath()}> sees what stands beyond its windows alone, on their -Z side"
+                    yield problem(board, "behind-window", message, hint=hint)
+                    return

@@ -1,0 +1,160 @@
+"""Claim: a camera looks through windows, and into media, as Snell's law has it in closed form."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builds import made
+from scipy.optimize import brentq
+from stage_text import in_the_library
+
+from pipeline.files.tables import read_table
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.optics.glass.row import medium
+from pipeline.scene.load import open_dataset
+
+_PINHOLE = 'uniform token plen:camera:model = "pinhole"\ndouble plen:camera:near = 500\ndouble plen:camera:far = 560\n'
+_BOARD = "double3 xformOp:translate = (1, -1.2, -530)\nuniform double plen:squareSize = {square}\n" + (
+    'float3 xformOp:rotateXYZ = (10, 20, 0)\nuniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]'
+)
+_WATER = 'uniform string plen:medium = "constant(1.34)"\n'
+_PORT_MM, _GLASS_MM, _GLASS, _MEDIUM = 150.0, 10.0, 1.52, 1.34
+
+
+def surface(name: str, radius_mm: float, thickness_mm: float, glass: str) -> str:
+    shape = f"double plen:radius = {radius_mm}\nuniform double plen:thickness = {thickness_mm}"
+    lines = (shape, "double plen:semiDiameter = 45", f'uniform string plen:glass = "{glass}"')
+    return "\n".join((f'def PlenSurface "{name}"\n{{', *lines, "}\n"))
+
+
+def window(
+    z_mm: float, *, turn: str = "", radii_mm: tuple[float, float] = (np.inf, np.inf), glass: float = _GLASS
+) -> str:
+    """A pane whose outer vertex is at a z of what it stands below."""
+    order = '"xformOp:translate"' + (', "xformOp:rotateXYZ"' if turn else "")
+    lines = (
+        f"double3 xformOp:translate = (0, 0, {z_mm})\nuniform token[] xformOpOrder = [{order}]",
+        f"float3 xformOp:rotateXYZ = {turn}" if turn else "",
+        'uniform token[] plen:surfaceOrder = ["Outer", "Inner"]',
+        surface("Outer", radii_mm[0], _GLASS_MM, f"constant({glass})") + surface("Inner", radii_mm[1], 0, ""),
+    )
+    return "\n".join(('def PlenWindow "Pane"\n{', *lines, "}\n"))
+
+
+def stage(
+    folder: Path, name: str, pane: str = "", *, fixed: bool = True, camera: str = _PINHOLE, dataset: str = ""
+) -> Path:
+    """A board before the library's camera, a pinhole of a wide field or as it is, looked at through a pane below the
+    camera, or one of the scene.
+    """
+    path = "/Scene/Rig/Camera/Pane" if fixed else "/Scene/Pane"
+    rel = f"rel plen:camera:windows = <{path}>\n" if pane else ""
+    wide = camera == _PINHOLE
+    sensor = 'over "Sensor"\n{\ndouble plen:pixelPitch = 0.05\n}\n' if wide else ""
+    rig = f'over "Camera"\n{{\n{camera}{rel}{pane if fixed else ""}}}\n{sensor}'
+    text = in_the_library(dataset + ("" if fixed else pane), board=_BOARD.format(square=10 if wide else 1.5), rig=rig)
+    file = folder / f"{name}.usda"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def table(file: Path, store: Path) -> np.ndarray:
+    """Rows of a stage: image positions and vision positions, (n, 5)."""
+    built = made(file, file.with_suffix(""), store, targets=["frames/0001/Rig.Camera/correspondences.csv"])
+    names = ("x_px", "y_px", "camera_x_mm", "camera_y_mm", "camera_z_mm")
+    read = read_table(built.out / "frames/0001/Rig.Camera/correspondences.csv")
+    result = np.stack([read.numbers(name) for name in names], axis=1)
+    assert len(result) == 28
+    return result
+
+
+def test_a_flat_port_bends_chief_rays_by_snells_law(tmp_path, common_store):
+    """The ray of a pinhole leaves at a slope s in air and crosses distances in air, glass and medium."""
+    file = stage(tmp_path, "port", window(-_PORT_MM), dataset=_WATER)
+    camera = open_dataset(file).cameras[0].camera
+    for x, y, px, py, pz in table(file, common_store):
+        across = np.hypot(px, py)
+        media = ((_PORT_MM - _GLASS_MM, 1.0), (_GLASS_MM, _GLASS), (pz - _PORT_MM, _MEDIUM))
+        sine = brentq(reached, 0.0, 0.9, (media, across), xtol=1e-16, rtol=1e-15)
+        height_px = camera.sensor_distance_mm * sine / np.sqrt(1 - sine**2) / camera.sensor.pitch_mm
+        expected = height_px * np.array([px, py]) / across + (np.array(camera.sensor.size_px) - 1) / 2
+        assert np.abs(expected - [x, y]).max() < 1e-7
+
+
+def reached(sine: float, media: tuple[tuple[float, float], ...], across_mm: float) -> float:
+    """How far beyond a height a ray comes that has this sine in air."""
+    return sum(mm * (sine / n) / np.sqrt(1 - (sine / n) ** 2) for mm, n in media) - across_mm
+
+
+def test_a_dome_about_the_pupil_moves_no_chief_ray(tmp_path, common_store):
+    """Rays of a pinhole meet concentric surfaces at right angles; a dome 5 mm off its place moves them."""
+    plain = table(stage(tmp_path, "plain"), common_store)
+    dome = window(-60.0, radii_mm=(60.0, 50.0))
+    through = table(stage(tmp_path, "dome", dome, dataset=_WATER), common_store)
+    assert np.abs(through - plain).max() < 1e-7
+    off = window(-65.0, radii_mm=(60.0, 50.0))
+    assert np.abs(table(stage(tmp_path, "off", off, dataset=_WATER), common_store) - plain).max() > 0.1
+
+
+@pytest.mark.parametrize("camera", [_PINHOLE, ""])
+def test_a_window_of_the_index_of_its_medium_changes_nothing(tmp_path, common_store, camera):
+    plain = table(stage(tmp_path, "plain", camera=camera), common_store)
+    glass = window(-200.0, glass=1.0, turn="(25, -20, 10)")
+    through = table(stage(tmp_path, "pane", glass, camera=camera), common_store)
+    assert np.abs(through - plain).max() < 1e-8
+
+
+def test_a_pane_in_the_world_acts_as_one_below_the_camera_and_moves_nothing_of_the_rig(tmp_path, common_store):
+    pane = window(-200.0, turn="(25, -20, 10)")
+    below, world = (
+        stage(tmp_path, name, pane, camera="", fixed=fixed) for name, fixed in (("below", True), ("world", False))
+    )
+    assert np.abs(table(world, common_store) - table(below, common_store)).max() < 1e-8
+    moved = stage(tmp_path, "moved", window(-250.0, turn="(25, -20, 10)"), camera="", fixed=False)
+    before, after = (graph_of(open_dataset(file))[0] for file in (world, moved))
+    assert before["windows/Rig.Camera"].params != after["windows/Rig.Camera"].params
+    for name in (name for name in before if name.startswith(("focus/", "planes/", "white"))):
+        assert before[name].params == after[name].params and "windows/Rig.Camera" not in before[name].reads.values()
+
+
+def test_an_aquarium_is_seen_from_the_air_before_it(tmp_path, common_store):
+    """Behind a pane of the world lies the medium of the scene; the camera is focused in what its inner side has."""
+    port = stage(tmp_path, "port", window(-200.0), dataset=_WATER)
+    tank = stage(tmp_path, "tank", window(-200.0), dataset=_WATER, fixed=False)
+    assert np.abs(table(port, common_store) - table(tank, common_store)).max() < 1e-8
+    assert open_dataset(tank).cameras[0].asked.prescription.index_in_front == 1.0
+
+
+def test_the_focus_is_found_through_port_and_medium(tmp_path):
+    """A thin lens sees a point under water at its apparent distance: each stretch over its index."""
+    camera = 'uniform token plen:camera:model = "thinLens"\ndouble plen:camera:focusDistance = 530\n'
+    file = stage(
+        tmp_path,
+        "port",
+        window(-_PORT_MM),
+        camera=camera + "double plen:camera:sensorDistance = None\n",
+        dataset=_WATER,
+    )
+    focused = open_dataset(file).cameras[0].camera
+    apparent = (_PORT_MM - _GLASS_MM) + _GLASS_MM / _GLASS + (530 - _PORT_MM) / _MEDIUM
+    focal = focused.prescription.surfaces[-1].focal_length_mm
+    assert focused.sensor_distance_mm == pytest.approx(1 / (1 / focal - 1 / apparent), abs=1e-9)
+
+
+def test_fluids_have_their_published_indices():
+    """Water: CRC Handbook, at 20 °C and sodium's D. Air: NIST's calculator, dry, 20 °C, 101.325 kPa, 633 nm."""
+    water, vacuum = (medium(glass=name, index=None, abbe=None, wavelength_nm=587.56) for name in ("water", "vacuum"))
+    assert water.index(589.3) == pytest.approx(1.33299, abs=2e-5)
+    assert 1 / vacuum.index(632.99) == pytest.approx(1.000271800, abs=2e-8)
+
+
+def test_cameras_say_what_they_look_into(tmp_path, common_store):
+    """Under water the field of view shrinks by the index, and a pinhole leaves a residual."""
+    told = []
+    for name, pane, dataset in (("port", window(-_PORT_MM), _WATER), ("plain", "", "")):
+        file = stage(tmp_path, name, pane, dataset=dataset)
+        out = made(file, tmp_path / name, common_store, targets=["cameras/Rig.Camera/camera.json"]).out
+        told.append(json.loads((out / "cameras/Rig.Camera/camera.json").read_text()))
+    assert told[0]["principal_distance_px"] == pytest.approx(_MEDIUM * told[1]["principal_distance_px"], rel=1e-9)
+    assert told[0]["pinhole"]["residual_px"]["max"] > 1e-3 > 1e-6 > told[1]["pinhole"]["residual_px"]["max"]
