@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics import table as column
-from pipeline.optics.aspheres import cross_asphere
+from pipeline.optics.aspheres import cross_asphere, shape_of
 from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
     bent_at_plane,
@@ -30,6 +30,7 @@ from pipeline.optics.crossing import (
     to_vertex_plane,
     turned_ideally,
 )
+from pipeline.optics.cylinders import through_cylinder
 
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
@@ -79,7 +80,7 @@ def trace_packet(table, packet, count):
             motion = motion_of_row(row, column.ENTRY)
             for i in range(count):
                 put(packet, i, entered(motion, ray_of(packet, i)))
-        if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0:
+        if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0 or row[column.CYLINDER] > 0.0:
             _through_rest(row, packet, count)
         elif row[column.CURVATURE] == 0.0:
             _through_plane(row, packet, count)
@@ -108,11 +109,15 @@ def _through_plane(row, packet, count):
 
 @inline
 def _through_rest(row, packet, count):
-    """Move rays to an ideal thin lens, a conic or an asphere and bend them."""
+    """Move rays to an ideal thin lens, a conic, an asphere or a cylinder and bend them."""
     vertex = row[column.VERTEX]
     for i in range(count):
         put_point(packet, i, to_vertex_plane(vertex, ray_of(packet, i)))
-    if row[column.TERMS] < column.IDEAL:
+    if row[column.CYLINDER] > 0.0:
+        shape, mu = shape_of(row), row[column.INDEX_RATIO]
+        for i in range(count):
+            put(packet, i, through_cylinder(shape, mu, ray_of(packet, i)))
+    elif row[column.TERMS] < column.IDEAL:
         for i in range(count):
             put(packet, i, turned_with_distortion(row, ray_of(packet, i)))
     elif row[column.TERMS] < 0.0:

@@ -41,6 +41,7 @@ class Surface:
       distorts its image (see `optics.brown`); empty: it does not.
     - `image_distance_mm`: behind that lens, of the plane whose image is distorted.
     - `decentre_mm`: distance of the vertex from the axis along x and y of the lens frame, or of its group.
+    - `is_cylinder`: whether it is curved along y alone: its sag is that of the height |y|, and it has no coefficients.
     - `tilt_deg`: turn about the vertex: first about x, then about y as it has been turned, right-handed.
     """
 
@@ -61,6 +62,7 @@ class Surface:
     image_distance_mm: float = 1.0
     decentre_mm: tuple[float, float] = (0.0, 0.0)
     tilt_deg: tuple[float, float] = (0.0, 0.0)
+    is_cylinder: bool = False
 
     def __post_init__(self) -> None:
         coefficients = "conic", "even_coefficients", "odd_coefficients"
@@ -91,6 +93,10 @@ class Surface:
             raise PrescriptionError(f"a rectangular aperture has half widths {self.half_widths_mm} mm")
         if self.blades and self.blades < 3:
             raise PrescriptionError(f"a polygonal aperture has {self.blades} blades")
+        if self.is_cylinder and any(self.even_coefficients + self.odd_coefficients):
+            raise PrescriptionError(
+                "a cylinder has coefficients", hint="its profile is a circle or a conic", code="shape"
+            )
         if not self.index >= 1:
             raise PrescriptionError(f"refractive index {self.index} is below 1")
         if self.focal_length_mm is not None:
@@ -120,7 +126,12 @@ class Surface:
             )
 
     def power_per_mm(self, index_in_front: float) -> float:
-        """Refracting power near the axis, an r^2 term counted: what it takes from index times slope, per height."""
+        """Refracting power near the axis, an r^2 term counted: what it takes from index times slope, per height.
+
+        A cylinder counts by the direction in which it has none.
+        """
+        if self.is_cylinder:
+            return 0.0
         if self.focal_length_mm is not None:
             return 1 / self.focal_length_mm
         return (self.index - index_in_front) * (self.curvature_per_mm + 2 * sum(self.even_coefficients[:1]))
@@ -254,9 +265,11 @@ class Prescription:
 
     @property
     def is_centred(self) -> bool:
-        """Whether no surface and no group stands off its place."""
+        """Whether all surfaces are round, and no surface and no group stands off its place."""
         parts: tuple[Surface | Group, ...] = (*self.surfaces, *self.groups)
         rolls = (group.roll_deg for group in self.groups)
+        if any(surface.is_cylinder for surface in self.surfaces):
+            return False
         return not any((*(value for part in parts for value in (*part.decentre_mm, *part.tilt_deg)), *rolls))
 
     @property

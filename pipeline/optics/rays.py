@@ -81,9 +81,11 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
     # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
     # normal.
     c, bulge, mu = row[column.CURVATURE], 1.0 + row[column.CONIC], row[column.INDEX_RATIO]
-    across, dz = np.sum(start[:, :2] * direction[:, :2], axis=1), direction[:, 2]
-    f, g = c * np.sum(start[:, :2] ** 2, axis=1), dz - c * across
-    path = f / (g + np.sqrt(g * g - c * (1.0 + row[column.CONIC] * dz * dz) * f))
+    curved, dz = np.array([1.0 - row[column.CYLINDER], 1.0]), direction[:, 2]
+    across, squared = (np.sum(curved * start[:, :2] * part[:, :2], axis=1) for part in (direction, start))
+    length = 1.0 - row[column.CYLINDER] * direction[:, 0] ** 2
+    f, g = c * squared, dz - c * across
+    path = f / (g + np.sqrt(g * g - c * (length + row[column.CONIC] * dz * dz) * f))
     for _ in range(_STEPS if row[column.TERMS] else 0):
         value, normal = _surface(row, c, bulge, start + path[:, None] * direction)
         path = path - value / np.sum(normal * direction, axis=1)
@@ -98,7 +100,8 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
 
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """F at points and its gradient there."""
-    r2 = np.sum(point[:, :2] ** 2, axis=1)
+    curved = 1.0 - row[column.CYLINDER]
+    r2 = curved * point[:, 0] ** 2 + point[:, 1] ** 2
     coefficients = row[column.COEFFICIENTS : column.COEFFICIENTS + int(row[column.TERMS])]
     v, share = (np.sqrt(r2), 0.5) if row[column.ODD] else (r2, 1.0)
     polynomial = np.polynomial.Polynomial([*coefficients, 0.0])
@@ -106,7 +109,7 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
     w = point[:, 2] - row[column.VERTEX] - r2 * p
     upright = 1.0 - c * bulge * w
     slope = c + 2.0 * upright * (p + share * v * dp)
-    normal = np.column_stack([-slope * point[:, 0], -slope * point[:, 1], upright])
+    normal = np.column_stack([-curved * slope * point[:, 0], -slope * point[:, 1], upright])
     return w - c * (r2 + bulge * w * w) / 2, normal
 
 

@@ -33,13 +33,15 @@ from pipeline.records.shapes import Float64
     FIRST_EDGE,
     POSE,
     ENTRY,
-) = range(12)
+    CYLINDER,
+) = range(13)
 """Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
 number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
 straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
 its place, 0 for a surface in it, and of the twelve by which rays enter: the same, unless they come from a tilted
-sensor. Zeros behind the first four make a circle of a centred sphere. An edge takes three
-columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
+sensor; 1 for a cylinder, which is straight along x. Zeros behind the first four make a circle of a centred sphere. An
+edge takes three columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows
+of its matrix."""
 IDEAL = -1.0
 """Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
 TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
@@ -47,7 +49,7 @@ TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
 and k1, k2, p1, p2, k3, see `optics.brown`."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
-COEFFICIENTS = 12
+COEFFICIENTS = 13
 """First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
 
@@ -134,7 +136,7 @@ def _moved(row: list[float], *motions: np.ndarray) -> list[float]:
     """The row with the motion by which rays leave its surface, and the one by which they enter, if that is another."""
     places = [float(len(row) + 12 * i) for i in range(len(motions))]
     numbers = [value for there in motions for value in (there[:3] + 0.0).ravel().tolist()]
-    return [*row[:POSE], places[0], places[-1], *row[COEFFICIENTS:], *numbers]
+    return [*row[:POSE], places[0], places[-1], *row[ENTRY + 1 :], *numbers]
 
 
 def motion_of(row: Float64[np.ndarray, "n"], place: int = POSE) -> np.ndarray:
@@ -149,8 +151,8 @@ def motion_of(row: Float64[np.ndarray, "n"], place: int = POSE) -> np.ndarray:
 
 
 def is_centred(table: Float64[np.ndarray, "surfaces columns"]) -> bool:
-    """Whether all surfaces stand in their places: the lens is symmetric about its axis, apertures left aside."""
-    return not table[:, POSE].any()
+    """Whether all surfaces are round and in place: the lens is symmetric about its axis, apertures left aside."""
+    return not table[:, [POSE, CYLINDER]].any()
 
 
 def enclosing(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
@@ -207,6 +209,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         COEFFICIENTS + len(coefficients),
         0.0,
         0.0,
+        float(surface.is_cylinder and surface.curvature_per_mm != 0),
         *(sign * a + 0.0 for a in coefficients),
         *edges,
     ]

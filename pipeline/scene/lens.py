@@ -33,7 +33,7 @@ digits.
 """
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
-_BLAMED = {"ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
+_BLAMED = {"shape": "plen:cylindrical", "ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
 """The attribute to mend, by the code of an error of a surface; other errors concern the whole surface."""
 _THIN = 1 / 200
 """Ratio of rim thickness to diameter of an element below which there is a warning; the thinnest of the published
@@ -115,6 +115,7 @@ def read_surface(prim: Usd.Prim) -> Surface:
         index=need(prim, "plen:index"),
         is_stop=need(prim, "plen:isStop"),
         conic=need(prim, "plen:conic"),
+        is_cylinder=need(prim, "plen:cylindrical"),
         even_coefficients=need(prim, "plen:evenCoefficients"),
         odd_coefficients=need(prim, "plen:oddCoefficients"),
         focal_length_mm=read(prim, "plen:focalLength"),

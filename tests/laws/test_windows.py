@@ -97,6 +97,20 @@ def test_a_dome_about_the_pupil_moves_no_chief_ray(tmp_path, common_store):
     assert np.abs(table(stage(tmp_path, "off", off, dataset=_WATER), common_store) - plain).max() > 0.1
 
 
+def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tmp_path, common_store):
+    """A ray stays in the plane of the axis, x, and meets the surfaces there as planes across the radius."""
+    bent = "double plen:radius", "uniform bool plen:cylindrical = 1\ndouble plen:radius"
+    file = stage(tmp_path, "bent", window(-60.0, radii_mm=(60.0, 50.0)).replace(*bent), dataset=_WATER)
+    camera = open_dataset(file).cameras[0].camera
+    for x, y, px, py, pz in table(file, common_store):
+        radius = np.hypot(py, pz)
+        media = ((60 - _GLASS_MM, 1.0), (_GLASS_MM, _GLASS), (radius - 60, _MEDIUM))
+        sine = brentq(reached, 0.0, 0.9, (media, abs(px)), xtol=1e-16, rtol=1e-15)
+        way = np.array([np.sign(px) * sine, *np.sqrt(1 - sine**2) * np.array([py, pz]) / radius])
+        expected = camera.sensor_distance_mm / camera.sensor.pitch_mm * way[:2] / way[2]
+        assert np.abs(expected + (np.array(camera.sensor.size_px) - 1) / 2 - [x, y]).max() < 1e-7
+
+
 @pytest.mark.parametrize("camera", [_PINHOLE, ""])
 def test_a_window_of_the_index_of_its_medium_changes_nothing(tmp_path, common_store, camera):
     plain = table(stage(tmp_path, "plain", camera=camera), common_store)

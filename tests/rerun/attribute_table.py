@@ -169,6 +169,7 @@ MAIN_LENS = {
         ),
     ],
     "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
+    "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | {(OUTER, "plen:radius"): 500.0})],
     "plen:conic": [Case(GLASS, -0.1, CAMERA)],
     "plen:evenCoefficients": [Case(GLASS, [1e-9], CAMERA)],
     "plen:oddCoefficients": [Case(GLASS, [1e-9], CAMERA)],
