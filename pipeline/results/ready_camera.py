@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.motion import Motion, Shutter
 from pipeline.optics.first_order import first_order
@@ -21,7 +22,7 @@ from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
 from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, solve
 from pipeline.truth.moving import planes_at_own_times
-from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, faces_camera
+from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, axes_across, faces_camera
 
 if TYPE_CHECKING:
     from pipeline.results.spots import SpotDiagram
@@ -106,7 +107,7 @@ class ReadyCamera:
             of_points = self._moving(planes, moving)
             planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
         fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
-        fates[planes[:, 0, 2] <= self._front_mm] = Fate.BEHIND
+        fates[~pupil_fan(self.camera.prescription).may_see(planes[:, 0])] = Fate.BEHIND
         open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
         guess, _ = guesses(self.rig, planes[open_])
         guess = Guess(open_[guess.point], guess.cell, guess.x_px)
@@ -240,12 +241,8 @@ def _axes(normals: ArrayLike | None, count: int) -> np.ndarray:
     if normals is None:
         return _FACING
     given = _numbers("normals", normals, 3)
-    length = np.linalg.norm(given, axis=1, keepdims=True)
-    if not length.all():
+    if not given.any(axis=1).all():
         raise CameraError("a normal has no direction", hint="normals are vectors of any length but 0")
     if len(given) not in (1, count):
         raise CameraError(f"{count} points have {len(given)} normals", hint="one for all, or one for each")
-    normal = np.broadcast_to(given / length, (count, 3))
-    second = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
-    second /= np.linalg.norm(second, axis=1, keepdims=True)
-    return np.stack([np.cross(second, normal), second, normal], axis=1)
+    return axes_across(np.broadcast_to(given, (count, 3)))

@@ -23,6 +23,7 @@ from pipeline.camera.figures.outlook import (
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.from_stop import is_steep
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.lens import ordered_surfaces
@@ -194,6 +195,7 @@ def _hidden(
     """Points of a target that something hides from every tried place of the entrance pupil, (n,) bool."""
     hidden = surroundings.may_hide(points_mm, front)
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
+    hidden &= ~is_steep(camera.prescription, points_mm)  # who decides that is the build
     for pupil in pupil_points_mm(camera) if hidden.any() else ():
         way = points_mm - pupil
         way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)

@@ -116,6 +116,14 @@ def faces_camera(planes: Float64[np.ndarray, "n 4 3"]) -> np.ndarray:
     return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0
 
 
+def axes_across(normals: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+    """Axes of planes by rows, (n, 3, 3): first, second, and the direction of the normals, which are of any length."""
+    normal = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    second = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    return np.stack([np.cross(second, normal), second, normal], axis=1)
+
+
 def plane_name(target: str, number: int, planes: int) -> str:
     """Name of the position image of a tangent plane: that of the target, with a number if it has several."""
     return target if planes == 1 else f"{target}.{number}"

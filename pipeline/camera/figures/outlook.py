@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.rays import front_grid, traced
@@ -59,7 +60,12 @@ def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Floa
     lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
     tracer, table = Tracer(camera), towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
-    dark = _nearest_to_axis(points_mm, ~lit.reshape(shape))
+    pupil, steep = pupil_fan(camera.prescription), is_steep(camera.prescription, points)
+    aside = np.flatnonzero(steep | ~lit & pupil.in_field(points))
+    if len(aside):
+        aims = np.array([pupil.aims(point) for point in points[aside]]) * _FLIP
+        blur[aside], lit[aside], inside[aside] = _light(tracer, table, points[aside], aims, ahead=1.0)
+    dark = _nearest_to_axis(points_mm, ~(lit | steep).reshape(shape))
     if len(dark):
         blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
     if array := camera.microlenses:
@@ -120,14 +126,20 @@ class _Light(NamedTuple):
     inside: np.ndarray
 
 
-def _light(tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray) -> _Light:
-    """The light of points through aims in front of the lens."""
-    near = np.tile(aims, (len(points_mm), 1))  # on the ray as well, and known sharply however far the point is
-    way = near - np.repeat(points_mm * _FLIP, len(aims), axis=0)
-    way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
+def _light(
+    tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray, ahead: float | None = None
+) -> _Light:
+    """The light of points through aims in front of the lens, of all (m, 3) or of each (n, m, 3).
+
+    `ahead`: 1: from the points towards their aims; None: forwards.
+    """
+    aims = np.broadcast_to(aims, (len(points_mm), *aims.shape[-2:]))
+    near = aims.reshape(-1, 3).copy()  # on the ray as well, and known sharply however far the point is
+    way = near - np.repeat(points_mm * _FLIP, aims.shape[1], axis=0)
+    way *= (ahead or np.sign(way[:, 2:])) / np.linalg.norm(way, axis=1, keepdims=True)
     place, way, passed = traced(table, near, way)
     film, slope = tracer.arrivals(place * _FLIP, way * _FLIP)
-    array, shape = tracer.camera.microlenses, (len(points_mm), len(aims))
+    array, shape = tracer.camera.microlenses, aims.shape[:2]
     if array:
         low, high = tracer.vertices_mm.min(axis=0) - array.pitch_mm, tracer.vertices_mm.max(axis=0) + array.pitch_mm
         passed &= ((film >= low) & (film <= high)).all(axis=1)

@@ -6,9 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
+from pipeline.camera.pupil.from_stop import pupil_fan
+from pipeline.frames import apply
+from pipeline.optics.prescription import Prescription
 from pipeline.scene.lamps import lamp_prims
 from pipeline.scene.materials import seen_meshes
-from pipeline.scene.occluders import check_outside_lens
+from pipeline.scene.occluders import check_outside_lens, meets_lens
 from pipeline.scene.targets import read_target
 from pipeline.scene.usd.poses import (
     ancestry,
@@ -24,7 +27,7 @@ from pipeline.scene.usd.poses import (
     xform_ops,
 )
 from pipeline.scene.usd.problems import Problem, problem
-from pipeline.scene.usd.values import targets
+from pipeline.scene.usd.values import read, targets
 from pipeline.scene.windows import WINDOWS, check_standing, prescription_of
 from pipeline.spelling import frames_in_words
 
@@ -59,11 +62,12 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
         problems += [bad for prim in rigid for bad in _check_rigid(prim, frames)]
     yield from problems
     if not any(bad.is_error for bad in problems):
-        hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
+        patches = [read_target(board).patches() for board in boards]
+        shapes = [np.concatenate([apply(patch.target_from_patch, patch.mesh()) for patch in each]) for each in patches]
         for camera in cameras:
-            yield from _check_before_camera(camera, boards, hulls, root, frames)
+            yield from _check_before_camera(camera, boards, shapes, root, frames)
             yield from check_outside_lens(camera, occluders, root, frames)
-            yield from check_standing(camera, boards, hulls, frames)
+            yield from check_standing(camera, boards, shapes, frames)
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> Iterator[Problem]:
@@ -128,17 +132,34 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
     return prim
 
 
+def _is_beside(prescription: Prescription, triangles_mm: np.ndarray) -> bool:
+    """Whether a shape, (m, 3, 3) vision frame, stands beside a lens that sees so far round."""
+    ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
+    radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
+    return pupil_fan(prescription).is_wide and not meets_lens(triangles_mm, ends, radius_mm)
+
+
 def _check_before_camera(
-    camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
+    camera: Usd.Prim, boards: list[Usd.Prim], shapes: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
-    """Problems of targets that are not entirely, margins included, in front of the first vertex of the lens."""
-    first_mm = -prescription_of(camera).vertices_from_stop_mm[0]
+    """Problems of targets that are not entirely, margins included, in front of the first vertex of the lens.
+
+    Before a lens that sees farther round they may also stand beside it.
+    """
+    prescription = prescription_of(camera)
+    first_mm = -prescription.vertices_from_stop_mm[0]
+    is_direct = read(camera, "plen:truth:method") == "direct"
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
-    for board, corners in zip(boards, hulls, strict=True):
+    for board, triangles in zip(boards, shapes, strict=True):
         vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
+        corners = triangles.reshape(-1, 3)
         nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
-        too_near = np.flatnonzero(nearest_mm <= first_mm)
+        too_near = [
+            number
+            for number in np.flatnonzero(nearest_mm <= first_mm)
+            if not (is_direct and _is_beside(prescription, apply(vision_from_board[number], triangles)))
+        ]
         if not len(too_near):
             continue
         first = too_near[0]  # one problem for all frames, told by the first
@@ -150,6 +171,8 @@ def _check_before_camera(
             f" {abs(z_mm):.6g} mm {side} the stop, and the first vertex {first_mm:.6g} mm before it"
         )
         hint = "the camera looks along its -Z: what it sees has a negative z"
+        if pupil_fan(prescription).is_wide and not is_direct:
+            hint = 'planes across the axis do not reach beside a lens: plen:truth:method = "direct" finds what it sees'
         if away_mm < _METRES_MM:
             hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
         moving, code = moving_op(board), "behind-camera" if z_mm <= 0 else "inside-lens"

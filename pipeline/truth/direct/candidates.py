@@ -2,7 +2,7 @@
 through the pupil.
 
 Points are in the vision frame. The forward trace uses the lens frame with its origin at the stop: (x, -y, -z) of the
-vision frame.
+vision frame. From beside the lens rays are aimed at where the stop is seen from there: `camera.pupil.from_stop`.
 
 Chief points are image positions by a single ray; the mean of the bundle may put the point elsewhere. Without
 microlenses it is the ray through the centre of the stop. Behind a microlens, whose bundle is thin, it is the ray
@@ -18,6 +18,7 @@ import numpy as np
 from pipeline.camera.integrating.quadrature import single_hits
 from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby, vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
+from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -75,8 +76,10 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else Nearby(tracer.vertices_mm)
     table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
+    steep, pupil = is_steep(tracer.camera.prescription, points_mm), pupil_fan(tracer.camera.prescription)
     for number, p in enumerate(points_mm):
-        crossing, slope, sent = _footprint(tracer, table, fans, p)
+        aims = [pupil.aims(p) * _FLIP] if steep[number] else fans
+        crossing, slope, sent = _footprint(tracer, table, aims, p, is_steep=steep[number])
         rays += sent
         if not len(crossing):
             continue
@@ -111,30 +114,33 @@ def _fans(tracer: Tracer) -> list[np.ndarray]:
 
 
 def _footprint(
-    tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
+    tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray, *, is_steep: bool
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Crossings with the plane of the sensor or array, slopes there, film frame, (n, 2) each, and the rays traced.
 
-    Rays of the first fan of which any ray passes.
+    Rays of the first fan of which any ray passes; where none does, of one towards the stop as the point sees it.
+    They leave the point forwards, or if it is steep towards their aims. Further fans count where they find light.
     """
-    rays = 0
-    for aim in itertools.chain(fans, _at_the_stop(tracer, table, fans[0], point_mm)):
+    rays, further = 0, () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
+    for number, aim in enumerate(itertools.chain(fans, further)):
         position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
         direction = aim - position
-        direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
+        ahead = 1.0 if is_steep else np.sign(direction[:, 2:])
+        direction *= ahead / np.linalg.norm(direction, axis=1, keepdims=True)
         alive = np.ones(len(aim))
         trace_rays(table, position, direction, alive)
-        rays += len(aim)
         passed = alive > 0
+        rays += len(aim) if number < len(fans) or passed.any() else 0
         if passed.any():
             return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
 
 
 def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
-    """Points over the entrance pupil as a point sees it, which windows and media displace, (n, 3); no such points where
-    no real ray comes to the centre of the stop. By Newton's method, whatever apertures block.
+    """Points over the entrance pupil as a point sees it, (n, 3): as it moves off the axis; then as windows displace it,
+    by Newton's method, whatever apertures block, unless no real ray comes to the centre of the stop.
     """
+    yield pupil_fan(tracer.camera.prescription).aims(point_mm) * _FLIP
     front, stop = unbounded(table[: tracer.camera.prescription.stop_index + 1]), tracer.camera.prescription.stop
     start, aim = point_mm * _FLIP, fan[len(fan) // 2] * (0.0, 0.0, 1.0)
     steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.integrals import LEVELS, Bundles, integrals
+from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT
@@ -20,7 +21,7 @@ from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
 from pipeline.truth.direct.newton import NEARLY_PX, Search, errors_px
 from pipeline.truth.grid.ray_grid import matrix_4
-from pipeline.truth.planes import Pairs, Planes, StillPlanes, faces_camera
+from pipeline.truth.planes import Pairs, Planes, StillPlanes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
 from pipeline.truth.settings import TruthSettings
 
@@ -211,9 +212,19 @@ def blur_of(
     z = planes[:, 0, 2]
     upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
+    steep = is_steep(rig.tracer.camera.prescription, planes[:, 0])
+    upright[steep] = _across(rig, planes[steep, 0])
     across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
+
+
+def _across(rig: Rig, points_mm: np.ndarray) -> np.ndarray:
+    """Planes across the ways from the lens to points, through these and behind them, (n, 2, 4, 3)."""
+    front_mm = pupil_fan(rig.tracer.camera.prescription).z_mm[0]
+    axes = axes_across(points_mm - (0.0, 0.0, front_mm))
+    ends = points_mm[:, None] + np.array([0.0, _APART_MM])[:, None] * axes[:, None, 2]
+    return np.concatenate([ends[:, :, None], np.repeat(axes[:, None], 2, axis=1)], axis=2)
 
 
 def with_own_bundles(

@@ -1,0 +1,105 @@
+"""The entrance pupil of every direction: real chief rays from the centre of the stop out into the scene.
+
+The paraxial entrance pupil is where the stop seems to stand from near the axis. Before a fisheye it moves out, forward
+and to the side, as the eye does, and rays from beyond 90 degrees come from behind the plane of the first vertex: who
+aims at the paraxial one misses the lens. A fan of rays that starts at the stop needs no aim.
+
+Displaced surfaces count as if they stood in their place: what is found here is where to look, and no result.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.rays import traced
+from pipeline.optics.table import POSE, enclosing, towards_scene
+from pipeline.records.shapes import Bool, Float64
+
+_RAYS = 1024
+"""Rays of the fan between the axis and 90 degrees at the stop: neighbours leave a fisheye some tenths of a degree apart
+at the edge of its field."""
+_SPREAD = 1.5
+"""Semi-axes of aims around a chief ray over those of its pencil, which changes across it."""
+_GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), axis=-1).reshape(-1, 2)
+_DISC = _GRID[np.hypot(*_GRID.T) <= 1]
+"""Aims around a chief ray over their semi-axes: in its plane with the axis, and across."""
+WIDE_RAD = np.radians(80.0)
+"""Angle with the axis from which on a ray hardly meets planes across the axis, and beyond which a camera is wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class PupilFan:
+    """Chief rays from the axis to the edge of the field, half of the meridional plane, vision frame."""
+
+    # Where they leave the first surface: distance from the axis, vision z; angle with the axis behind it
+    height_mm: Float64[np.ndarray, "n"]
+    z_mm: Float64[np.ndarray, "n"]
+    angle_rad: Float64[np.ndarray, "n"]
+    # Semi-axes of the pencil around each, in the meridional plane and across it
+    along_mm: Float64[np.ndarray, "n"]
+    across_mm: Float64[np.ndarray, "n"]
+
+    @property
+    def widest_rad(self) -> float:
+        """Angle with the axis at the edge of the field, whatever the sensor."""
+        return float(self.angle_rad[-1])
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether what stands beside the lens may be seen; a stop before all surfaces tells nothing of that."""
+        return bool(self.height_mm[-1] > 0 and self.widest_rad > WIDE_RAD)
+
+    def past_mm(self, points_mm: Float64[np.ndarray, "n 3"], ray: slice = slice(None)) -> np.ndarray:
+        """Distance of points from each ray, (n, rays) [mm], in the half plane of point and axis; positive: outwards."""
+        across = np.hypot(points_mm[:, 0], points_mm[:, 1])[:, None] - self.height_mm[ray]
+        ahead = points_mm[:, 2:] - self.z_mm[ray]
+        return np.asarray(across * np.cos(self.angle_rad[ray]) - ahead * np.sin(self.angle_rad[ray]))
+
+    def in_field(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Whether points that are no part of the lens have a chief ray, (n,) bool."""
+        return self.past_mm(points_mm, slice(-1, None))[:, 0] <= 0
+
+    def may_see(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Whether points lie before the first vertex, or beside the lens where a chief ray still passes, (n,) bool."""
+        beside = np.hypot(points_mm[:, 0], points_mm[:, 1]) > self.height_mm[-1]
+        return (points_mm[:, 2] > self.z_mm[0]) | (beside & self.in_field(points_mm))
+
+    def aims(self, point_mm: Float64[np.ndarray, "3"]) -> np.ndarray:
+        """Points around the chief ray of a point, across it where it leaves the lens, (n, 3) vision frame."""
+        past = self.past_mm(point_mm[None])[0]
+        row = int(np.argmax(past <= 0)) if (past <= 0).any() else len(past) - 1
+        share = past[row - 1] / (past[row - 1] - past[row]) if row and past[row] <= 0 else 1.0
+        columns = (self.height_mm, self.z_mm, self.angle_rad, self.along_mm, self.across_mm)
+        height, z, angle, *semi_mm = ((1 - share) * column[row - 1] + share * column[row] for column in columns)
+        length = np.hypot(*point_mm[:2])
+        outward = point_mm[:2] / length if length > 0 else np.array([1.0, 0.0])
+        across = np.append(np.cos(angle) * outward, -np.sin(angle))
+        side = np.array([-outward[1], outward[0], 0.0])
+        return np.append(height * outward, z) + _DISC * semi_mm @ np.stack([across, side])
+
+
+@functools.lru_cache(maxsize=64)
+def pupil_fan(prescription: Prescription) -> PupilFan:
+    """Trace the fan of a lens; where the stop comes first its rays leave it as they start."""
+    table = enclosing(towards_scene(prescription))[len(prescription.surfaces) - prescription.stop_index :].copy()
+    table[:, POSE] = 0.0
+    before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
+    start = np.pi / 2 * np.arange(_RAYS) / _RAYS
+    way = np.column_stack([np.sin(start), np.zeros(_RAYS), np.cos(start)])
+    place, way, passes = traced(table, np.zeros((_RAYS, 3)), way)
+    count = _RAYS if passes.all() else max(2, int(np.argmin(passes)))  # a stop without light still has an axis
+    angle = np.arctan2(way[:count, 0], way[:count, 2])
+    # By the invariant of Lagrange, along the meridional plane and across it.
+    semi_mm, sine = _SPREAD * before * prescription.stop.semi_diameter_mm, np.maximum(np.sin(angle), 1e-12)
+    along = np.cos(start[:count]) / np.gradient(angle, start[:count])
+    across = np.where(start[:count] > 0, np.sin(start[:count]) / sine, along)
+    return PupilFan(np.abs(place[:count, 0]), place[:count, 2], angle, semi_mm * np.abs(along), semi_mm * across)
+
+
+def is_steep(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+    """Whether points are seen so far off the axis that planes across it are no measure of depth, (n,) bool."""
+    fan = pupil_fan(prescription)
+    ahead_mm = points_mm[:, 2] - fan.z_mm[0]
+    return ahead_mm * np.tan(WIDE_RAD) < np.hypot(points_mm[:, 0], points_mm[:, 1])

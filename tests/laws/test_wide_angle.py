@@ -1,0 +1,110 @@
+"""Lenses that see 90 degrees off their axis and farther, and a ball, through whose centre light goes straight.
+
+A plane sensor behind a ball sees less than 90 degrees, so its law ends at 85; beyond, random rays judge a fisheye.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from naive.brute import rays_through
+from published.library import prescription
+from tolerances import SIGMAS
+
+from pipeline.camera.figures.outlook import Fate, outlook
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.pupil.from_stop import pupil_fan
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.results import answers
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.truth.planes import axes_across
+
+PIN_MM = 1e-3
+"""Semi-diameter of a stop so narrow that its bundle is one ray: blur of some 1e-3 mm is centred to its square."""
+
+
+def ready(name: str, distance_mm: float, width_px: int, pitch_mm: float, stop_mm: float | None = None) -> ReadyCamera:
+    lens = prescription(name)
+    if stop_mm is not None:
+        surfaces = (dataclasses.replace(s, semi_diameter_mm=stop_mm) if s.is_stop else s for s in lens.surfaces)
+        lens = dataclasses.replace(lens, surfaces=tuple(surfaces))
+    sensor = Sensor(width_px=width_px, height_px=width_px, pitch_mm=pitch_mm)
+    camera = Camera(prescription=lens, sensor=sensor, sensor_distance_mm=distance_mm)
+    return ReadyCamera(name=name, rig=Rig.of(Tracer(camera)), min_hit_fraction=0.0, accuracy_px=1e-4)
+
+
+def at_angles(angles_deg: list[float], from_mm: float, distance_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points in these directions from a place on the axis, at azimuths of their own, and normals that face it."""
+    angle, azimuth = np.radians(angles_deg), 2.4 * np.arange(len(angles_deg))
+    way = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)], axis=1)
+    return distance_mm * way + np.array([0.0, 0.0, from_mm]), -way
+
+
+@pytest.fixture(scope="module")
+def nikkor() -> ReadyCamera:
+    """The fisheye of 220 degrees, focused near 120 mm before its first vertices."""
+    return ready("fisheye_6mm_nikkor", 49.6, 480, 0.05)
+
+
+ANGLES_DEG = [60.0, 85.0, 89.0, 90.0, 95.0, 105.0]
+
+
+def test_light_of_a_position_meets_its_point_on_average_also_from_behind(nikkor):
+    """Random rays of a textbook's trace from the row's position, all over the rear surface."""
+    points, normals = at_angles(ANGLES_DEG, 30.0, 120.0)
+    rows = nikkor.project(points, normals)
+    assert rows.point.tolist() == list(range(len(points)))
+    rng, tracer = np.random.default_rng(4), nikkor.rig.tracer
+    starts = tracer.positions_mm(rows.x_px, rows.y_px)
+    planes = axes_across(normals)
+    for start, point, axes in zip(starts, points, planes, strict=True):
+        position, way, weight = rays_through(nikkor.camera, start, None, None, 60_000, rng)
+        kept = weight > 0
+        position, way, share = position[kept], way[kept], weight[kept] / weight[kept].sum()
+        assert len(share) > 200
+        along = (point - position) @ axes[2] / (way @ axes[2])
+        assert (along > 0).all()
+        off = (position + along[:, None] * way - point) @ axes[:2].T
+        error = np.sqrt(share**2 @ (off - share @ off) ** 2)
+        assert (np.abs(share @ off) < SIGMAS * error).all()
+        assert error.max() < 0.02  # mm, a tenth of what a pixel sees of it
+
+
+def test_what_lies_beyond_the_field_is_not_seen_and_the_check_agrees(nikkor):
+    points, normals = at_angles([0.0, 70.0, 100.0, 112.0, 130.0, 180.0], 30.0, 120.0)
+    fates = nikkor.project(points, normals).fates
+    assert fates[:3] == (answers.Fate.SEEN,) * 3
+    assert answers.Fate.SEEN not in fates[4:]
+    assert fates[5] is answers.Fate.BEHIND
+    tried = outlook(nikkor.camera, points[None], normals[None]).fate[0]
+    assert [fate == Fate.SEEN for fate in tried] == [fate is answers.Fate.SEEN for fate in fates]
+
+
+FISHEYES = {
+    # Stated field, distance of the sensor, half of one that holds the image. The Muller is stated to have 155.9, but
+    # the clear apertures of its source end chief rays at 149.3, and all light at 150.8.
+    "fisheye_6mm_nikkor": (220.0, 49.6, 11.5),
+    "fisheye_100mm_miyamoto": (170.8, 602.9, 160.0),
+    "fisheye_10mm_muller": (149.2, 28.9, 14.0),
+}
+
+
+@pytest.mark.parametrize("name", FISHEYES)
+def test_fisheyes_reach_their_stated_field(name):
+    stated_deg, distance_mm, half_mm = FISHEYES[name]
+    camera = ready(name, distance_mm, 400, half_mm / 200)
+    pupil_mm = pupil_fan(camera.camera.prescription).z_mm[-1]
+    points, normals = at_angles([0.499 * stated_deg], pupil_mm, 1e5)
+    assert camera.project(points, normals).fates == (answers.Fate.SEEN,)
+
+
+def test_through_the_centre_of_a_ball_light_goes_straight():
+    """The truth at 60 and 85 degrees is that on the axis, turned about the centre: on a line through it."""
+    distance_mm, width, pitch = 15.2, 7000, 0.06
+    ball = ready("ball_15mm", distance_mm, width, pitch, PIN_MM)
+    points, normals = at_angles([0.0, 60.0, 85.0], 0.0, 500.0)
+    rows = ball.project(points, normals)
+    assert rows.is_seen.all()
+    seen_mm = ball.rig.tracer.positions_mm(rows.x_px, rows.y_px)
+    np.testing.assert_allclose(seen_mm, -distance_mm * points[:, :2] / points[:, 2:], rtol=0, atol=PIN_MM**2)
