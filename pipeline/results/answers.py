@@ -62,7 +62,8 @@ class PixelRays:
     """Rays of image positions, vision frame: the straight line of J; NaN where no light leaves the camera.
 
     `x_px`, `y_px`, `hit_fraction`: (n,) float64.
-    `origin_mm`: crossing of the line with the plane z = 0 through the centre of the aperture stop, (n, 3) float64.
+    `origin_mm`: crossing of the line with the plane z = 0 through the centre of the aperture stop, or, of a camera that
+    sees 80 degrees and more off its axis, its point where the chief ray leaves the first surface, (n, 3) float64.
     `direction`: into the scene, of length 1, (n, 3) float64.
     `error_px`: error of the integral, as a distance of image positions, (n, 2) float64.
     `microlens`: k and l of the one in whose cell the position lies, (n, 2) int64; None of a conventional camera.
@@ -77,10 +78,10 @@ class PixelRays:
     microlens: np.ndarray | None
 
     def at_distance(self, z_mm: float) -> np.ndarray:
-        """Points where they cross the plane at vision z, (n, 3) [mm]: J there."""
+        """Points where they cross the plane at vision z, (n, 3) [mm]: J there; NaN for rays that go away from it."""
         z_mm = number("z_mm", z_mm, CameraError)
         along = (z_mm - self.origin_mm[:, 2:]) / self.direction[:, 2:]
-        return self.origin_mm + along * self.direction
+        return np.where(self.direction[:, 2:] > 0, self.origin_mm + along * self.direction, np.nan)
 
 
 @dataclass(eq=False)

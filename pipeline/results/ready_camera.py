@@ -20,7 +20,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
-from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, solve
+from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, planes_of_rays, solve
 from pipeline.truth.moving import planes_at_own_times
 from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, axes_across, faces_camera
 
@@ -141,7 +141,8 @@ class ReadyCamera:
         return MovingPlanes(planes, motion, self.shutter, self.size_px)
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
-        """Rays of image positions: the line of J(x) through all planes perpendicular to the axis.
+        """Rays of image positions: the line of J(x) through all planes perpendicular to the axis, or, of a camera that
+        sees 80 degrees and more off its axis, to the chief ray of the position.
 
         `x_px`, `y_px`: (n,); (0, 0) is the centre of the top-left pixel; any positions, also between pixels.
         CameraError if an argument holds no such numbers.
@@ -151,11 +152,18 @@ class ReadyCamera:
             raise CameraError(f"{len(x)} x_px have {len(y)} y_px", hint="as many of both, or one for all")
         x, y = np.broadcast_arrays(x, y)
         near_mm, far_mm = self.planes_mm
-        mean = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
+        xy_px = np.stack([x, y], axis=1)
+        planes = planes_of_rays(self.rig, xy_px, (near_mm, far_mm))
+        mean = mean_rays(self.rig, xy_px, planes, self._accuracy(accuracy_px))
         near, far = mean.crossings_mm[:, 0], mean.crossings_mm[:, 1]
-        slope = (far - near) / (far_mm - near_mm)
-        direction = np.column_stack([slope, np.ones(len(x))])
-        origin = np.column_stack([near - near_mm * slope, np.zeros(len(x))])
+        if np.array_equal(planes[:, 0, 3, 2], np.ones(len(x))):
+            slope = (far - near) / (far_mm - near_mm)
+            direction = np.column_stack([slope, np.ones(len(x))])
+            origin = np.column_stack([near - near_mm * slope, np.zeros(len(x))])
+        else:
+            ends = planes[:, :, 0] + np.einsum("nek,nekj->nej", mean.crossings_mm, planes[:, :, 1:3])
+            direction = ends[:, 1] - ends[:, 0]
+            origin = ends[:, 0] - (near_mm - self._front_mm) / (far_mm - near_mm) * direction
         return PixelRays(
             x_px=x.copy(),
             y_px=y.copy(),

@@ -71,6 +71,19 @@ def test_light_of_a_position_meets_its_point_on_average_also_from_behind(nikkor)
         assert error.max() < 0.02  # mm, a tenth of what a pixel sees of it
 
 
+def test_the_ray_of_a_position_meets_the_point_whose_position_it_is(nikkor):
+    """On a plane across the ray the mean of the bundle is the ray's own point; beyond the field there is none."""
+    points, normals = at_angles([0.0, *ANGLES_DEG], 30.0, 120.0)
+    rows = nikkor.project(points, normals)
+    rays = nikkor.rays(rows.x_px, rows.y_px)
+    along = np.sum((points - rays.origin_mm) * rays.direction, axis=1)
+    assert (along > 80).all()
+    assert np.abs(rays.origin_mm + along[:, None] * rays.direction - points).max() < 2e-3
+    assert (np.degrees(np.arccos(rays.direction[:, 2])) > np.array([-1, *ANGLES_DEG]) - 3).all()
+    assert np.isnan(nikkor.rays([0.0], [0.0]).direction).all()
+    assert np.isnan(rays.at_distance(100.0)[-1]).all() and np.isfinite(rays.at_distance(100.0)[0]).all()
+
+
 def test_what_lies_beyond_the_field_is_not_seen_and_the_check_agrees(nikkor):
     points, normals = at_angles([0.0, 70.0, 100.0, 112.0, 130.0, 180.0], 30.0, 120.0)
     fates = nikkor.project(points, normals).fates

@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.integrals import LEVELS, Bundles, integrals
+from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT
+from pipeline.optics.rays import traced
+from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
@@ -33,35 +36,53 @@ _DIFFERENCE_PX = 0.25
 
 @dataclass(frozen=True, slots=True)
 class MeanRays:
-    """Mean rays of image positions, vision frame: straight lines through J on every plane perpendicular to the axis.
+    """Mean rays of image positions, vision frame: straight lines through J on all planes that are parallel to two given
+    ones, which are perpendicular to the axis but in wide cameras.
 
     Each ray of a bundle crosses such planes at places that are linear in their distance, so the weighted mean is, too.
     CONVENTIONS.md, "The ray of a position", says why this line and no other. NaN where no light leaves.
     """
 
     microlens: Int64[np.ndarray, "n"]  # row of the microlens whose bundle it is, or NO_MICROLENS
-    crossings_mm: Float64[np.ndarray, "n 2 2"]  # x and y on the near plane, then on the far one
+    crossings_mm: Float64[np.ndarray, "n 2 2"]  # in the axes of the near plane, then of the far one
     error_px: Float64[np.ndarray, "n 2"]  # error of the integral on the near plane, mapped to the image
     hit_fraction: Float64[np.ndarray, "n"]
 
 
 def mean_rays(
-    rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[float, float], accuracy_px: float
+    rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes: Float64[np.ndarray, "n 2 4 3"], accuracy_px: float
 ) -> MeanRays:
     """Integrate the bundles of positions, each behind the microlens of its own cell, as finely as the accuracy asks."""
     microlens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
     for first in range(0, len(x_px), _AT_ONCE):
         some = np.arange(first, min(first + _AT_ONCE, len(x_px)))
-        moments[some], error[some] = _integrated(rig, x_px[some], microlens[some], planes_mm, accuracy_px)
+        moments[some], error[some] = _integrated(rig, x_px[some], microlens[some], planes[some], accuracy_px)
     return MeanRays(microlens, moments[:, :4].reshape(-1, 2, 2).copy(), error, rig.hit_fraction(moments))
 
 
+def planes_of_rays(rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[float, float]) -> np.ndarray:
+    """Near and far planes on which rays of positions are found, (n, 2, 4, 3): at two vision z or, of a wide camera,
+    across the chief ray of each position, as far along it from the first vertex; NaN where it has none.
+    """
+    tracer = rig.tracer
+    prescription = tracer.camera.prescription
+    if rig.images is not None or not pupil_fan(prescription).is_wide:
+        return np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
+    start = tracer.on_film(tracer.positions_mm(*x_px.T))
+    crossing = chief_crossings(tracer.table, tracer.stop_row, start)
+    way = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    place, way, _ = traced(unbounded(tracer.table), start, way)
+    ahead_mm = np.array(planes_mm) + prescription.vertices_from_stop_mm[0]
+    origins = place[:, None] + ahead_mm[:, None] * way[:, None]
+    return np.concatenate([origins[:, :, None], np.repeat(axes_across(way)[:, None], 2, axis=1)], axis=2)
+
+
 def _integrated(
-    rig: Rig, x_px: np.ndarray, microlens: np.ndarray, planes_mm: tuple[float, float], accuracy_px: float
+    rig: Rig, x_px: np.ndarray, microlens: np.ndarray, planes: np.ndarray, accuracy_px: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments (n, COLUMNS) and errors (n, 2) [px]; levels of quadrature follow until the errors are small enough."""
-    planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     bundles = Bundles(x_px, microlens, planes, rig.square_px)
     px_per_mm = _inverse_jacobian(rig, bundles)
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
