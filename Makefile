@@ -96,6 +96,9 @@ picture: $(STAMP)
 	$(BIN)/python docs/picture.py examples/08_focus_pull/picture.png \
 		build/08_focus_pull/frames/0001/Rig.Camera.0001 build/08_focus_pull/frames/0003/Rig.Camera.0003 \
 		build/08_focus_pull/frames/0005/Rig.Camera.0004
+	$(BIN)/pipeline build examples/09_underwater/dataset.usda
+	$(BIN)/python docs/picture.py examples/09_underwater/picture.png \
+		build/09_underwater/frames/0001/Flat.Camera build/09_underwater/frames/0001/Dome.Camera
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \
