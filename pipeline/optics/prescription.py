@@ -250,7 +250,8 @@ class Prescription:
         before = (self.index_in_front, *(surface.index for surface in self.surfaces))
         for index, surface in zip(before, self.surfaces, strict=False):
             if surface.focal_length_mm is not None and index != 1:
-                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {index:g}", hint="air: 1")
+                hint = "it stands in air, of index 1: in another medium, behind a window with air behind it"
+                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {index:g}", hint=hint)
         stops = sum(surface.is_stop for surface in self.surfaces)
         if stops != 1:
             raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {stops}")

@@ -12,7 +12,7 @@ from pxr import Usd
 
 from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
-from pipeline.optics.glass.fluids import FLUIDS, fluid
+from pipeline.optics.glass.fluids import AIR, FLUIDS, WATER, fluid
 from pipeline.optics.glass.medium import D_UM, GlassError, Medium
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.optics.windows import Indices, Windows
@@ -27,8 +27,14 @@ from pipeline.scene.lens import (
 from pipeline.scene.usd.poses import ancestry, inverse, moving_op, product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
+from pipeline.spelling import did_you_mean
 
 WINDOWS = "plen:camera:windows"
+_ORDER_HINT = "windows are listed from the lens outwards; light goes through them towards their +Z, into the camera"
+_EDGE_ON = 1e-9
+"""Least cosine between the axes of a window and its camera [1]."""
+_CONDITIONS = (("temperature", (AIR, WATER)), ("pressure", (AIR,)), ("salinity", (WATER,)))
+"""Conditions of a medium, and the media whose index depends on them."""
 
 
 def prescription_of(camera: Usd.Prim) -> Prescription:
@@ -93,7 +99,9 @@ def _indices(camera: Usd.Prim, prims: tuple[Usd.Prim, ...], wavelength_nm: float
     standing = standing_windows(camera)
     outside = scene_medium(camera.GetStage())
     if standing and prims != standing:  # inside of the innermost one that stands in the world
-        outside = medium_behind(ordered_surfaces(standing[0])[-1], standing[0])
+        if not (panes := ordered_surfaces(standing[0])):
+            raise UnreadableValue(f"<{standing[0].GetPath()}> has no surface", standing[0])
+        outside = medium_behind(panes[-1], standing[0])
     return Indices(
         wavelength_nm=wavelength_nm,
         index_in_front=outside.index(wavelength_nm) + 0.0,
@@ -173,9 +181,18 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
     try:
         scene_medium(root.GetStage())
     except GlassError as error:
-        yield problem(root.GetAttribute("plen:medium"), error.code, error.what, hint=error.hint)
+        name = need(root, "plen:medium")
+        hint = error.hint if name in FLUIDS else did_you_mean(name, FLUIDS) or error.hint
+        yield problem(root.GetAttribute("plen:medium"), error.code, error.what, hint=hint)
+        return
     except UnreadableValue:
         return  # reported where the value is checked
+    name = need(root, "plen:medium")
+    for what, media in _CONDITIONS:
+        attribute = root.GetAttribute(f"plen:medium:{what}")
+        if attribute.HasAuthoredValue() and name not in media:
+            message = f'"{attribute.GetName()}" has no effect with "plen:medium" = "{name}"'
+            yield problem(attribute, "unused-value", message, hint="remove it", severity="warning")
 
 
 def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
@@ -197,42 +214,68 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
         message = "a camera that moves while its shutter is open looks through windows that move along with it"
         hint = "in each frame they stand before it as at its time code"
         yield problem(relationship, "still-window", message, hint=hint, severity="warning")
+    if any(not panes or any(read(pane, "plen:isStop") for pane in panes) for panes in map(ordered_surfaces, prims)):
+        return  # reported where the window is checked
     lens, nm = target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength")
     if not lens or nm is None:
         return
     try:
-        bare, has_index = read_prescription(lens, nm), scene_medium(camera.GetStage()) != fluid("air")
+        bare = read_prescription(lens, nm)
+        if disorder := _disorder(camera, fixed_windows(camera), bare.vertices_from_stop_mm[0], 0.0):
+            yield problem(relationship, "window-order", disorder, hint=_ORDER_HINT)
+            return
+        has_index = scene_medium(camera.GetStage()) != fluid("air")
     except PipelineError:
-        return  # reported where the lens or the medium is checked
+        return  # reported where the lens, the window or the medium is checked
     try:
-        whole = prescription_of(camera) if prims or has_index else bare
+        if prims or has_index:
+            prescription_of(camera)
     except PrescriptionError as error:
         hint = error.hint or "a window with air behind it comes between"
         yield problem(relationship if prims else camera, error.code or "window", error.what, hint=hint)
-        return
     except PipelineError:
         return  # reported where the window is checked
-    edges = whole.vertices_from_stop_mm[: len(whole.surfaces) - len(bare.surfaces) + 1]
-    for behind, before in pairwise(reversed(edges)):
-        if before >= behind:
-            message = f"a window {-before:.6g} mm before the stop stands behind what follows it, at {-behind:.6g} mm"
-            hint = "windows are listed from the lens outwards; the camera looks along its -Z"
-            yield problem(relationship, "window-order", message, hint=hint)
-            return
+
+
+def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, number: float) -> str | None:
+    """Which of windows, given from the lens outwards, is not before what follows it, or not turned to it.
+
+    `front_mm`: where the camera begins. Windows count where planes through their vertices cross its axis.
+    """
+    follows, begins_mm = "what follows it", front_mm
+    for window in windows:
+        placed = camera_from_window(camera, window, number)
+        normal, vertex_mm = placed[:3, 2], placed[:3, 3]
+        if normal[2] < _EDGE_ON:
+            return f"<{window.GetPath()}> turns its back, or its edge, to the camera"
+        first_mm = float(normal @ vertex_mm / normal[2])
+        glass_mm = sum(need(pane, "plen:thickness") for pane in ordered_surfaces(window)[:-1])
+        last_mm = first_mm + glass_mm / float(normal[2])
+        if last_mm >= begins_mm:
+            return f"<{window.GetPath()}> ends {_from_stop(last_mm)}, and {follows} begins {_from_stop(begins_mm)}"
+        follows, begins_mm = f"<{window.GetPath()}>", first_mm
+    return None
+
+
+def _from_stop(z_mm: float) -> str:
+    return f"{abs(z_mm):.6g} mm {'before' if z_mm <= 0 else 'behind'} the stop"
 
 
 def check_standing(
     camera: Usd.Prim, boards: Sequence[Usd.Prim], hulls: Sequence[np.ndarray], frames: Sequence[int]
 ) -> Iterator[Problem]:
     """Problems of windows in the world that do not face their camera, or stand behind a target of a hull (n, 3)."""
+    if not standing_windows(camera):
+        return
     scale_mm = stage_mm_per_unit(camera)
-    for number in frames if standing_windows(camera) else ():
-        try:
-            windows_in_frame(camera, number, ())
-        except PrescriptionError as error:
-            message = f"a window stands before the camera at time code {number} as none does: {error.what}"
-            hint = "light goes through a window towards its +Z, as through a camera that looks along -Z"
-            yield problem(camera.GetRelationship(WINDOWS), "window-order", message, hint=hint)
+    try:
+        front_mm = prescription_of(camera).vertices_from_stop_mm[0]
+    except PipelineError:
+        return  # reported where the camera is checked
+    for number in frames:
+        if message := _disorder(camera, standing_windows(camera), front_mm, number):
+            at = f"at time code {number} {message}"
+            yield problem(camera.GetRelationship(WINDOWS), "window-order", at, hint=_ORDER_HINT)
             return
         for window in standing_windows(camera):
             window_from_world = inverse(world_from(window, [number], scale_mm)[0])
