@@ -12,6 +12,8 @@ from stage_text import in_the_library
 from pipeline.files.tables import read_table
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.optics.glass.row import medium
+from pipeline.render.radiometry import photon_rate
+from pipeline.render.sensor.response import Radiance
 from pipeline.scene.load import open_dataset
 
 _PINHOLE = 'uniform token plen:camera:model = "pinhole"\ndouble plen:camera:near = 500\ndouble plen:camera:far = 560\n'
@@ -172,3 +174,12 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
         told.append(json.loads((out / "cameras/Rig.Camera/camera.json").read_text()))
     assert told[0]["principal_distance_px"] == pytest.approx(_MEDIUM * told[1]["principal_distance_px"], rel=1e-9)
     assert told[0]["pinhole"]["residual_px"]["max"] > 1e-3 > 1e-6 > told[1]["pinhole"]["residual_px"]["max"]
+
+
+def test_light_of_a_medium_fills_a_wider_cone(tmp_path):
+    """The stop fills one cone at the sensor, with and without port and water: etendue carries 1/n^2 of the radiance."""
+    light = Radiance(w_per_m2_sr=2.0, effective_nm=550.0)
+    port = stage(tmp_path, "port", window(-_PORT_MM), camera="", dataset=_WATER)
+    wet, dry = (open_dataset(file).cameras[0].camera for file in (port, stage(tmp_path, "plain", camera="")))
+    assert wet.sensor_distance_mm == dry.sensor_distance_mm
+    assert photon_rate(wet, light) == pytest.approx(photon_rate(dry, light) / _MEDIUM**2, rel=1e-7)
