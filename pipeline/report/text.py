@@ -108,6 +108,8 @@ def _own(lens: Json) -> Iterator[Figure]:
 
 
 def _lens(lens: Json) -> Iterator[Figure]:
+    if "index_in_front" in lens:
+        yield Figure("index of the medium before it", f"{lens['index_in_front']:.6g}")
     yield from _own(lens)
     yield Figure("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
     where = "" if "matched_stop" not in lens else "without microlenses"

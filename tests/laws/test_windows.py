@@ -173,6 +173,7 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
         out = made(file, tmp_path / name, common_store, targets=["cameras/Rig.Camera/camera.json"]).out
         told.append(json.loads((out / "cameras/Rig.Camera/camera.json").read_text()))
     assert told[0]["principal_distance_px"] == pytest.approx(_MEDIUM * told[1]["principal_distance_px"], rel=1e-9)
+    assert told[0]["lens"]["index_in_front"] == _MEDIUM and "index_in_front" not in told[1]["lens"]
     assert told[0]["pinhole"]["residual_px"]["max"] > 1e-3 > 1e-6 > told[1]["pinhole"]["residual_px"]["max"]
 
 

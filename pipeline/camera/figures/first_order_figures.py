@@ -110,8 +110,9 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
     figures = lens_report(camera.prescription)
-    tilted = camera.film.vision_from_film
+    tilted, index = camera.film.vision_from_film, camera.prescription.index_in_front
     return {
+        **({"index_in_front": index} if index != 1 else {}),
         **{name: figures[name] for name in ("efl_mm", "bfd_mm", "f_number")},
         "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
         **{name: figures[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
