@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
+from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.errors import UsageError
@@ -41,7 +42,9 @@ class FieldRays:
     start: np.ndarray  # (4,), paraxial pinhole: principal distance, principal point [px], vision z [mm]
 
     def points(self, z_mm: float) -> np.ndarray:
-        """Crossings with the plane at vision z, (n, 3) [mm]."""
+        """Crossings with the plane at vision z, (n, 3) [mm]; points as far along the rays of a wide camera."""
+        if (self.rays.direction[:, 2] < np.cos(WIDE_RAD)).any():
+            return self.rays.origin_mm + z_mm * self.rays.direction
         return self.rays.at_distance(z_mm)
 
     @property
@@ -105,14 +108,11 @@ def lit_field(
 
 def pupil_curve(field: FieldRays) -> PupilCurve:
     """Find where the rays pass the axis, sorted by their angle."""
-    slope = field.rays.direction[:, :2] / field.rays.direction[:, 2:]
-    steep = np.hypot(*slope.T)
-    rows = np.flatnonzero(steep > _STEEP)
-    rows = rows[np.argsort(steep[rows], kind="stable")]
-    origin, slope = field.rays.origin_mm[rows, :2], slope[rows]
-    z_mm = -np.einsum("ni,ni->n", origin, slope) / steep[rows] ** 2
-    return PupilCurve(
-        angle_deg=np.degrees(np.arctan(steep[rows])),
-        z_mm=z_mm,
-        aside_mm=np.hypot(*(origin + z_mm[:, None] * slope).T),
-    )
+    across = np.hypot(*field.rays.direction[:, :2].T)
+    angle = np.arctan2(across, field.rays.direction[:, 2])
+    rows = np.flatnonzero(angle > np.arctan(_STEEP))
+    rows = rows[np.argsort(angle[rows], kind="stable")]
+    origin, way = field.rays.origin_mm[rows], field.rays.direction[rows]
+    along = -np.einsum("ni,ni->n", origin[:, :2], way[:, :2]) / across[rows] ** 2
+    nearest = origin + along[:, None] * way
+    return PupilCurve(angle_deg=np.degrees(angle[rows]), z_mm=nearest[:, 2], aside_mm=np.hypot(*nearest[:, :2].T))

@@ -64,7 +64,9 @@ def _angle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     is_off = across != 0
     safe = np.where(is_off, across, 1.0)
     # arctan of complex numbers has its cut where |z| > 1 on the imaginary axis: never reached
-    theta = np.where(points[:, 2].real > 0, np.arctan(across / np.where(points[:, 2] == 0, 1.0, points[:, 2])), np.nan)
+    is_ahead = points[:, 2].real > 0
+    from_axis = np.arctan(across / np.where(is_ahead, points[:, 2], 1.0))
+    theta = np.where(is_ahead, from_axis, np.pi / 2 - np.arctan(np.where(is_ahead, 0.0, points[:, 2]) / safe))
     return theta, np.where(is_off, points[:, 0] / safe, 0.0), np.where(is_off, points[:, 1] / safe, 0.0)
 
 
@@ -150,6 +152,7 @@ _IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""
 _SETTLED = 1e-15
 """Relative change of parameters or of the sum of squares that ends a fit [1]: a few roundings."""
+_WIDE = "choose a model for wide fields: --model fisheye, kannala-brandt or ftheta"
 _EVALUATIONS = 400
 """Most evaluations: fits that settle need some tens."""
 _HELD = 1e-5
@@ -203,8 +206,9 @@ def fitted(field: FieldRays, name: str) -> Fit:
         return (model.positions(p, points) - wanted).ravel()
 
     with np.errstate(all="ignore"):  # a fit that runs away ends as NaN
-        if not np.isfinite(off(start)).all():
-            raise FitError(f"no {name} model fits: rays lie behind its centre", hint="choose a model for wide fields")
+        is_behind = model.project is _opencv and (field.rays.direction[:, 2] <= 0).any()
+        if is_behind or not np.isfinite(off(start)).all():
+            raise FitError(f"no {name} model fits: rays lie behind its centre", hint=_WIDE)
         parameters = least(off, start, [name in model.coefficients for name in model.parameters])
     residual = off(parameters)
     if not np.isfinite(residual).all():

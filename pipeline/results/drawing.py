@@ -72,7 +72,8 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     _draw_stop(sheet, camera.prescription, half)
     _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
-    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {focus_in_words(camera)}", 14, "start")
+    upright = "; the sensor is tilted, and drawn upright" if any(camera.sensor.tilt_deg) else ""
+    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {focus_in_words(camera)}{upright}", 14, "start")
     if camera.microlenses is None:
         return sheet.text(height)
     before = f"{camera.microlenses.distance_mm:g} mm before the sensor"

@@ -1,5 +1,6 @@
 """A camera with its settings: its parts must fit together, and its focus must be in reach."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,6 +14,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, se
 from pipeline.camera.focusing.ideal_lens import PINHOLE, PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import REPLICAS, Camera, Sampling
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.channel_names import name_in_state
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
@@ -316,9 +318,19 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
-    """A problem of a camera without errors: no near and far planes can be derived from its focus."""
+    """A problem of a camera without errors: no near and far planes can be derived from its focus, or they are asked for
+    and its lens sees what never meets them.
+    """
     try:
-        focused(read_camera(camera))
+        fan = pupil_fan(focused(read_camera(camera)).prescription)
+        for name in ("plen:truth:method", "plen:truth:rays") if fan.is_wide else ():
+            if need(camera, name) not in ("direct", False):
+                message = (
+                    f"the lens sees {math.degrees(fan.widest_rad):.4g} degrees off its axis, and position images, on"
+                    " planes across it, end before 90"
+                )
+                hint = 'take plen:truth:method = "direct"; the export `rays` has the line of every pixel'
+                yield problem(camera.GetAttribute(name), "wide-angle", message, hint=hint)
     except CameraError as error:
         name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
         yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)

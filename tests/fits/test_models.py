@@ -60,3 +60,14 @@ def test_they_are_analytic(name):
         difference = (model.positions(p + step, points) - model.positions(p - step, points)) / (2 * step[number])
         exact = model.positions(p + 1e-30j * np.eye(len(p))[number], points).imag / 1e-30
         np.testing.assert_allclose(exact, difference, rtol=1e-4, atol=1e-4 * np.abs(difference).max())
+
+
+def test_models_of_wide_fields_go_on_behind_90_degrees():
+    """Kannala and Brandt, equation 6, with the angle as it was chosen; a pinhole does not."""
+    theta, azimuth = np.radians([5.0, 60.0, 89.0, 90.0, 91.0, 110.0, 150.0]), np.arange(7.0)
+    way = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=1)
+    k = (120.0, -3.0, 1.5, -0.2)
+    seen = MODELS["kannala-brandt"].positions(np.array([1.0, 2.0, 3.0, 10.0, 20.0, *k]), 70.0 * way + [1.0, 2.0, 3.0])
+    radius = sum(value * theta ** (2 * i + 1) for i, value in enumerate(k))
+    expected = np.stack([10 + radius * np.cos(azimuth), 20 + radius * np.sin(azimuth)], axis=1)
+    np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-10)

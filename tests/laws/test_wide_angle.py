@@ -16,6 +16,8 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.fits.field import FitError, field_rays
+from pipeline.fits.fitting import fitted
 from pipeline.results import answers
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.truth.planes import axes_across
@@ -121,3 +123,11 @@ def test_through_the_centre_of_a_ball_light_goes_straight():
     assert rows.is_seen.all()
     seen_mm = ball.rig.tracer.positions_mm(rows.x_px, rows.y_px)
     np.testing.assert_allclose(seen_mm, -distance_mm * points[:, :2] / points[:, 2:], rtol=0, atol=PIN_MM**2)
+
+
+def test_a_model_of_wide_fields_fits_where_a_pinhole_is_refused(nikkor):
+    field = field_rays(nikkor)
+    assert fitted(field, "kannala-brandt").rms_px < 2.0  # of an image of 450 px: its rays meet in no centre
+    with pytest.raises(FitError, match="behind") as refused:
+        fitted(field, "brown")
+    assert "kannala-brandt" in str(refused.value.hint)

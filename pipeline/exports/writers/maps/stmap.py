@@ -132,7 +132,7 @@ def _ideal_map(camera: ExportCamera) -> _IdealMap:
     if pinhole is None:
         raise ExportError(
             f"no pinhole fits {camera.name}, and this format bends its image into that of one",
-            hint="choose other cameras with --only",
+            hint="choose other cameras with --only; beyond 90 degrees `rays` has the line of every pixel",
         )
     near_mm, far_mm = map(float, camera.built.record["near_far_mm"])
     z_mm = 2 / (1 / near_mm + 1 / far_mm)
