@@ -20,8 +20,8 @@ _PINHOLE = 'uniform token plen:camera:model = "pinhole"\ndouble plen:camera:near
 _BOARD = "double3 xformOp:translate = (1, -1.2, -530)\nuniform double plen:squareSize = {square}\n" + (
     'float3 xformOp:rotateXYZ = (10, 20, 0)\nuniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]'
 )
-_WATER = 'uniform string plen:medium = "constant(1.34)"\n'
-_PORT_MM, _GLASS_MM, _GLASS, _MEDIUM = 150.0, 10.0, 1.52, 1.34
+WATER = 'uniform string plen:medium = "constant(1.34)"\n'
+PORT_MM, _GLASS_MM, _GLASS, _MEDIUM = 150.0, 10.0, 1.52, 1.34
 
 
 def surface(name: str, radius_mm: float, thickness_mm: float, glass: str) -> str:
@@ -73,11 +73,11 @@ def table(file: Path, store: Path) -> np.ndarray:
 
 def test_a_flat_port_bends_chief_rays_by_snells_law(tmp_path, common_store):
     """The ray of a pinhole leaves at a slope s in air and crosses distances in air, glass and medium."""
-    file = stage(tmp_path, "port", window(-_PORT_MM), dataset=_WATER)
+    file = stage(tmp_path, "port", window(-PORT_MM), dataset=WATER)
     camera = open_dataset(file).cameras[0].camera
     for x, y, px, py, pz in table(file, common_store):
         across = np.hypot(px, py)
-        media = ((_PORT_MM - _GLASS_MM, 1.0), (_GLASS_MM, _GLASS), (pz - _PORT_MM, _MEDIUM))
+        media = ((PORT_MM - _GLASS_MM, 1.0), (_GLASS_MM, _GLASS), (pz - PORT_MM, _MEDIUM))
         sine = brentq(reached, 0.0, 0.9, (media, across), xtol=1e-16, rtol=1e-15)
         height_px = camera.sensor_distance_mm * sine / np.sqrt(1 - sine**2) / camera.sensor.pitch_mm
         expected = height_px * np.array([px, py]) / across + (np.array(camera.sensor.size_px) - 1) / 2
@@ -93,16 +93,16 @@ def test_a_dome_about_the_pupil_moves_no_chief_ray(tmp_path, common_store):
     """Rays of a pinhole meet concentric surfaces at right angles; a dome 5 mm off its place moves them."""
     plain = table(stage(tmp_path, "plain"), common_store)
     dome = window(-60.0, radii_mm=(60.0, 50.0))
-    through = table(stage(tmp_path, "dome", dome, dataset=_WATER), common_store)
+    through = table(stage(tmp_path, "dome", dome, dataset=WATER), common_store)
     assert np.abs(through - plain).max() < 1e-7
     off = window(-65.0, radii_mm=(60.0, 50.0))
-    assert np.abs(table(stage(tmp_path, "off", off, dataset=_WATER), common_store) - plain).max() > 0.1
+    assert np.abs(table(stage(tmp_path, "off", off, dataset=WATER), common_store) - plain).max() > 0.1
 
 
 def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tmp_path, common_store):
     """A ray stays in the plane of the axis, x, and meets the surfaces there as planes across the radius."""
     bent = "double plen:radius", "uniform bool plen:cylindrical = 1\ndouble plen:radius"
-    file = stage(tmp_path, "bent", window(-60.0, radii_mm=(60.0, 50.0)).replace(*bent), dataset=_WATER)
+    file = stage(tmp_path, "bent", window(-60.0, radii_mm=(60.0, 50.0)).replace(*bent), dataset=WATER)
     camera = open_dataset(file).cameras[0].camera
     for x, y, px, py, pz in table(file, common_store):
         radius = np.hypot(py, pz)
@@ -136,8 +136,8 @@ def test_a_pane_in_the_world_acts_as_one_below_the_camera_and_moves_nothing_of_t
 
 def test_an_aquarium_is_seen_from_the_air_before_it(tmp_path, common_store):
     """Behind a pane of the world lies the medium of the scene; the camera is focused in what its inner side has."""
-    port = stage(tmp_path, "port", window(-200.0), dataset=_WATER)
-    tank = stage(tmp_path, "tank", window(-200.0), dataset=_WATER, fixed=False)
+    port = stage(tmp_path, "port", window(-200.0), dataset=WATER)
+    tank = stage(tmp_path, "tank", window(-200.0), dataset=WATER, fixed=False)
     assert np.abs(table(port, common_store) - table(tank, common_store)).max() < 1e-8
     assert open_dataset(tank).cameras[0].asked.prescription.index_in_front == 1.0
 
@@ -148,12 +148,12 @@ def test_the_focus_is_found_through_port_and_medium(tmp_path):
     file = stage(
         tmp_path,
         "port",
-        window(-_PORT_MM),
+        window(-PORT_MM),
         camera=camera + "double plen:camera:sensorDistance = None\n",
-        dataset=_WATER,
+        dataset=WATER,
     )
     focused = open_dataset(file).cameras[0].camera
-    apparent = (_PORT_MM - _GLASS_MM) + _GLASS_MM / _GLASS + (530 - _PORT_MM) / _MEDIUM
+    apparent = (PORT_MM - _GLASS_MM) + _GLASS_MM / _GLASS + (530 - PORT_MM) / _MEDIUM
     focal = focused.prescription.surfaces[-1].focal_length_mm
     assert focused.sensor_distance_mm == pytest.approx(1 / (1 / focal - 1 / apparent), abs=1e-9)
 
@@ -168,7 +168,7 @@ def test_fluids_have_their_published_indices():
 def test_cameras_say_what_they_look_into(tmp_path, common_store):
     """Under water the field of view shrinks by the index, and a pinhole leaves a residual."""
     told = []
-    for name, pane, dataset in (("port", window(-_PORT_MM), _WATER), ("plain", "", "")):
+    for name, pane, dataset in (("port", window(-PORT_MM), WATER), ("plain", "", "")):
         file = stage(tmp_path, name, pane, dataset=dataset)
         out = made(file, tmp_path / name, common_store, targets=["cameras/Rig.Camera/camera.json"]).out
         told.append(json.loads((out / "cameras/Rig.Camera/camera.json").read_text()))
@@ -180,7 +180,7 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
 def test_light_of_a_medium_fills_a_wider_cone(tmp_path):
     """The stop fills one cone at the sensor, with and without port and water: etendue carries 1/n^2 of the radiance."""
     light = Radiance(w_per_m2_sr=2.0, effective_nm=550.0)
-    port = stage(tmp_path, "port", window(-_PORT_MM), camera="", dataset=_WATER)
+    port = stage(tmp_path, "port", window(-PORT_MM), camera="", dataset=WATER)
     wet, dry = (open_dataset(file).cameras[0].camera for file in (port, stage(tmp_path, "plain", camera="")))
     assert wet.sensor_distance_mm == dry.sensor_distance_mm
     assert photon_rate(wet, light) == pytest.approx(photon_rate(dry, light) / _MEDIUM**2, rel=1e-7)
