@@ -81,7 +81,7 @@ def test_a_flat_port_bends_chief_rays_by_snells_law(tmp_path, common_store):
         sine = brentq(reached, 0.0, 0.9, (media, across), xtol=1e-16, rtol=1e-15)
         height_px = camera.sensor_distance_mm * sine / np.sqrt(1 - sine**2) / camera.sensor.pitch_mm
         expected = height_px * np.array([px, py]) / across + (np.array(camera.sensor.size_px) - 1) / 2
-        assert np.abs(expected - [x, y]).max() < 1e-7
+        assert np.abs(expected - [x, y]).max() < 1e-9
 
 
 def reached(sine: float, media: tuple[tuple[float, float], ...], across_mm: float) -> float:
@@ -94,7 +94,7 @@ def test_a_dome_about_the_pupil_moves_no_chief_ray(tmp_path, common_store):
     plain = table(stage(tmp_path, "plain"), common_store)
     dome = window(-60.0, radii_mm=(60.0, 50.0))
     through = table(stage(tmp_path, "dome", dome, dataset=WATER), common_store)
-    assert np.abs(through - plain).max() < 1e-7
+    assert np.abs(through - plain).max() < 1e-9
     off = window(-65.0, radii_mm=(60.0, 50.0))
     assert np.abs(table(stage(tmp_path, "off", off, dataset=WATER), common_store) - plain).max() > 0.1
 
@@ -110,7 +110,7 @@ def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tm
         sine = brentq(reached, 0.0, 0.9, (media, abs(px)), xtol=1e-16, rtol=1e-15)
         way = np.array([np.sign(px) * sine, *np.sqrt(1 - sine**2) * np.array([py, pz]) / radius])
         expected = camera.sensor_distance_mm / camera.sensor.pitch_mm * way[:2] / way[2]
-        assert np.abs(expected + (np.array(camera.sensor.size_px) - 1) / 2 - [x, y]).max() < 1e-7
+        assert np.abs(expected + (np.array(camera.sensor.size_px) - 1) / 2 - [x, y]).max() < 1e-9
 
 
 @pytest.mark.parametrize("camera", [_PINHOLE, ""])
