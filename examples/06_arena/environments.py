@@ -79,7 +79,8 @@ def installed(packages: tuple[str, ...], folder: Path, *options: str) -> Path:
     python, done = place / "bin/python", place / "installed"
     if not done.exists():
         shutil.rmtree(place, ignore_errors=True)
-        venv.create(place, with_pip=True)
+        # Links, because a copied interpreter may be busy while another thread starts a program.
+        venv.create(place, with_pip=True, symlinks=True)
         install = [python, "-m", "pip", "install", "-q", "--no-input", "--disable-pip-version-check"]
         called([*install, *options, *packages])
         done.write_text("\n".join(packages) + "\n", encoding="utf-8")

@@ -41,7 +41,7 @@ class Surface:
       distorts its image (see `optics.brown`); empty: it does not.
     - `image_distance_mm`: behind that lens, of the plane whose image is distorted.
     - `decentre_mm`: distance of the vertex from the axis along x and y of the lens frame, or of its group.
-    - `is_cylinder`: whether it is curved along y alone: its sag is that of the height |y|, and it has no coefficients.
+    - `is_cylinder`: whether it is curved along y alone: its sag is that of the height along y. No coefficients.
     - `tilt_deg`: turn about the vertex: first about x, then about y as it has been turned, right-handed.
     """
 

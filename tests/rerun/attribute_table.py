@@ -212,7 +212,7 @@ PARTS = {
         Case(GLASS, (0.1, 0.0), CAMERA),
         Case(GROUP, (0.1, 0.0), CAMERA),
         Case(ARRAY, (0.1, 0.0), CAMERA),
-        Case(SENSOR, (1.0, 0.0), refused=True),
+        Case(SENSOR, (1.0, 0.0), CAMERA),
     ],
 }
 
