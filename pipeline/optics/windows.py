@@ -1,4 +1,4 @@
-"""What stands before a lens: windows such as ports, domes and panes, and the medium of the scene.
+"""Windows before a lens, such as ports, domes and panes, and the medium of the scene.
 
 A window is surfaces in front of the others of a prescription, all of them one group that stands where the window does.
 """
@@ -11,7 +11,7 @@ from pipeline.records.declared import settle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Indices:
-    """What media before a lens are at a wavelength."""
+    """Refractive indices of the media before a lens at a wavelength, relative to air."""
 
     wavelength_nm: float
     index_in_front: float  # of the medium before the outermost window, or before the lens

@@ -31,6 +31,8 @@ from pipeline.spelling import did_you_mean
 
 WINDOWS = "plen:camera:windows"
 _ORDER_HINT = "windows are listed from the lens outwards; light goes through them towards their +Z, into the camera"
+_DIGITS = 10
+"""Decimal places of where a window in the world stands before its camera [mm, and 1 for its axes]."""
 _EDGE_ON = 1e-9
 """Least cosine between the axes of a window and its camera [1]."""
 _CONDITIONS = (("temperature", (AIR, WATER)), ("pressure", (AIR,)), ("salinity", (WATER,)))
@@ -111,10 +113,10 @@ def _indices(camera: Usd.Prim, prims: tuple[Usd.Prim, ...], wavelength_nm: float
 
 @read_once
 def scene_medium(stage: Usd.Stage) -> Medium:
-    """What fills the scene of a stage: `plen:medium` of its dataset, or air; GlassError."""
+    """Medium of the scene of a stage: `plen:medium` of its dataset, or air; GlassError."""
     root = stage.GetDefaultPrim()
     if not root or not root.IsA("PlenDataset"):
-        return fluid("air")
+        return fluid(AIR)
     name = need(root, "plen:medium")
     if name not in FLUIDS:
         return row.medium(glass=name, index=None, abbe=None, wavelength_nm=1e3 * D_UM)
@@ -157,12 +159,14 @@ def camera_from_window(camera: Usd.Prim, window: Usd.Prim, number: float) -> np.
     if is_fixed(camera, window):
         return world_from(window, [number], scale_mm, below=camera)[0]
     world_from_camera, world_from_window = (world_from(prim, [number], scale_mm)[0] for prim in (camera, window))
-    return product(inverse(world_from_camera), world_from_window)
+    # Rounded, so that a camera and a pane that move together stay one camera.
+    return np.round(product(inverse(world_from_camera), world_from_window), _DIGITS) + 0.0
 
 
 def _angles_deg(turn: np.ndarray) -> tuple[float, float, float]:
     """Angles of a rotation, (3, 3): about x, then about the turned y, then about the turned z."""
-    x, y, z = math.atan2(-turn[1, 2], turn[2, 2]), math.asin(turn[0, 2]), math.atan2(-turn[0, 1], turn[0, 0])
+    x, z = math.atan2(-turn[1, 2], turn[2, 2]), math.atan2(-turn[0, 1], turn[0, 0])
+    y = math.atan2(turn[0, 2], math.hypot(turn[1, 2], turn[2, 2]))
     return math.degrees(x) + 0.0, math.degrees(y) + 0.0, math.degrees(z) + 0.0
 
 
@@ -224,7 +228,7 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
         if disorder := _disorder(camera, fixed_windows(camera), bare.vertices_from_stop_mm[0], 0.0):
             yield problem(relationship, "window-order", disorder, hint=_ORDER_HINT)
             return
-        has_index = scene_medium(camera.GetStage()) != fluid("air")
+        has_index = scene_medium(camera.GetStage()) != fluid(AIR)
     except PipelineError:
         return  # reported where the lens, the window or the medium is checked
     try:
@@ -238,7 +242,7 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, number: float) -> str | None:
-    """Which of windows, given from the lens outwards, is not before what follows it, or not turned to it.
+    """The first of windows, given from the lens outwards, that is not before what follows it, or not turned to it.
 
     `front_mm`: where the camera begins. Windows count where planes through their vertices cross its axis.
     """
@@ -262,9 +266,11 @@ def _from_stop(z_mm: float) -> str:
 
 
 def check_standing(
-    camera: Usd.Prim, boards: Sequence[Usd.Prim], hulls: Sequence[np.ndarray], frames: Sequence[int]
+    camera: Usd.Prim, boards: Sequence[Usd.Prim], shapes: Sequence[np.ndarray], frames: Sequence[int]
 ) -> Iterator[Problem]:
-    """Problems of windows in the world that do not face their camera, or stand behind a target of a hull (n, 3)."""
+    """Problems of windows in the world that do not face their camera, or do not stand before a target, whose triangles
+    are (m, 3, 3).
+    """
     if not standing_windows(camera):
         return
     scale_mm = stage_mm_per_unit(camera)
@@ -279,7 +285,7 @@ def check_standing(
             return
         for window in standing_windows(camera):
             window_from_world = inverse(world_from(window, [number], scale_mm)[0])
-            for board, corners in zip(boards, hulls, strict=True):
+            for board, corners in zip(boards, shapes, strict=True):
                 placed = product(window_from_world, world_from(board, [number], scale_mm)[0])
                 if (corners @ placed[2, :3] + placed[2, 3]).max() >= 0:
                     message = f'"{board.GetName()}" is not wholly before <{window.GetPath()}> at time code {number}'

@@ -1,5 +1,6 @@
 """Claim: a camera looks through windows, and into media, as Snell's law has it in closed form."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,9 +10,14 @@ from builds import made
 from scipy.optimize import brentq
 from stage_text import in_the_library
 
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.files.tables import read_table
 from pipeline.graph.dataset_graph import graph_of
+from pipeline.optics.first_order import first_order
 from pipeline.optics.glass.row import medium
+from pipeline.optics.rays import traced
+from pipeline.optics.table import towards_scene, unbounded
 from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.response import Radiance
 from pipeline.scene.load import open_dataset
@@ -99,18 +105,44 @@ def test_a_dome_about_the_pupil_moves_no_chief_ray(tmp_path, common_store):
     assert np.abs(table(stage(tmp_path, "off", off, dataset=WATER), common_store) - plain).max() > 0.1
 
 
-def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tmp_path, common_store):
-    """A ray stays in the plane of the axis, x, and meets the surfaces there as planes across the radius."""
+@pytest.mark.parametrize("roll_deg", [0.0, 30.0])
+def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tmp_path, common_store, roll_deg):
+    """A ray stays in the plane of the axis, x as rolled, and meets the surfaces there as planes across the radius."""
     bent = "double plen:radius", "uniform bool plen:cylindrical = 1\ndouble plen:radius"
-    file = stage(tmp_path, "bent", window(-60.0, radii_mm=(60.0, 50.0)).replace(*bent), dataset=WATER)
-    camera = open_dataset(file).cameras[0].camera
+    pane = window(-60.0, radii_mm=(60.0, 50.0), turn=f"(0, 0, {roll_deg})").replace(*bent)
+    file = stage(tmp_path, "bent", pane, dataset=WATER)
+    camera, roll = open_dataset(file).cameras[0].camera, np.radians(-roll_deg)  # vision has y down
+    from_pane = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     for x, y, px, py, pz in table(file, common_store):
-        radius = np.hypot(py, pz)
+        along, across = np.array([px, py]) @ from_pane
+        radius = np.hypot(across, pz)
         media = ((60 - _GLASS_MM, 1.0), (_GLASS_MM, _GLASS), (radius - 60, _MEDIUM))
-        sine = brentq(reached, 0.0, 0.9, (media, abs(px)), xtol=1e-16, rtol=1e-15)
-        way = np.array([np.sign(px) * sine, *np.sqrt(1 - sine**2) * np.array([py, pz]) / radius])
-        expected = camera.sensor_distance_mm / camera.sensor.pitch_mm * way[:2] / way[2]
+        sine = brentq(reached, 0.0, 0.9, (media, abs(along)), xtol=1e-16, rtol=1e-15)
+        way = np.array([np.sign(along) * sine, *np.sqrt(1 - sine**2) * np.array([across, pz]) / radius])
+        expected = camera.sensor_distance_mm / camera.sensor.pitch_mm * from_pane @ way[:2] / way[2]
         assert np.abs(expected + (np.array(camera.sensor.size_px) - 1) / 2 - [x, y]).max() < 1e-9
+
+
+def test_a_turned_pane_in_the_world_bends_rays_by_snells_law_in_vectors(tmp_path, common_store):
+    """The ray of each row's position, traced from the pinhole outwards, meets the row's point under water."""
+    file = stage(tmp_path, "pane", window(-200.0, turn="(9, -7, 0)"), fixed=False, dataset=WATER)
+    camera = open_dataset(file).cameras[0].asked
+    turn = np.radians([9.0, -7.0])
+    about_x = np.array([[1, 0, 0], [0, np.cos(turn[0]), -np.sin(turn[0])], [0, np.sin(turn[0]), np.cos(turn[0])]])
+    about_y = np.array([[np.cos(turn[1]), 0, np.sin(turn[1])], [0, 1, 0], [-np.sin(turn[1]), 0, np.cos(turn[1])]])
+    normal = about_y @ about_x @ [0.0, 0.0, 1.0]  # rotateXYZ: about x first; of a stage, whose y is up
+    outer = np.array([0.0, 0.0, -200.0])
+    for x, y, px, py, pz in table(file, common_store):
+        middle = (np.array(camera.sensor.size_px) - 1) / 2
+        across = (np.array([x, y]) - middle) * camera.sensor.pitch_mm / camera.sensor_distance_mm
+        way, place = np.array([across[0], -across[1], -1.0]), np.zeros(3)
+        way /= np.linalg.norm(way)
+        for on_plane, ratio in ((outer + _GLASS_MM * normal, 1 / _GLASS), (outer, _GLASS / _MEDIUM)):
+            place = place + way * ((on_plane - place) @ normal) / (way @ normal)
+            cosine = -(way @ normal)
+            way = ratio * way + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+        point = np.array([px, -py, -pz])
+        assert np.linalg.norm(np.cross(point - place, way)) < 1e-8  # mm; a pixel sees 0.2 mm of it
 
 
 @pytest.mark.parametrize("camera", [_PINHOLE, ""])
@@ -132,6 +164,32 @@ def test_a_pane_in_the_world_acts_as_one_below_the_camera_and_moves_nothing_of_t
     assert before["windows/Rig.Camera"].params != after["windows/Rig.Camera"].params
     for name in (name for name in before if name.startswith(("focus/", "planes/", "white"))):
         assert before[name].params == after[name].params and "windows/Rig.Camera" not in before[name].reads.values()
+
+
+def test_a_camera_that_moves_together_with_its_windshield_is_one_camera(tmp_path):
+    pane = window(-200.0, turn="(25, -20, 10)")
+    file = stage(tmp_path, "car", pane, camera="", fixed=False)
+    drive = (
+        "double3 xformOp:translate.timeSamples = {1: (0, 0, 0), 2: (100.1, 20.3, 7.7)}\n"
+        "float3 xformOp:rotateXYZ.timeSamples = {1: (0, 0, 0), 2: (3.3, -5.7, 11.1)}\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]\n'
+    )
+    text = (
+        file.read_text()
+        .replace(pane, f'def Xform "Car"\n{{\n{drive}{pane}}}\n')
+        .replace("/Scene/Pane", "/Scene/Car/Pane")
+    )
+    text = text.replace("endTimeCode = 1", "endTimeCode = 2").replace(
+        'over "Camera"\n{\n', f'{drive}over "Camera"\n{{\n', 1
+    )
+    board = text.index('def "Board"')
+    text = text[:board] + text[board:].replace(
+        "double3 xformOp:translate = (1, -1.2, -530)",
+        "double3 xformOp:translate.timeSamples = {1: (1, -1.2, -530), 2: (1, -1.2, -530)}",
+    )
+    file.write_text(text)
+    (entry,) = open_dataset(file).cameras
+    assert entry.name == "Rig.Camera" and entry.windows is not None
 
 
 def test_an_aquarium_is_seen_from_the_air_before_it(tmp_path, common_store):
@@ -156,6 +214,34 @@ def test_the_focus_is_found_through_port_and_medium(tmp_path):
     apparent = (PORT_MM - _GLASS_MM) + _GLASS_MM / _GLASS + (530 - PORT_MM) / _MEDIUM
     focal = focused.prescription.surfaces[-1].focal_length_mm
     assert focused.sensor_distance_mm == pytest.approx(1 / (1 / focal - 1 / apparent), abs=1e-9)
+
+
+def test_first_order_figures_hold_for_a_medium_before_the_lens(tmp_path):
+    """Real rays near the axis, from the middle of the stop and from the sensor, through a lens, a port and water."""
+    file = stage(tmp_path, "port", window(-PORT_MM), camera="", dataset=WATER)
+    camera = open_dataset(file).cameras[0].asked
+    lens, figures, image_mm, slope = camera.prescription, first_order(camera.prescription), -131.81, 1e-6
+    before_stop = unbounded(towards_scene(lens))[len(lens.surfaces) - lens.stop_index - 1 :]
+    cases = ((before_stop, 0.0), (unbounded(towards_scene(lens)), image_mm))
+    met = []
+    for rows, z_mm in cases:
+        place, way, _ = traced(rows, np.array([[0.0, 0.0, z_mm]]), np.array([[slope, 0.0, np.sqrt(1 - slope**2)]]))
+        met.append((place[0, 2] - place[0, 0] * way[0, 2] / way[0, 0], slope * way[0, 2] / way[0, 0]))
+    assert figures.entrance_pupil.z_mm == pytest.approx(met[0][0], abs=1e-6)
+    assert figures.object_mm(image_mm) == pytest.approx(met[1][0], abs=1e-5)
+    # Lagrange's invariant: n y u stays, so that the magnification is n times the ratio of slopes.
+    assert figures.magnification(met[1][0]) == pytest.approx(_MEDIUM / met[1][1], rel=1e-7)
+
+
+def test_the_plane_of_focus_of_a_tilted_sensor_is_turned_less_in_a_medium(tmp_path):
+    """Points of the sensor near the axis, and of the scene where their images are, turn by the same ratio of steps."""
+    file = stage(tmp_path, "port", window(-PORT_MM), camera="", dataset=WATER)
+    camera = focused(open_dataset(file).cameras[0].asked)
+    camera = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, tilt_deg=(0.0, 5.0)))
+    lens, image_mm, step = first_order(camera.prescription), -camera.sensor_distance_mm, 1e-4
+    height = step / np.tan(np.radians(5.0)) / lens.magnification(lens.object_mm(image_mm))
+    turned = np.degrees(np.arctan((lens.object_mm(image_mm + step) - lens.object_mm(image_mm)) / height))
+    assert abs(report(camera)["lens"]["focus_plane_tilt_deg"][1]) == pytest.approx(abs(turned), rel=1e-4)
 
 
 def test_fluids_have_their_published_indices():
