@@ -190,6 +190,12 @@ def _within(name: str, kind: Any, value: Any, error: type[PipelineError], bounds
     )
 
 
+def attributes_of(cls: type) -> dict[str, str]:
+    """Attribute of a stage that sets each field of a record, as the fields are annotated; of others none."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return {name: hint.__metadata__[0] for name, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
+
+
 @functools.cache
 def _fields(cls: type) -> tuple[tuple[str, Any], ...]:
     hints = typing.get_type_hints(cls)

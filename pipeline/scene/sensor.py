@@ -13,7 +13,7 @@ from pipeline.render.sensor.response import Irradiation, Radiance, SensorRespons
 from pipeline.scene.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
 from pipeline.scene.losses import check_losses, losses_at
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem
-from pipeline.scene.usd.values import UnreadableValue, need, read, target
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, target
 
 ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
     "all": {},
@@ -25,36 +25,6 @@ ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
 }
 """Attributes that set the numbers of a pixel's acceptance, by model and field of `Sensor`."""
 
-_NUMBERS = {
-    "quantum_efficiency": "quantumEfficiency",
-    "full_well_e": "fullWell",
-    "gain_dn_per_e": "gain",
-    "bit_depth": "bitDepth",
-    "black_level_dn": "blackLevel",
-    "filters": "filters",
-    "shot_noise": "shotNoise",
-    "dark_noise_e": "darkNoise",
-    "row_noise_e": "rowNoise",
-    "column_noise_e": "columnNoise",
-    "dark_current_e_per_s": "darkCurrent",
-    "dsnu_e": "dsnu",
-    "dsnu_row_e": "dsnuRow",
-    "dsnu_column_e": "dsnuColumn",
-    "prnu": "prnu",
-    "prnu_row": "prnuRow",
-    "prnu_column": "prnuColumn",
-    "hot_share": "hotShare",
-    "dead_share": "deadShare",
-    "nonlinearity": "nonlinearity",
-    "crosstalk": "crosstalk",
-    "specimen": "specimen",
-}
-"""Attributes of PlenSensorResponseAPI, without their namespace, by the fields of `SensorResponse`."""
-_MAY_LACK = {
-    "temperature_degc": "temperature",
-    "dark_current_at_degc": "darkCurrentTemperature",
-    "doubling_k": "doublingTemperature",
-}
 _FILTERS = "plen:response:filters"
 MONO = "mono"
 """The channel of a sensor that has no channels."""
@@ -84,9 +54,8 @@ def has_response(sensor: Usd.Prim) -> bool:
 
 def read_response(sensor: Usd.Prim) -> SensorResponse:
     """A PlenSensor with PlenSensorResponseAPI."""
-    values = {field: need(sensor, f"plen:response:{name}") for field, name in _NUMBERS.items()}
-    values |= {field: read(sensor, f"plen:response:{name}") for field, name in _MAY_LACK.items()}
-    return SensorResponse(hot_current_e_per_s=read(sensor, "plen:response:hotCurrent") or 0.0, **values)
+    hot = read(sensor, "plen:response:hotCurrent") or 0.0
+    return SensorResponse(hot_current_e_per_s=hot, **fields_of(sensor, SensorResponse))
 
 
 def read_irradiation(camera: Usd.Prim) -> Irradiation | None:

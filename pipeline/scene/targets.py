@@ -15,7 +15,7 @@ from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Drawn, fans
 from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, of_reader, problem
-from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
@@ -26,15 +26,15 @@ PREVIEW = "Preview"
 TYPES: dict[str, type[Any]] = {f"Plen{kind.__name__}": kind for kind in PATTERNS.values()}
 """The pattern of each type of prim."""
 
-SHAPES: dict[str, tuple[type, dict[str, str]]] = {
-    "flat": (Flat, {}),
-    "warped": (Warped, {"deflection_mm": "plen:shape:deflection"}),
-    "heightMap": (HeightMap, {"resolution": "plen:shape:resolution", "heights_mm": "plen:shape:heights"}),
-    "cylinder": (Cylinder, {"radius_mm": "plen:shape:radius"}),
-    "cube": (Cube, {"edge_mm": "plen:shape:edge"}),
-    "stairs": (Stairs, {"steps": "plen:shape:steps", "depth_mm": "plen:shape:depth"}),
+SHAPES: dict[str, type] = {
+    "flat": Flat,
+    "warped": Warped,
+    "heightMap": HeightMap,
+    "cylinder": Cylinder,
+    "cube": Cube,
+    "stairs": Stairs,
 }
-"""The surface of each plen:shape with the attributes of its fields."""
+"""The surface of each plen:shape."""
 
 OFF_MESH_MM = 1e-3
 """Distance of a marked point from its mesh above which there is a warning [mm]: its image would not be where the
@@ -86,16 +86,8 @@ def read_target(prim: Usd.Prim) -> AnyTarget:
     """A target of any type; TargetError if its values contradict each other."""
     if prim.IsA("PlenMeshTarget"):
         return _read_mesh_target(prim)
-    pattern = TYPES[str(prim.GetTypeName())]
-    surface, shape = SHAPES[need(prim, "plen:shape")]
-    return Target(
-        pattern(
-            white=need(prim, "plen:white"),
-            black=need(prim, "plen:black"),
-            **{field: need(prim, name) for field, name in pattern.ATTRIBUTES.items()},
-        ),
-        surface(**{field: need(prim, name) for field, name in shape.items()}),
-    )
+    pattern, surface = TYPES[str(prim.GetTypeName())], SHAPES[need(prim, "plen:shape")]
+    return Target(pattern(**fields_of(prim, pattern)), surface(**fields_of(prim, surface)))
 
 
 def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:

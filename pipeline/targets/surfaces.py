@@ -6,7 +6,7 @@ Target frame: origin at the centre of the pattern (of a cube: of the cube), x ri
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -169,7 +169,9 @@ class Warped:
 
     KIND: ClassVar[str] = "warped"
 
-    deflection_mm: tuple[float, float]  # dx and dy, positive if the middle stands out towards the viewer
+    deflection_mm: Annotated[
+        tuple[float, float], "plen:shape:deflection"
+    ]  # dx and dy, positive if the middle stands out towards the viewer
 
     def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
@@ -185,8 +187,8 @@ class HeightMap:
 
     KIND: ClassVar[str] = "height-map"
 
-    resolution: tuple[int, int]  # number of heights along x and along y
-    heights_mm: tuple[float, ...]  # z, rows from the top, each from the left
+    resolution: Annotated[tuple[int, int], "plen:shape:resolution"]  # number of heights along x and along y
+    heights_mm: Annotated[tuple[float, ...], "plen:shape:heights"]  # z, rows from the top, each from the left
 
     def __post_init__(self) -> None:
         across, down = self.resolution
@@ -209,7 +211,7 @@ class Cylinder:
     KIND: ClassVar[str] = "cylinder"
 
     # positive: the pattern is on the outside, the axis behind it. Negative: a hollow, seen from inside
-    radius_mm: float
+    radius_mm: Annotated[float, "plen:shape:radius"]
 
     def patches(self, pattern: Pattern) -> Pieces:
         width_mm = 2 * pattern.drawing.half_x_mm
@@ -240,7 +242,7 @@ class Cube:
         ((0, 0, -1), (0, 1, 0)),
     )
 
-    edge_mm: float  # the part of a face beyond the sheet of the pattern is white
+    edge_mm: Annotated[float, "plen:shape:edge"]  # the part of a face beyond the sheet of the pattern is white
 
     def patches(self, pattern: Pattern) -> Pieces:
         """The six faces."""
@@ -272,8 +274,8 @@ class Stairs:
 
     KIND: ClassVar[str] = "stairs"
 
-    steps: int
-    depth_mm: float  # distance from one front back to the next
+    steps: Annotated[int, "plen:shape:steps"]
+    depth_mm: Annotated[float, "plen:shape:depth"]  # distance from one front back to the next
 
     def patches(self, pattern: Pattern) -> Pieces:
         """Fronts from the lowest, then treads from the lowest."""

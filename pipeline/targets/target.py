@@ -9,21 +9,18 @@ import numpy as np
 from pipeline.frames import apply
 from pipeline.records.plain import Json, from_plain, to_plain
 from pipeline.targets.mesh import MeshTarget
-from pipeline.targets.patterns.aprilgrid import AprilGrid
-from pipeline.targets.patterns.charuco import Charuco
-from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.deltille import Deltille
-from pipeline.targets.patterns.lines import Lines, SlantedEdge
+from pipeline.targets.patterns import checkerboard, circles, lines, stars, tags
 from pipeline.targets.patterns.pattern import Pattern, TargetError
-from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.points import TargetPoints, frames_at
 from pipeline.targets.surfaces import PLANE, Cube, Cylinder, Flat, HeightMap, Patch, Stairs, Surface, Warped
 
-PATTERNS: dict[str, type] = {
+PATTERNS: dict[str, type[Pattern]] = {
     kind.KIND: kind
-    for kind in (Checkerboard, Charuco, AprilGrid, CircleGrid, Deltille, Stars, SiemensStar, SlantedEdge, Lines)
+    for module in (checkerboard, circles, lines, stars, tags)
+    for kind in vars(module).values()
+    if isinstance(kind, type) and issubclass(kind, Pattern) and kind is not Pattern
 }
+"""All patterns of these modules by their kind."""
 SURFACES: dict[str, type] = {kind.KIND: kind for kind in (Flat, Warped, HeightMap, Cylinder, Cube, Stairs)}
 
 

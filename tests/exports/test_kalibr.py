@@ -15,7 +15,7 @@ from pipeline.exports.gathering import grid_of
 from pipeline.exports.writers import kalibr
 from pipeline.formats import Cameras, format_of, loadable
 from pipeline.results.output import open_output
-from pipeline.targets.patterns.aprilgrid import AprilGrid
+from pipeline.targets.patterns.tags import AprilGrid
 
 TAG_MM, SPACING = 20.0, 0.3
 

@@ -13,9 +13,8 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import rigid
-from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.checkerboard import Checkerboard, Deltille
 from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.surfaces import Cylinder, Flat, Stairs, Warped
 from pipeline.targets.target import Target
 

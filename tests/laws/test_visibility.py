@@ -21,8 +21,8 @@ from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import MeshTarget, Occluder
-from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.tags import Charuco
 from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve

@@ -178,6 +178,7 @@ def test_conditions_name_properties_of_the_same_schema_and_tokens_that_these_may
 
 
 def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_belongs_to_it():
+    from pipeline.records.declared import attributes_of
     from pipeline.scene.lens import APERTURE_VALUES
     from pipeline.scene.microlenses import FACES
     from pipeline.scene.sensor import ACCEPTANCE_VALUES
@@ -186,7 +187,9 @@ def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_be
     read = {
         ("PlenSurface", "plen:apertureShape"): {token: {*fields.values()} for token, fields in APERTURE_VALUES.items()},
         ("PlenSensor", "plen:acceptance"): {token: {*fields.values()} for token, fields in ACCEPTANCE_VALUES.items()},
-        ("PlenCheckerboard", "plen:shape"): {token: {*fields.values()} for token, (_, fields) in SHAPES.items()},
+        ("PlenCheckerboard", "plen:shape"): {
+            token: {*attributes_of(shape).values()} for token, shape in SHAPES.items()
+        },
         ("PlenMicrolensArray", "plen:model"): {"refractive": {*FACES.values()}},
     }
     for (schema, decides), values in read.items():

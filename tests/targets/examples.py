@@ -1,12 +1,10 @@
 """One or two of every pattern of targets."""
 
-from pipeline.targets.patterns.aprilgrid import AprilGrid
-from pipeline.targets.patterns.charuco import Charuco
-from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.checkerboard import Checkerboard, Deltille
 from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.patterns.lines import Lines, SlantedEdge
 from pipeline.targets.patterns.stars import SiemensStar, Stars
+from pipeline.targets.patterns.tags import AprilGrid, Charuco
 
 EXAMPLES = [
     Checkerboard(columns=4, rows=3, square_mm=3.7),

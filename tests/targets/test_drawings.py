@@ -5,14 +5,12 @@ import pytest
 from targets.examples import EXAMPLES, name_of
 
 from pipeline.targets.drawing import BESIDE, MIXED, Checks, Disc, Drawing, Polygon, Spokes, colour_of_box
-from pipeline.targets.patterns.aprilgrid import AprilGrid
-from pipeline.targets.patterns.charuco import Charuco
-from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.checkerboard import Checkerboard, Deltille
 from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.patterns.lines import Lines, SlantedEdge
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.patterns.stars import SiemensStar, Stars
+from pipeline.targets.patterns.tags import AprilGrid, Charuco
 from pipeline.targets.surfaces import Cube, Cylinder, Warped
 from pipeline.targets.target import PATTERNS, SURFACES, Target, plain_from_target, target_from_plain
 from pipeline.truth.positions.column_sets import corner_edges, corners_of

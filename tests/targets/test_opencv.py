@@ -6,11 +6,9 @@ import pytest
 from tolerances import DETECTED_PX
 
 from pipeline.targets.drawing import Drawing
-from pipeline.targets.patterns.aprilgrid import AprilGrid
-from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.patterns.tags import DICTIONARIES, bits_of, size_of, tag_shapes
+from pipeline.targets.patterns.tags import DICTIONARIES, AprilGrid, Charuco, bits_of, size_of, tag_shapes
 
 SCALE, SCALE_OF_TAGS = 6.0, 10.0
 """Pixels per mm; OpenCV refines the corners of a tag in a window that must not hold a second one."""

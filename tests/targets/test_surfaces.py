@@ -11,10 +11,10 @@ from pipeline.frames import apply
 from pipeline.render.glow import TargetLight
 from pipeline.render.surroundings import MeshScene
 from pipeline.targets.mesh import MeshTarget, Occluder
-from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.lines import Lines
 from pipeline.targets.patterns.pattern import TargetError
+from pipeline.targets.patterns.tags import Charuco
 from pipeline.targets.preview import preview_faces, preview_picture
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target

@@ -25,6 +25,7 @@ from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.app.stages import asset_path, chosen, located, sound
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
+from pipeline.records.declared import attributes_of
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.usd.problems import StageError
@@ -208,7 +209,7 @@ def _lengths(target: Any) -> dict[str, str]:
     """Names of the lengths of a pattern, and their attributes."""
     if not isinstance(target, Target):
         raise UsageError("a mesh has no lengths to scale", hint="leave out --fit")
-    return {name: attribute for name, attribute in target.pattern.ATTRIBUTES.items() if name.endswith("_mm")}
+    return {name: attribute for name, attribute in attributes_of(type(target.pattern)).items() if name.endswith("_mm")}
 
 
 def _scaled(target: Any, scale: float) -> Any:

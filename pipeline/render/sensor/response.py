@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.errors import PipelineError
 from pipeline.optics.transmission import Losses
@@ -35,48 +36,54 @@ class PatternSpread:
 class SensorResponse:
     """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
 
+    Fields are annotated with their attributes in a stage.
+
     `dsnu_e`, `prnu` and those of rows and columns: standard deviations of the dark signal, and of the photo response
         relative to its mean, the same in every frame.
 
     Source: EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
     """
 
-    quantum_efficiency: tuple[float, ...]  # electrons per photon, one for each channel
-    full_well_e: float  # electrons that a pixel holds at most
-    gain_dn_per_e: float  # overall system gain K
-    bit_depth: int
-    black_level_dn: float = 0.0
+    # electrons per photon, one for each channel
+    quantum_efficiency: Annotated[tuple[float, ...], "plen:response:quantumEfficiency"]
+    full_well_e: Annotated[float, "plen:response:fullWell"]  # electrons that a pixel holds at most
+    gain_dn_per_e: Annotated[float, "plen:response:gain"]  # overall system gain K
+    bit_depth: Annotated[int, "plen:response:bitDepth"]
+    black_level_dn: Annotated[float, "plen:response:blackLevel"] = 0.0
     # colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over the
     # sensor. The channels are these names in the order in which they first occur
-    filters: tuple[str, ...] = ("mono",)
-    shot_noise: bool = True  # whether electrons are counted (Poisson), or arrive as their expected number
-    dark_noise_e: float = 0.0  # temporal dark noise sigma_d0 without that of the dark current
+    filters: Annotated[tuple[str, ...], "plen:response:filters"] = ("mono",)
+    # whether electrons are counted (Poisson), or arrive as their expected number
+    shot_noise: Annotated[bool, "plen:response:shotNoise"] = True
+    # temporal dark noise sigma_d0 without that of the dark current
+    dark_noise_e: Annotated[float, "plen:response:darkNoise"] = 0.0
     # temporal noise that all pixels of a row or column share, new in each frame
-    row_noise_e: float = 0.0
-    column_noise_e: float = 0.0
-    dark_current_e_per_s: float = 0.0
+    row_noise_e: Annotated[float, "plen:response:rowNoise"] = 0.0
+    column_noise_e: Annotated[float, "plen:response:columnNoise"] = 0.0
+    dark_current_e_per_s: Annotated[float, "plen:response:darkCurrent"] = 0.0
     # all or none: temperature of the sensor, the one at which the dark current is as said, and the difference that
     # doubles it
-    temperature_degc: float | None = None
-    dark_current_at_degc: float | None = None
-    doubling_k: float | None = None
-    dsnu_e: float = 0.0
-    dsnu_row_e: float = 0.0
-    dsnu_column_e: float = 0.0
-    prnu: float = 0.0
-    prnu_row: float = 0.0
-    prnu_column: float = 0.0
+    temperature_degc: Annotated[float | None, "plen:response:temperature"] = None
+    dark_current_at_degc: Annotated[float | None, "plen:response:darkCurrentTemperature"] = None
+    doubling_k: Annotated[float | None, "plen:response:doublingTemperature"] = None
+    dsnu_e: Annotated[float, "plen:response:dsnu"] = 0.0
+    dsnu_row_e: Annotated[float, "plen:response:dsnuRow"] = 0.0
+    dsnu_column_e: Annotated[float, "plen:response:dsnuColumn"] = 0.0
+    prnu: Annotated[float, "plen:response:prnu"] = 0.0
+    prnu_row: Annotated[float, "plen:response:prnuRow"] = 0.0
+    prnu_column: Annotated[float, "plen:response:prnuColumn"] = 0.0
     # share of the pixels with a further dark current, exponentially distributed with this mean
-    hot_share: float = 0.0
+    hot_share: Annotated[float, "plen:response:hotShare"] = 0.0
     hot_current_e_per_s: float = 0.0
-    dead_share: float = 0.0  # share of the pixels that no light reaches
+    dead_share: Annotated[float, "plen:response:deadShare"] = 0.0  # share of the pixels that no light reaches
     # deviation from the straight line, relative to the signal, at shares of the full well in ascending order; linear in
     # between, constant beyond
-    nonlinearity: tuple[tuple[float, float], ...] = ()
+    nonlinearity: Annotated[tuple[tuple[float, float], ...], "plen:response:nonlinearity"] = ()
     # kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
     # its neighbours, itself in the middle. Empty: none is lost
-    crosstalk: tuple[float, ...] = ()
-    specimen: int = 0  # number of its fixed pattern: one of all sensors that were made alike
+    crosstalk: Annotated[tuple[float, ...], "plen:response:crosstalk"] = ()
+    # number of its fixed pattern: one of all sensors that were made alike
+    specimen: Annotated[int, "plen:response:specimen"] = 0
 
     def __post_init__(self) -> None:
         settle(self, SensorError)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
+from pipeline.records.declared import attributes_of
 from pipeline.scene.usd.roots import PLUGIN_NAME
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -293,6 +294,19 @@ def need(prim: Usd.Prim, name: str) -> Any:
     if value is None:
         raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"', prim.GetAttribute(name) or prim)
     return value
+
+
+def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
+    """Values of the fields of a record that are annotated with attributes of a prim; None where a field may lack one.
+
+    UnreadableValue: as of `need`.
+    """
+    hints = get_type_hints(record)
+    may_lack = {name for name, hint in hints.items() if type(None) in get_args(hint)}
+    return {
+        name: read(prim, attribute) if name in may_lack else need(prim, attribute)
+        for name, attribute in attributes_of(record).items()
+    }
 
 
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:

@@ -1,7 +1,7 @@
 """Grids of discs, symmetric and asymmetric, as OpenCV's findCirclesGrid counts them."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -14,22 +14,15 @@ class CircleGrid(Pattern):
     """Black discs whose centres are the target points."""
 
     KIND: ClassVar[str] = "circle-grid"
-    ATTRIBUTES: ClassVar[dict[str, str]] = {
-        "columns": "plen:columns",
-        "rows": "plen:rows",
-        "spacing_mm": "plen:spacing",
-        "diameter_mm": "plen:diameter",
-        "asymmetric": "plen:asymmetric",
-    }
     ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
 
-    columns: int
-    rows: int
+    columns: Annotated[int, "plen:columns"]
+    rows: Annotated[int, "plen:rows"]
     # distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a row; in an
     # asymmetric one it is half that distance, and every other row is shifted by it
-    spacing_mm: float
-    diameter_mm: float
-    asymmetric: bool = False
+    spacing_mm: Annotated[float, "plen:spacing"]
+    diameter_mm: Annotated[float, "plen:diameter"]
+    asymmetric: Annotated[bool, "plen:asymmetric"] = False
 
     def __post_init__(self) -> None:
         nearest = self.spacing_mm * (2**0.5 if self.asymmetric else 1)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -15,16 +15,11 @@ class SlantedEdge(Pattern):
     """A sheet, white to the left of an edge through its centre and black to the right of it, for ISO 12233."""
 
     KIND: ClassVar[str] = "slanted-edge"
-    ATTRIBUTES: ClassVar[dict[str, str]] = {
-        "width_mm": "plen:width",
-        "height_mm": "plen:height",
-        "angle_deg": "plen:angle",
-    }
     ORDER: ClassVar[str] = "0 the centre of the edge, 1 its upper end, 2 its lower end"
 
-    width_mm: float
-    height_mm: float
-    angle_deg: float = 5.0  # of the edge from the vertical, clockwise as the viewer sees it
+    width_mm: Annotated[float, "plen:width"]
+    height_mm: Annotated[float, "plen:height"]
+    angle_deg: Annotated[float, "plen:angle"] = 5.0  # of the edge from the vertical, clockwise as the viewer sees it
 
     def __post_init__(self) -> None:
         if abs(self.height_mm * math.tan(math.radians(self.angle_deg))) >= self.width_mm:
@@ -56,12 +51,6 @@ class Lines(Pattern):
     """
 
     KIND: ClassVar[str] = "lines"
-    ATTRIBUTES: ClassVar[dict[str, str]] = {
-        "columns": "plen:columns",
-        "rows": "plen:rows",
-        "spacing_mm": "plen:spacing",
-        "width_mm": "plen:lineWidth",
-    }
     ORDER: ClassVar[str] = (
         "crossings of the centres of lines: id = row * columns + column, row 0 at the top, column 0 at the left; of"
         " lines of one direction their ends: 2 n the upper or left end of line n, 2 n + 1 the other one"
@@ -69,10 +58,10 @@ class Lines(Pattern):
 
     # vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as the distance
     # between the outermost ones
-    columns: int
-    rows: int
-    spacing_mm: float  # distance of the centres of neighbouring lines
-    width_mm: float
+    columns: Annotated[int, "plen:columns"]
+    rows: Annotated[int, "plen:rows"]
+    spacing_mm: Annotated[float, "plen:spacing"]  # distance of the centres of neighbouring lines
+    width_mm: Annotated[float, "plen:lineWidth"]
 
     def __post_init__(self) -> None:
         if not (self.columns or self.rows):

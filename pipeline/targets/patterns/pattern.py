@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -38,17 +38,15 @@ class Marks:
 class Pattern:
     """A flat pattern about the origin of the chart, x right, y up, with the relative radiance of its two colours.
 
-    The schema says in which ranges its fields lie; a record refuses only what does not fit together.
-    `ATTRIBUTES` names the attribute of each field in a stage; all patterns also have `plen:white` and `plen:black`. The
-    class of the schema is `Plen` and the name of the record.
+    The schema says in which ranges its fields lie; a record refuses only what does not fit together. Each field is
+    annotated with its attribute in a stage. The class of the schema is `Plen` and the name of the record.
     """
 
     KIND: ClassVar[str]
-    ATTRIBUTES: ClassVar[dict[str, str]]
     ORDER: ClassVar[str]
 
-    white: float = 1.0
-    black: float = 0.0
+    white: Annotated[float, "plen:white"] = 1.0
+    black: Annotated[float, "plen:black"] = 0.0
 
     @property
     def drawing(self) -> Drawing:

@@ -1,7 +1,7 @@
 """Stars: grids of them for calibration, and a single Siemens star for resolution."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -14,20 +14,13 @@ class Stars(Pattern):
     """A grid of stars whose centres are the target points, on a sheet with a margin of one spacing."""
 
     KIND: ClassVar[str] = "stars"
-    ATTRIBUTES: ClassVar[dict[str, str]] = {
-        "columns": "plen:columns",
-        "rows": "plen:rows",
-        "diameter_mm": "plen:diameter",
-        "spokes": "plen:spokes",
-        "spacing_mm": "plen:spacing",
-    }
     ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
 
-    columns: int
-    rows: int
-    spacing_mm: float  # distance of neighbouring centres
-    diameter_mm: float
-    spokes: int = 8  # black sectors of a star
+    columns: Annotated[int, "plen:columns"]
+    rows: Annotated[int, "plen:rows"]
+    spacing_mm: Annotated[float, "plen:spacing"]  # distance of neighbouring centres
+    diameter_mm: Annotated[float, "plen:diameter"]
+    spokes: Annotated[int, "plen:spokes"] = 8  # black sectors of a star
 
     def __post_init__(self) -> None:
         if not self.diameter_mm <= self.spacing_mm:
@@ -62,18 +55,13 @@ class SiemensStar(Pattern):
     """One star with many spokes around a white hub: the spatial frequency rises towards the centre."""
 
     KIND: ClassVar[str] = "siemens-star"
-    ATTRIBUTES: ClassVar[dict[str, str]] = {
-        "diameter_mm": "plen:diameter",
-        "spokes": "plen:spokes",
-        "hub_mm": "plen:hubDiameter",
-    }
     ORDER: ClassVar[str] = (
         "0 the centre; 1 + n the end of edge n on the rim, at n * 180 / spokes degrees from +x towards +y"
     )
 
-    spokes: int  # black sectors: cycles around the star
-    diameter_mm: float
-    hub_mm: float = 0.0
+    spokes: Annotated[int, "plen:spokes"]  # black sectors: cycles around the star
+    diameter_mm: Annotated[float, "plen:diameter"]
+    hub_mm: Annotated[float, "plen:hubDiameter"] = 0.0
 
     def __post_init__(self) -> None:
         if not self.hub_mm < self.diameter_mm:

@@ -1,15 +1,17 @@
-"""Tags by number, from the dictionaries of OpenCV, as shapes: a black square and the outlines of its white parts.
+"""Boards with tags, which are those of OpenCV: a black square each, and the outlines of its white parts.
 
 Cells of one colour are merged, so that no print or screen shows hairlines between them.
 """
 
 import functools
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from pipeline.records.shapes import Num
-from pipeline.targets.drawing import Polygon, rectangle
-from pipeline.targets.patterns.pattern import TargetError
+from pipeline.targets.drawing import Checks, Drawing, Polygon, rectangle
+from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once, grid
 
 Corner = tuple[int, int]
 DICTIONARIES = (
@@ -108,3 +110,147 @@ def _loop(ways: dict[Corner, list[Corner]], start: Corner) -> list[Corner]:
 def _area(loop: list[Corner]) -> float:
     """Area inside of a loop [cells], negative for one that runs clockwise (the shoelace formula)."""
     return sum(x * v - u * y for (x, y), (u, v) in zip(loop, loop[1:] + loop[:1], strict=True)) / 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Charuco(Pattern):
+    """A checkerboard with a tag in every white square, as OpenCV's CharucoBoard draws it.
+
+    The top-left square is black, a white margin one square wide runs around the squares.
+    """
+
+    KIND: ClassVar[str] = "charuco"
+    ORDER: ClassVar[str] = (
+        "inner corners as of a checkerboard: id = row * columns + column, row 0 at the top, column 0 at the left, as"
+        " OpenCV's CharucoBoard; then, if asked for, four corners per tag, clockwise from its top left"
+    )
+
+    # inner corners: one less than the squares by which OpenCV counts
+    columns: Annotated[int, "plen:columns"]
+    rows: Annotated[int, "plen:rows"]
+    square_mm: Annotated[float, "plen:squareSize"]
+    marker_mm: Annotated[float, "plen:markerSize"]  # edge of a tag
+    dictionary: Annotated[str, "plen:dictionary"] = "4x4_50"
+    # number of the tag in the first white square; the others follow, rows from the top, each from the left
+    first_tag: Annotated[int, "plen:firstTag"] = 0
+    marker_corners: Annotated[bool, "plen:markerCorners"] = False  # their corners are target points, too
+
+    def __post_init__(self) -> None:
+        if not self.square_mm > self.marker_mm:
+            raise TargetError(
+                f"a ChArUco board of {self.rows} x {self.columns} corners with tags of {self.marker_mm} mm"
+                f" in squares of {self.square_mm} mm",
+                hint="tags are smaller than squares",
+            )
+        require_tags(self.dictionary, self.first_tag, self.tags)
+
+    @property
+    def tags(self) -> int:
+        return (self.columns + 1) * (self.rows + 1) // 2
+
+    def _tag_centres(self) -> np.ndarray:
+        squares = grid(self.columns + 1, self.rows + 1, self.square_mm)
+        column, row = np.meshgrid(np.arange(self.columns + 1), np.arange(self.rows + 1))
+        return squares[((column + row) % 2 == 1).ravel()]
+
+    @property
+    @drawn_once
+    def drawing(self) -> Drawing:
+        """Squares, and tags on the white ones."""
+        half = (self.columns + 3) * self.square_mm / 2, (self.rows + 3) * self.square_mm / 2
+        checks = Checks(columns=self.columns, rows=self.rows, square=self.square_mm)
+        tags = [
+            shape
+            for i, (x, y) in enumerate(self._tag_centres() - self.marker_mm / 2)
+            for shape in tag_shapes(bits_of(self.dictionary, self.first_tag + i), x, y, self.marker_mm, 1)
+        ]
+        return Drawing(*half, (checks, *tags))
+
+    def marks(self) -> Marks:
+        """Inner corners, then those of the tags."""
+        corners = ("corner", grid(self.columns, self.rows, self.square_mm))
+        if not self.marker_corners:
+            return Marks.of(corners)
+        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.marker_mm / 2
+        return Marks.of(corners, ("marker-corner", (self._tag_centres()[:, None] + around).reshape(-1, 2)))
+
+    def for_face(self, number: int) -> "Charuco":
+        return replace(self, first_tag=self.first_tag + number * self.tags)
+
+    def title(self) -> str:
+        return (
+            f"ChArUco {self.dictionary}, {self.columns + 1} x {self.rows + 1} squares of {self.square_mm:g} mm, tags"
+            f" {self.first_tag} to {self.first_tag + self.tags - 1} of {self.marker_mm:g} mm,"
+            f" corners 0 to {self.columns * self.rows - 1} from the top left"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AprilGrid(Pattern):
+    """A grid of AprilTags with black squares between their corners, and a white margin twice as wide as the gaps.
+
+    Source of layout, orientation of the tags and order: ethz-asl/kalibr, GridCalibrationTargetAprilgrid.cpp and
+    kalibr_create_target_pdf.
+    """
+
+    KIND: ClassVar[str] = "aprilgrid"
+    ORDER: ClassVar[str] = (
+        "corners of all tags as one grid: id = row * 2 columns + column, row 0 at the bottom, column 0 at the left, as"
+        " Kalibr; tags are counted alike"
+    )
+
+    columns: Annotated[int, "plen:columns"]
+    rows: Annotated[int, "plen:rows"]
+    tag_mm: Annotated[float, "plen:tagSize"]  # edge of a tag, black border included
+    spacing: Annotated[float, "plen:tagSpacing"] = 0.3  # gap between tags over `tag_mm`: Kalibr's tagSpacing
+    dictionary: Annotated[str, "plen:dictionary"] = "apriltag_36h11"
+    # width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere
+    border_bits: Annotated[int, "plen:borderBits"] = 2
+    first_tag: Annotated[int, "plen:firstTag"] = 0  # number of the tag at the bottom left
+
+    def __post_init__(self) -> None:
+        require_tags(self.dictionary, self.first_tag, self.columns * self.rows)
+
+    @property
+    def _gap_mm(self) -> float:
+        return self.spacing * self.tag_mm
+
+    def _corners(self, count: int) -> np.ndarray:
+        """Left ends (or bottoms) of tags, each followed by its right end (or top), relative to the centre."""
+        start = np.arange(count) * (self.tag_mm + self._gap_mm)
+        both = np.stack([start, start + self.tag_mm], axis=1).ravel()
+        return both - both[-1] / 2
+
+    @property
+    @drawn_once
+    def drawing(self) -> Drawing:
+        """Tags, and squares at the corners of the gaps."""
+        x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
+        squares = [
+            Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
+            for bottom in (y[0] - gap, *y[1::2])
+            for left in (x[0] - gap, *x[1::2])
+        ]
+        tags = [
+            shape
+            for row, bottom in enumerate(y[::2])
+            for column, left in enumerate(x[::2])
+            # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
+            for bits in [np.rot90(bits_of(self.dictionary, self.first_tag + row * self.columns + column), 2)]
+            for shape in tag_shapes(bits, float(left), float(bottom), self.tag_mm, self.border_bits)
+        ]
+        return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
+
+    def marks(self) -> Marks:
+        x, y = np.meshgrid(self._corners(self.columns), self._corners(self.rows))
+        return Marks.of(("corner", np.stack([x.ravel(), y.ravel()], axis=1)))
+
+    def for_face(self, number: int) -> "AprilGrid":
+        return replace(self, first_tag=self.first_tag + number * self.columns * self.rows)
+
+    def title(self) -> str:
+        return (
+            f"AprilGrid {self.dictionary}, {self.columns} x {self.rows} tags of {self.tag_mm:g} mm,"
+            f" {self.first_tag} to {self.first_tag + self.columns * self.rows - 1} from the bottom left,"
+            f" spacing {self.spacing:g}, border {self.border_bits} cells"
+        )
