@@ -9,6 +9,7 @@ from pipeline.exports.noise import Noise
 from pipeline.exports.writer_code import code_of_writer
 from pipeline.formats import Format, Reads, folder_of, format_of
 from pipeline.graph.adding import add
+from pipeline.graph.frame_tasks import seen_through
 from pipeline.graph.poses import Things, target_poses
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.frames import PlacedView
@@ -21,7 +22,7 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
     for name in asked.formats:
         wanted = format_of(name)
         cameras = [camera for camera in dataset.cameras if wanted.takes(_is_plenoptic(camera))]
-        read = _Read(files, cameras, wanted)
+        read = _Read(graph, files, cameras, wanted)
         sights = read.sights() if Reads.RAYS in wanted.reads else {}
         noisy = Reads.CORNERS in wanted.reads
         params = Export(
@@ -45,8 +46,8 @@ def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ba
 class _Read:
     """Results that a format reads of a build; `roles` has the task of each role."""
 
-    def __init__(self, files: dict[str, Source], cameras: list[CameraEntry], wanted: Format) -> None:
-        self.files, self.cameras, self.wanted = files, cameras, wanted
+    def __init__(self, graph: TaskGraph, files: dict[str, Source], cameras: list[CameraEntry], wanted: Format) -> None:
+        self.graph, self.files, self.cameras, self.wanted = graph, files, cameras, wanted
         self.roles = dict[str, str]()
         self._known = dict[str, str]()
 
@@ -70,7 +71,7 @@ class _Read:
 
     def _sighted(self, seen: CameraEntry) -> SightedCamera:
         return SightedCamera(
-            camera_role=self._role(f"{'channel' if seen.channel else 'focus'}/{seen.full_name}"),
+            camera_role=self._role(seen_through(self.graph, seen)),
             planes_role=self._role(f"planes/{seen.name}"),
             seed=seen.sampling.seed,
             square_px=seen.square_px,

@@ -1,12 +1,30 @@
 """Windows before a lens, such as ports, domes and panes, and the medium of the scene.
 
 A window is surfaces in front of the others of a prescription, all of them one group that stands where the window does.
+The name of the group is the path of the window, from "/" on, which no group of a lens has in its name.
 """
 
 from dataclasses import dataclass, replace
 
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.records.declared import settle
+
+
+def parted(prescription: Prescription) -> tuple[tuple[Group, ...], Prescription]:
+    """The windows of a prescription, outermost first, and the lens without them, in the medium behind them."""
+    windows = tuple(group for group in prescription.groups if group.name.startswith("/"))
+    if not windows:
+        return (), prescription
+    count = windows[-1].members.stop
+    moved = (replace(group, first=group.first - count) for group in prescription.groups if group not in windows)
+    index_in_front = prescription.surfaces[count - 1].index
+    lens = replace(
+        prescription,
+        surfaces=prescription.surfaces[count:],
+        groups=tuple(moved),
+        index_in_front=index_in_front,
+    )
+    return windows, lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

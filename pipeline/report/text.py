@@ -45,6 +45,9 @@ def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
 def figures(document: Json, curves: FieldCurves) -> list[Figures]:
     """The figures of a camera under their headings; parameters as of `page`."""
     sections = [Figures(heading="main lens", rows=tuple(_lens(document["lens"])))]
+    if "windows" in document["lens"]:
+        heading = "windows, the outermost first; the figures above are those of all together"
+        sections.append(Figures(heading=heading, rows=tuple(_windows(document["lens"]))))
     if curves.boresight_px is not None:
         x, y = curves.boresight_px
         heading = "surfaces off their places: all figures but those of real rays are of the centred lens"
@@ -119,6 +122,34 @@ def _lens(lens: Json) -> Iterator[Figure]:
         yield Figure("plane of sharp focus", "turned by {:.3f}, {:.3f} deg".format(*tilt), "about x, about y, there")
 
 
+def _windows(lens: Json) -> Iterator[Figure]:
+    for window in lens["windows"]:
+        faces = window["surfaces"]
+        remarks = [] if faces[0]["axis"][2] == 1 else [f"turned by {_off_axis_deg(faces[0]['axis']):.3f} deg"]
+        curved = [face for face in faces if not math.isinf(face["radius_mm"])]
+        if centres := [_place([v - face["radius_mm"] * a for v, a in _along(face)]) for face in curved]:
+            remarks.append(f"centres of its faces at {', '.join(centres)}")
+        vertices = ", ".join(_place(face["vertex_mm"]) for face in faces)
+        yield Figure(window["path"].rpartition("/")[2], f"vertices at {vertices}", "; ".join(remarks))
+    yield Figure("entrance pupil behind them", _mm(lens["pupil_behind_windows_mm"]), "about which a dome is concentric")
+
+
+def _along(face: Json) -> Iterator[tuple[float, float]]:
+    """The vertex of a face and its axis towards the scene, coordinate by coordinate."""
+    return zip(face["vertex_mm"], face["axis"], strict=True)
+
+
+def _off_axis_deg(axis: list[float]) -> float:
+    x, y, z = axis
+    return math.degrees(math.atan2(math.hypot(x, y), z))
+
+
+def _place(place_mm: list[float]) -> str:
+    """A place of the vision frame; one on the axis by its distance alone."""
+    x, y, z = place_mm
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if round(x, 3) or round(y, 3) else _mm(z)
+
+
 def _sensor(document: Json) -> Iterator[Figure]:
     (width, height), (x, y) = document["resolution"], document["optical_axis_px"]
     across, down, diagonal = document["field_of_view_deg"]
@@ -145,8 +176,7 @@ def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
     if pinhole is None:
         yield Figure("equivalent pinhole", "none", "a telecentric lens, too wide a field, or too little light")
         return
-    x, y, z = pinhole["centre_mm"]
-    centre = f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if x or y else _mm(z)
+    centre = _place(pinhole["centre_mm"])
     yield Figure("equivalent pinhole", centre, "centre of projection, fitted to real rays")
     for name, projection in (("without", pinhole), ("with", pinhole["with_distortion"])):
         rms, most = (projection["residual_px"][kind] for kind in ("rms", "max"))

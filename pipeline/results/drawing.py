@@ -8,22 +8,22 @@ from the stop, + towards the sensor, as light travels; the drawing is to scale.
 
 import dataclasses
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from pipeline.camera.figures.first_order_figures import focus_plane_tilt_deg
 from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.files import svg as svg_file
-from pipeline.frames import apply
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements, towards_scene, towards_sensor
+from pipeline.optics.sections import elements, profiles
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
 from pipeline.results.notebook import axes as new_axes
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
@@ -57,10 +57,11 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     first = camera.prescription.vertices_from_stop_mm[0]
     left = first - AHEAD * (camera.sensor_distance_mm - first)
     half = _half_height(camera)
-    scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
+    right = max(x for ends in _films(camera) for x, _ in ends) + 4
+    scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (right - left)
     height = 2 * half * scale + 3 * _MARGIN_PX
     sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
-    sheet.line([(left, 0.0), (camera.sensor_distance_mm + 4, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    sheet.line([(left, 0.0), (right, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for points in elements(camera.prescription):
         sheet.area(points, _GLASS)
     for field, colour in FIELDS:
@@ -72,8 +73,7 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     _draw_stop(sheet, camera.prescription, half)
     _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
-    upright = "; the sensor is tilted, and drawn upright" if any(camera.sensor.tilt_deg) else ""
-    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {focus_in_words(camera)}{upright}", 14, "start")
+    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {focus_in_words(camera)}", 14, "start")
     if camera.microlenses is None:
         return sheet.text(height)
     before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
@@ -88,7 +88,7 @@ def with_full_field(camera: Camera) -> Camera:
     focal = first_order(camera.prescription).efl_mm
     farthest = math.tan(_WIDEST_RAD) * focal
     ends = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, farthest))
-    share = lit_share(*_rear(camera), *ends)
+    share = lit_share(*_rear(camera), *camera.in_vision(np.array(list(ends))))
     if share in (0.0, 1.0):
         return camera
     pitch = 2 * _RIM * share * farthest / camera.sensor.height_px
@@ -106,7 +106,7 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.area([(start, low), (end + width, low), (end + width, high), (start, high)], "#fbfbfb")
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
-        sheet.line(ray[-3:], FIELDS[0][1], 0.7)
+        sheet.line(_turned(camera, ray[-3:], -1), FIELDS[0][1], 0.7)
     half, vertices = float(cell(array)[:, 1].max()), lattice(array)
     if array.disc_diameter_mm is None and array.layout == "hexagonal":
         half = array.pitch_mm * math.sqrt(3) / 4
@@ -140,7 +140,7 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     offsets = np.linspace(-reach, reach, _FAN)
     # Twice: the bundle of a narrow stop is a small part of the front surface.
     for _ in range(2):
-        start, slopes = _fan(central, offsets, middle_focus(camera))
+        start, slopes = _fan(central, offsets, *_in_focus(camera))
         x, y, passes, out = _trace(camera.prescription, start[:, 0], start[:, 1], slopes)
         passing = np.flatnonzero(passes)
         if not passing.size:
@@ -163,7 +163,8 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float]
     # Vision y and z are the drawing's height and length with the other sign.
     reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     aim = np.linspace(-reach, reach, _FAN)
-    position = np.tile([0.0, -height_mm, -camera.sensor_distance_mm], (_FAN, 1))
+    on_sensor = camera.in_vision(np.array([[0.0, -height_mm, -camera.sensor_distance_mm]]))
+    position = np.tile(on_sensor, (_FAN, 1))
     direction = np.stack([np.zeros(_FAN), aim, np.full(_FAN, table[0, VERTEX])], axis=1) - position
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     alive = np.ones(_FAN)
@@ -175,18 +176,29 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float]
     return -z, -y, dy / dz
 
 
-def _fan(central: tuple[float, float, float], offsets: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
+def _in_focus(camera: Camera) -> tuple[float, float]:
+    """Distance of the plane in focus, and its slope: how much nearer to the sensor it is per height."""
+    distance, tilted = middle_focus(camera), camera.film.vision_from_film
+    if tilted is None or math.isinf(distance):
+        return distance, 0.0
+    turned = focus_plane_tilt_deg(tilted, first_order(camera.prescription), distance)
+    return distance, math.tan(math.radians(turned[0]))
+
+
+def _fan(
+    central: tuple[float, float, float], offsets: np.ndarray, distance: float, leaning: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) beside the central ray where it meets the lens, and slopes of the rays of its object point there.
 
-    The object point lies in the plane in focus, or on rays beyond 60 degrees twice as far away as that; parallel rays
-    where it is infinitely far.
+    The object point lies in the plane in focus, or on rays that are steep to it at most twice as far away as that;
+    parallel rays where it is infinitely far.
     """
     x, y, slope = central
     along = np.array([1.0, slope]) / math.hypot(1.0, slope)
     points = np.array([x, y]) + offsets[:, None] * np.array([-along[1], along[0]])
     if math.isinf(distance):
         return points, np.full(len(points), slope)
-    way = points - (np.array([x, y]) - (distance + x) / max(along[0], 0.5) * along)
+    way = points - (np.array([x, y]) - (distance + x - leaning * y) / max(along[0] - leaning * along[1], 0.5) * along)
     return points, way[:, 1] / way[:, 0]
 
 
@@ -218,17 +230,39 @@ def _trace(
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     """On to the sensor, through the microlens in whose cell the ray meets the array, drawn as a thin one."""
-    x, y = last
+    (x, y), further = _turned(camera, [last, (last[0] + 1.0, last[1] + slope)], -1)
+    slope = (further[1] - y) / (further[0] - x)
     array = camera.microlenses
     if array is None:
-        return [(camera.sensor_distance_mm, y + slope * (camera.sensor_distance_mm - x))]
+        return _turned(camera, [(camera.sensor_distance_mm, y + slope * (camera.sensor_distance_mm - x))])
     film = camera.sensor_distance_mm - array.distance_mm
     at_film = y + slope * (film - x)
     vertices = lattice(array)
     row = _row_at(camera, vertices, at_film)
     height = at_film - float(_about_axis(camera, vertices)[1][row])
     bent = slope - height / array.focal_lengths_mm[int(vertices.type[row])]
-    return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
+    ends = [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
+    return _turned(camera, ends)
+
+
+def _turned(camera: Camera, points: Points, back: int = 1) -> Points:
+    """Points beside an upright sensor turned to where they are beside the tilted one, or `back`: -1.
+
+    A tilt about y moves none of them: y of the film stays in the vertical plane.
+    """
+    angle, end = back * math.radians(camera.sensor.tilt_deg[0]), camera.sensor_distance_mm
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return [(end + cosine * (x - end) + sine * y, cosine * y - sine * (x - end)) for x, y in points]
+
+
+def _films(camera: Camera) -> list[Points]:
+    """The lower and the upper end of the sensor, and of the microlens array if there is one."""
+    half, end, centre, array = _half_sensor(camera), camera.sensor_distance_mm, _height(camera, 0.0), camera.microlenses
+    ends = [(end, centre - half), (end, centre + half)]
+    if array is None:
+        return [_turned(camera, ends)]
+    film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
+    return [_turned(camera, ends), _turned(camera, [(film, middle - reach), (film, middle + reach)])]
 
 
 def _row_at(camera: Camera, vertices: Lattice, y: float) -> int:
@@ -264,34 +298,9 @@ def _rear(camera: Camera) -> tuple[np.ndarray, int]:
 def _lit_height(camera: Camera, field: float) -> float:
     """As `_height`, with the rim of the image circle for 1 where the edge of the sensor is dark."""
     centre, edge = _height(camera, 0.0), _height(camera, 1.0)
-    axis, end = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, edge))
-    share = lit_share(*_rear(camera), axis, end)
+    ends = np.array([[0.0, -height, -camera.sensor_distance_mm] for height in (0.0, edge)])
+    share = lit_share(*_rear(camera), *camera.in_vision(ends))
     return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)
-
-
-def profiles(prescription: Prescription) -> list[Points]:
-    """Sections of all surfaces where they really stand, drawn as they look from the side."""
-    outlines = []
-    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
-    for surface, vertex, motion in placed:
-        heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
-        points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
-        points = points if motion is None else apply(motion, points)
-        outlines.append([(float(z), float(y)) for _, y, z in points])
-    return outlines
-
-
-def elements(prescription: Prescription) -> list[Points]:
-    """Outlines of the lens elements: what lies between two surfaces and is not air."""
-    placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
-    outlines = []
-    for (front, ahead), (_, behind) in pairwise(placed):
-        if front.index != 1:
-            upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
-            top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
-            bottom = [(behind[0][0], lower), (ahead[0][0], lower)]
-            outlines.append([*ahead, *top, *reversed(behind), *bottom])
-    return outlines
 
 
 def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None:
@@ -303,14 +312,12 @@ def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None
 
 
 def _draw_film(sheet: "_Sheet", camera: Camera, name: str) -> None:
-    half, end, centre = _half_sensor(camera), camera.sensor_distance_mm, _height(camera, 0.0)
-    sheet.line([(end, centre - half), (end, centre + half)], "#111111", 3)
-    sheet.label(end, centre + half, name, "start")
-    if camera.microlenses:
-        array = camera.microlenses
-        film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
-        sheet.line([(film, middle - reach), (film, middle + reach)], "#8e44ad", 1.5, dashes="2 2")
-        sheet.label(film, middle + reach, "MLA", "end")
+    sensor, *array = _films(camera)
+    sheet.line(sensor, "#111111", 3)
+    sheet.label(*sensor[1], name, "start")
+    for ends in array:
+        sheet.line(ends, "#8e44ad", 1.5, dashes="2 2")
+        sheet.label(*ends[1], "MLA", "end")
 
 
 def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None:
@@ -349,12 +356,10 @@ def plot(camera: Camera, title: str, axes: Any = None) -> Any:
     edge = lens.stop.semi_diameter_mm
     for side in (-1, 1):
         sheet.plot([0, 0], [side * edge, side * max(rim, 1.3 * edge)], color=_DARK, linewidth=2.5)
-    half, middle = _half_sensor(camera), -camera.sensor.offset_y_mm
-    sheet.plot([end, end], [middle - half, middle + half], color=_DARK, linewidth=2.5)
-    if camera.microlenses is not None:
-        film, reach = end - camera.microlenses.distance_mm, extent_mm(camera.microlenses)[1] / 2
-        centre = middle + camera.microlenses.offset_y_mm
-        sheet.plot([film, film], [centre - reach, centre + reach], color=_ARRAY, linewidth=1.2, linestyle=":")
+    sensor, *array = _films(camera)
+    sheet.plot(*zip(*sensor, strict=True), color=_DARK, linewidth=2.5)
+    for ends in array:
+        sheet.plot(*zip(*ends, strict=True), color=_ARRAY, linewidth=1.2, linestyle=":")
     sheet.set(aspect="equal", xlabel="along the axis, from the stop [mm]", ylabel="height [mm]", title=title)
     return sheet
 

@@ -31,7 +31,7 @@ from pipeline.scene.sensor import (
     read_sensor,
 )
 from pipeline.scene.shutters import check_shutter, read_shutter
-from pipeline.scene.usd.poses import camera_name
+from pipeline.scene.usd.poses import camera_name, frame_numbers
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import at_code, need, read, read_once, target, target_paths
 from pipeline.scene.windows import behind_fixed, check_windows, standing_windows, windows_in_frame
@@ -48,11 +48,13 @@ _F_NUMBERS = "plen:image:fNumbers"
 
 
 def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
-    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order, named relative to its root."""
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order, named relative to its root;
+    windows of the world are before it as in the first frame.
+    """
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
-    seed = read(root, "plen:seed") or 0
+    seed, number = read(root, "plen:seed") or 0, next(iter(frame_numbers(root)), 0)
     cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
-    return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+    return tuple(_with_windows(read_camera_entry(prim, root, seed), prim, number) for prim in cameras)
 
 
 def read_states(
@@ -62,8 +64,7 @@ def read_states(
     states = list[tuple[CameraEntry, list[int]]]()
     for number in numbers if changes(prim) or standing_windows(prim) else numbers[:1]:
         with at_code(number):
-            entry = read_camera_entry(prim, root, seed)
-        entry = replace(entry, windows=windows_in_frame(prim, number, _wavelengths_nm(entry)))
+            entry = _with_windows(read_camera_entry(prim, root, seed), prim, number)
         frames = next((frames for state, frames in states if state == entry), None)
         if frames is None:
             states.append((entry, [number]))
@@ -74,10 +75,11 @@ def read_states(
     return [(replace(entry, name=name_in_state(entry.name, frames[0])), frames) for entry, frames in states]
 
 
-def _wavelengths_nm(entry: CameraEntry) -> list[float]:
-    """All wavelengths for which records of a camera have indices."""
+def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntry:
+    """A camera before which the windows of the world stand as in a frame, for all wavelengths of its records."""
     nodes = (node for channel in entry.channels for node in (channel.middle, *channel.nodes))
-    return list(dict.fromkeys([entry.wavelength_nm, *(node.wavelength_nm for node in nodes)]))
+    wavelengths_nm = dict.fromkeys([entry.wavelength_nm, *(node.wavelength_nm for node in nodes)])
+    return replace(entry, windows=windows_in_frame(prim, number, list(wavelengths_nm)))
 
 
 @read_once
@@ -289,7 +291,7 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
     try:
         record = read_camera(camera)
     except PipelineError as error:
-        yield of_reader(camera.GetAttribute(_DISTORTION) if error.code == "distortion" else camera, error)
+        yield of_reader(_blamed(camera, error), error)
         return
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if not is_consistent or both != bool(read(camera, _GROUPS)):
@@ -314,7 +316,16 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
         yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))
     except (PipelineError, ArithmeticError) as error:
-        yield of_reader(camera, error)
+        yield of_reader(_blamed(camera, error), error)
+
+
+def _blamed(camera: Usd.Prim, error: PipelineError | ArithmeticError) -> Usd.Prim | Usd.Attribute:
+    """The attribute to blame for an error of a record; by default the camera."""
+    if isinstance(error, PipelineError) and error.code == "distortion":
+        return camera.GetAttribute(_DISTORTION)
+    if isinstance(error, PipelineError) and error.code == "sensor-tilt":
+        return target(camera, "plen:camera:sensor", "PlenSensor").GetAttribute("plen:tilt")
+    return camera
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:

@@ -31,6 +31,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, metadata_problem, problem, shortened
 from pipeline.scene.usd.values import Sources, need, read, target_paths, targets
+from pipeline.scene.windows import WINDOWS
 from pipeline.spelling import frames_in_words
 
 LONGEST_NAME = 200
@@ -238,7 +239,7 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
-    """One warning per type of prim that viewers show and that has no effect on images of a dataset."""
+    """One warning per window, and per type of prim that viewers show, without effect on images of a dataset."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     relationships = [
@@ -248,6 +249,10 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
     for prim in prims:
+        if prim.IsA("PlenWindow") and prim.GetPath() not in named:
+            message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
+            hint = f"name it in rel {WINDOWS} of each camera that it stands before"
+            yield problem(prim, "unused-window", message, hint=hint, severity="warning")
         if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
             continue
         if not is_drawn(prim):

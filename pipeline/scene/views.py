@@ -32,6 +32,7 @@ from pipeline.scene.microlenses import by_type
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import read, target
+from pipeline.scene.windows import WINDOWS
 from pipeline.spelling import frames_in_words
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
         return next(ours, attributes[0])
     if part == "focal_lengths":
         return array.GetAttribute(by_type(array))
-    return {"image": sensor, "microlenses": array}.get(part, prim)
+    return {"image": sensor, "microlenses": array, "windows": prim.GetRelationship(WINDOWS)}.get(part, prim)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 world, they are before it in each frame as they stand there, and nothing of the camera itself depends on them.
 """
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -210,10 +211,11 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
     if op := next(filter(None, moving), None):
         hint = "a window that moves before its camera stands elsewhere in the scene, not below the camera"
         yield problem(op, "moving-window", "a window below a camera is fixed to it, and this one moves", hint=hint)
-    if standing_windows(camera) and read(camera, "plen:truth:method") != "direct":
-        message = "position images hold for a camera, and not for what stands before it in a frame"
-        hint = 'write plen:truth:method = "direct", or move the windows below the camera'
-        yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
+    for name, value in ("plen:truth:method", "direct"), ("plen:truth:rays", False):
+        if standing_windows(camera) and read(camera, name) != value:
+            message = "position images hold for a camera, and not for what stands before it in a frame"
+            hint = f"write {name} = {json.dumps(value)}, or move the windows below the camera"
+            yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint=hint)
     if standing_windows(camera) and read(camera, "plen:shutter:scanOrder") not in (None, "none"):
         message = "a camera that moves while its shutter is open looks through windows that move along with it"
         hint = "in each frame they stand before it as at its time code"

@@ -16,7 +16,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply
 from pipeline.report.page.records import SurfaceShape
-from pipeline.report.page.shapes import ray_fans, surface_shapes
+from pipeline.report.page.shapes import ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.scene.write.parts import Part, PartCopies, PartMesh, PartRays, parts_text
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.params.cameras import PARTS, Parts
@@ -42,7 +42,7 @@ def camera_parts(camera: Camera) -> Iterator[Part]:
         if front.has_glass_behind:
             yield _element(f"Element{i + 1}", front, behind)
     yield _stop(shapes)
-    yield _sensor(camera)
+    yield _mesh("Sensor", sensor_corners_mm(camera), [(0, 1, 2, 3)], _FILM, 1.0)
     if camera.microlenses is not None:
         yield _microlenses(Tracer(camera), camera.microlenses)
     for i, fan in enumerate(ray_fans(camera)):
@@ -88,15 +88,6 @@ def _stop(shapes: tuple[SurfaceShape, ...]) -> PartMesh:
     steps = [(step, (step + 1) % _AROUND) for step in range(_AROUND)]
     faces: list[tuple[int, ...]] = [(step, _AROUND + step, _AROUND + after, after) for step, after in steps]
     return _mesh("Stop", apply(np.array(stop.moved), points), faces, _DARK, 1.0)
-
-
-def _sensor(camera: Camera) -> PartMesh:
-    sensor = camera.sensor
-    half = np.array(sensor.size_mm) / 2
-    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    corners = signs * half + np.array([sensor.offset_x_mm, sensor.offset_y_mm])
-    points = camera.in_vision(np.column_stack([corners, np.full(4, -camera.sensor_distance_mm)]))
-    return _mesh("Sensor", points, [(0, 1, 2, 3)], _FILM, 1.0)
 
 
 def _microlenses(tracer: Tracer, array: MicrolensArray) -> PartCopies:

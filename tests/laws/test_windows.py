@@ -10,6 +10,7 @@ from builds import made
 from scipy.optimize import brentq
 from stage_text import in_the_library
 
+from pipeline.app.show import show
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.files.tables import read_table
@@ -261,6 +262,35 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
     assert told[0]["principal_distance_px"] == pytest.approx(_MEDIUM * told[1]["principal_distance_px"], rel=1e-9)
     assert told[0]["lens"]["index_in_front"] == _MEDIUM and "index_in_front" not in told[1]["lens"]
     assert told[0]["pinhole"]["residual_px"]["max"] > 1e-3 > 1e-6 > told[1]["pinhole"]["residual_px"]["max"]
+
+
+def test_windows_of_the_world_count_in_show_as_in_a_build(tmp_path, common_store):
+    """A rolled dome off the axis: its centres are one point, and the pupil behind it is that of the camera alone."""
+    dome = window(-60.0, radii_mm=(60.0, 50.0), turn="(9, -7, 30)").replace("(0, 0, -60.0)", "(3, 4, -60)")
+    file = stage(tmp_path, "world", dome, camera="", fixed=False, dataset=WATER)
+    (shown,), (plain,) = show(file), show(stage(tmp_path, "plain", camera=""))
+    out = made(file, tmp_path / "world", common_store, targets=["cameras/Rig.Camera/camera.json"]).out
+    assert json.loads((out / "cameras/Rig.Camera/camera.json").read_text())["lens"] == shown.document["lens"]
+    lens, (pane,) = plain.document["lens"], shown.document["lens"]["windows"]
+    assert shown.document["lens"]["pupil_behind_windows_mm"] == lens["entrance_pupil"]["z_mm"]
+    outer, inner = pane["surfaces"]
+    assert pane["path"] == "/Scene/Pane" and outer["vertex_mm"] == [3.0, -4.0, 60.0]  # vision has y down
+    assert [outer["index_behind"], inner["index_behind"]] == [_GLASS, 1.0]
+    centres = [np.array(face["vertex_mm"]) - face["radius_mm"] * np.array(face["axis"]) for face in (outer, inner)]
+    assert np.abs(centres[1] - centres[0]).max() < 1e-12 and "(3.000, -4.000, 60.000) mm" in "".join(shown.page())
+
+
+def test_exports_that_a_stage_asks_for_see_through_windows_of_the_world(tmp_path, common_store):
+    pane, rays = window(-200.0, turn="(25, -20, 10)"), []
+    asked = f'uniform token[] plen:exports = ["rays"]\n{WATER}'
+    for name, fixed in (("below", True), ("world", False)):
+        file = stage(tmp_path, name, pane, fixed=fixed, dataset=asked)
+        file.write_text(
+            file.read_text().replace("plen:pixelPitch = 0.05", "plen:pixelPitch = 1\nint2 plen:resolution = (32, 24)")
+        )
+        out = made(file, tmp_path / name, common_store, targets=["exports/rays/Rig.Camera.rays.npz"]).out
+        rays.append(np.load(out / "exports/rays/Rig.Camera.rays.npz"))
+    assert np.abs(rays[0]["direction"] - rays[1]["direction"]).max() < 1e-9
 
 
 def test_light_of_a_medium_fills_a_wider_cone(tmp_path):

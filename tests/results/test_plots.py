@@ -1,6 +1,7 @@
 """Pictures of records in notebooks: drawn where the numbers are, by matplotlib only where it is installed."""
 
 import csv
+import dataclasses
 import math
 import re
 import sys
@@ -12,6 +13,7 @@ import pytest
 import pipeline
 from pipeline.errors import UsageError
 from pipeline.files.png import write_png
+from pipeline.results import drawing
 from pipeline.results.notebook import html_table
 from pipeline.results.rows import Backdrop, with_backdrop
 
@@ -102,6 +104,16 @@ def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ready_id
     assert [len(found) for found in ends.values()] == [7, 7, 7]
     assert max(np.ptp(found) for found in ends.values()) < 1e-9
     np.testing.assert_allclose(heights, [0, 1.4, 2.0], atol=1e-9)
+
+
+def test_rays_of_an_ideal_lens_meet_on_a_tilted_sensor(ideal):
+    """By Scheimpflug's rule: all rays of a point end at one place of the sensor, turned about the axis's point."""
+    tilted = dataclasses.replace(ideal, sensor=dataclasses.replace(ideal.sensor, tilt_deg=(25.0, 10.0)))
+    for field in (0.7, 1.0):
+        ends = np.array([ray[-1] for ray in drawing.bundle(tilted, field, -100.0)])
+        sine, cosine = math.sin(math.radians(25.0)), math.cos(math.radians(25.0))
+        expected = [ideal.sensor_distance_mm + 2 * field * sine, 2 * field * cosine]
+        assert len(ends) == 7 and np.abs(ends - expected).max() < 1e-9
 
 
 def test_spots_are_drawn_to_scale(ready_ideal):

@@ -125,9 +125,7 @@ export interface Optics {
   charts: Chart[];
   spots: Spot[];
   surfaces: SurfaceShape[];
-  sensor_z_mm: number;
-  sensor_mm: [number, number];
-  sensor_offset_mm: [number, number];
+  sensor_mm: number[][];
   fans: RayFan[];
 }
 

@@ -2,7 +2,7 @@
 
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, LatheGeometry, LineBasicMaterial,
-  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, PerspectiveCamera, PlaneGeometry, Scene, Vector2, Vector3,
+  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, PerspectiveCamera, Scene, Vector2, Vector3,
   WebGLRenderer, Box3,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -271,7 +271,8 @@ function apertures(surfaces: SurfaceShape[]): Mesh[] {
 }
 
 function film(optics: Optics): Mesh {
-  const mesh = new Mesh(new PlaneGeometry(...optics.sensor_mm), new MeshBasicMaterial({ color: "#8a63d2", side: DoubleSide }));
-  mesh.position.set(optics.sensor_offset_mm[0], optics.sensor_offset_mm[1], optics.sensor_z_mm);
-  return mesh;
+  const geometry = new BufferGeometry();
+  const corners = [0, 1, 2, 0, 2, 3].flatMap((corner) => optics.sensor_mm[corner]);
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(corners), 3));
+  return new Mesh(geometry, new MeshBasicMaterial({ color: "#8a63d2", side: DoubleSide }));
 }

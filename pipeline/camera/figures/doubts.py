@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.optics.rays import GRID, front_grid, traced
 from pipeline.optics.table import motion_of, unbounded
+from pipeline.optics.windows import parted
 
 _PITCHES_MM = (2e-4, 0.5)
 """Pitches of pixels [mm]: wider than half a wavelength of light, and narrower than half a millimetre."""
@@ -37,7 +38,7 @@ class Doubt:
     """One of them: a stable code, words and a way out."""
 
     code: str
-    part: str  # camera, stop, sensor, image, microlenses or focal_lengths
+    part: str  # camera, stop, sensor, image, windows, microlenses or focal_lengths
     what: str
     hint: str
 
@@ -144,8 +145,12 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
             lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
         )
         what = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
+        what = what if lit[0] > 0 else "no light comes to the middle of the sensor"
         hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
-        yield Doubt("image-circle", "image", what, hint)
+        part, (windows, lens) = "image", parted(camera.prescription)
+        if windows and _is_lit(Tracer(replace(camera, prescription=lens, spectrum=())), corner):
+            part, hint = "windows", "its windows block it: make them wider, bring them nearer, or turn them less"
+        yield Doubt("image-circle", part, what, hint)
 
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:

@@ -15,9 +15,13 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.frames import VISION_FROM_CAMERA, apply
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import displacements
+from pipeline.optics.windows import parted
 from pipeline.records.plain import Json
+from pipeline.records.shapes import Float64
 
 
 def report(camera: Camera) -> Json:
@@ -118,13 +122,32 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
         **{name: figures[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
         "magnification": _magnification(lens, in_focus),
         "focus_distance_mm": in_focus,
-        **({} if tilted is None else {"focus_plane_tilt_deg": _focus_plane_tilt_deg(tilted, lens, in_focus)}),
+        **({} if tilted is None else {"focus_plane_tilt_deg": focus_plane_tilt_deg(tilted, lens, in_focus)}),
         "stop_diameter_mm": figures["stop_diameter_mm"],
         "matched_stop_diameter_mm": matched,
+        **_windows(camera.prescription),
     }
 
 
-def _focus_plane_tilt_deg(vision_from_film: np.ndarray, lens: FirstOrder, in_focus_mm: float) -> list[float]:
+def _windows(prescription: Prescription) -> Json:
+    """Where the surfaces of windows stand, the outermost first, and the entrance pupil seen from behind them."""
+    windows, lens = parted(prescription)
+    if not windows:
+        return {}
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    stated = []
+    for surface, z_mm, motion in placed:
+        moved = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
+        outlook = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
+        place = {name: (vector + 0.0).tolist() for name, vector in outlook.items()}
+        stated.append({**place, "radius_mm": surface.radius_mm, "index_behind": surface.index})
+    listed = [{"path": group.name, "surfaces": [stated[i] for i in group.members]} for group in windows]
+    return {"windows": listed, "pupil_behind_windows_mm": first_order(lens).entrance_pupil.z_mm}
+
+
+def focus_plane_tilt_deg(
+    vision_from_film: Float64[np.ndarray, "4 4"], lens: FirstOrder, in_focus_mm: float
+) -> list[float]:
     """Angles by which the plane whose image lies on a tilted sensor is turned, as the sensor's own (Scheimpflug)."""
     # The lens is a collineation: a plane turned by theta has an image turned by theta', tan theta' = m / n tan theta,
     # because it magnifies m-fold across the axis and m^2 / n along it from a medium n.

@@ -136,7 +136,8 @@ class Camera:
         if ahead_mm <= (self.microlenses.reach_mm if self.microlenses else 0.0) + LEAST_MM:
             raise CameraError(
                 f"the plane of the sensor, tilted by {self.sensor.tilt_deg} deg, cuts the last surface of the lens",
-                hint="tilt it less (plen:tilt of the sensor), or move it back",
+                hint="tilt it less, or move it back",
+                code="sensor-tilt",
             )
 
     @property

@@ -16,7 +16,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.files.jsonfile import Json
 from pipeline.report import text
 from pipeline.report.page.records import Chart, Line, Optics
-from pipeline.report.page.shapes import ray_fans, surface_shapes
+from pipeline.report.page.shapes import matrix, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.report.text import Figure, Figures
 from pipeline.results import drawing
 from pipeline.results.spots import FARTHEST_MM, RAYS, FieldBundle, drawn, field_bundles, spots
@@ -32,16 +32,14 @@ _HEIGHTS = 9
 def optics(camera: Camera, name: str, record: Json) -> Optics:
     """All of it, traced now, of a focused camera in the light of its channel; `record` is camera.json."""
     curves = field_curves(camera, middle_focus(camera), _ROWS)
-    bundles, sensor, shown = field_bundles(camera), camera.sensor, _with_infinities(record)
+    bundles, shown = field_bundles(camera), _with_infinities(record)
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
         figures=(*text.figures(shown, curves), *_types(shown)),
         charts=(*_over_height(curves), field_curvature(camera), transfer(camera, bundles)),
         spots=spots(camera, bundles),
         surfaces=surface_shapes(camera.prescription),
-        sensor_z_mm=-camera.sensor_distance_mm,
-        sensor_mm=sensor.size_mm,
-        sensor_offset_mm=(sensor.offset_x_mm, sensor.offset_y_mm),
+        sensor_mm=matrix(sensor_corners_mm(camera)),
         fans=ray_fans(camera),
     )
 

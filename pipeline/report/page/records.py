@@ -151,9 +151,7 @@ class Optics:
     charts: tuple[Chart, ...]
     spots: tuple[Spot, ...]
     surfaces: tuple[SurfaceShape, ...]
-    sensor_z_mm: float
-    sensor_mm: tuple[float, float]
-    sensor_offset_mm: tuple[float, float]
+    sensor_mm: Matrix  # corners of the sensor, around it, vision frame
     fans: tuple[RayFan, ...]
 
 

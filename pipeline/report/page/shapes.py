@@ -44,6 +44,14 @@ def matrix(transform: np.ndarray) -> Matrix:
     return tuple(tuple(row) for row in transform.tolist())
 
 
+def sensor_corners_mm(camera: Camera) -> np.ndarray:
+    """Corners of the sensor, one after the other around it, (4, 3) vision frame."""
+    sensor = camera.sensor
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = signs * np.array(sensor.size_mm) / 2 + np.array([sensor.offset_x_mm, sensor.offset_y_mm])
+    return camera.in_vision(np.column_stack([corners, np.full(4, -camera.sensor_distance_mm)]))
+
+
 def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
     """Rays of the centre and of two opposite corners of the sensor, through the main lens alone."""
     tracer, sensor = Tracer(camera), camera.sensor

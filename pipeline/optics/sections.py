@@ -1,0 +1,36 @@
+"""A lens in its vertical plane: points (along the axis from the stop, + towards the sensor; height) [mm]."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import displacements
+
+Section = list[tuple[float, float]]
+
+
+def profiles(prescription: Prescription) -> list[Section]:
+    """Sections of all surfaces where they really stand, drawn as they look from the side."""
+    outlines = []
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    for surface, vertex, motion in placed:
+        heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
+        points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
+        points = points if motion is None else apply(motion, points)
+        outlines.append([(float(z), float(y)) for _, y, z in points])
+    return outlines
+
+
+def elements(prescription: Prescription) -> list[Section]:
+    """Outlines of the lens elements: what lies between two surfaces and is not air."""
+    placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
+    outlines = []
+    for (front, ahead), (_, behind) in pairwise(placed):
+        if front.index != 1:
+            upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
+            top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
+            bottom = [(behind[0][0], lower), (ahead[0][0], lower)]
+            outlines.append([*ahead, *top, *reversed(behind), *bottom])
+    return outlines
