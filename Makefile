@@ -99,6 +99,9 @@ picture: $(STAMP)
 	$(BIN)/pipeline build examples/09_underwater/dataset.usda
 	$(BIN)/python docs/picture.py examples/09_underwater/picture.png \
 		build/09_underwater/frames/0001/Flat.Camera build/09_underwater/frames/0001/Dome.Camera
+	$(BIN)/pipeline build examples/10_fisheye/dataset.usda
+	$(BIN)/python docs/picture.py examples/10_fisheye/picture.png \
+		build/10_fisheye/frames/0001/Rig.Camera --zoom 2
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

@@ -9,7 +9,8 @@ apart in single precision or a pixel outside of the image. So each coefficient's
 residual, too, times `_HELD`. That moves what the rays determine by less than rounding, and keeps the rest near 0.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,9 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 _PLANE = ("fx", "fy", "cx", "cy")
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "taux", "tauy")
 """Coefficients of OpenCV's distortion, in its order."""
+_RANGES = {"alpha": (0.0, 0.5, 1.0), "beta": (0.0, 1.0, math.inf), "xi": (-1.0, 0.0, 1.0)}
+"""Coefficient of a model of spheres -> least, where fits begin, most. They begin at the projection of a sphere from its
+surface; an alpha of 0 is a pinhole."""
 _NEWTON_STEPS = 30
 """Most steps of the inverse of a polynomial: it converges quadratically from the radius without distortion."""
 _INVERTED = 1e-15
@@ -36,7 +40,7 @@ class Model:
     # Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
     # positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.
     project: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    coefficients: tuple[str, ...]  # parameters that are 0 without distortion
+    coefficients: tuple[str, ...]  # parameters that stay at 0, or where `_RANGES` says, if rays do not determine them
     nearest: str | None = None  # a simpler model with the same parameters and fewer, from whose fit this one's starts
 
     def positions(self, p: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
@@ -103,6 +107,27 @@ def _ftheta(p: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.stack([radius * x + cx, radius * y + cy], axis=1)
 
 
+def _eucm(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Khomutenko, Garcia and Martinet 2016, equation 6: the plane behind an ellipsoid, without skew."""
+    alpha, beta = p[4:]
+    across, z = points[:, 0] ** 2 + points[:, 1] ** 2, points[:, 2]
+    return _over(alpha * np.sqrt(beta * across + z * z) + (1 - alpha) * z, p, points)
+
+
+def _double_sphere(p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Usenko, Demmel and Cremers 2018, equations 40 to 42."""
+    xi, alpha = p[4:]
+    across, z = points[:, 0] ** 2 + points[:, 1] ** 2, points[:, 2]
+    shifted = xi * np.sqrt(across + z * z) + z
+    return _over(alpha * np.sqrt(across + shifted * shifted) + (1 - alpha) * shifted, p, points)
+
+
+def _over(depth: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Image positions of points whose x and y count over this depth."""
+    fx, fy, cx, cy = p[:4]
+    return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
+
+
 def _of_opencv(name: str, count: int, consumer: str, nearest: str | None) -> Model:
     coefficients = _COEFFICIENTS[:count]
     parameters = (*CENTRE, *_PLANE, *coefficients)
@@ -143,6 +168,20 @@ _ALL = (
         project=_ftheta,
         coefficients=("k2", "k3", "k4"),
     ),
+    Model(
+        name="eucm",
+        consumer="eucm of Kalibr and Basalt: Khomutenko 2016",
+        parameters=(*CENTRE, *_PLANE, "alpha", "beta"),
+        project=_eucm,
+        coefficients=("alpha", "beta"),
+    ),
+    Model(
+        name="double-sphere",
+        consumer="ds of Kalibr and Basalt: Usenko 2018",
+        parameters=(*CENTRE, *_PLANE, "xi", "alpha"),
+        project=_double_sphere,
+        coefficients=("xi", "alpha"),
+    ),
 )
 MODELS = {model.name: model for model in _ALL}
 """Name -> model, in the order of `pipeline fit --list`."""
@@ -152,7 +191,7 @@ _IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""
 _SETTLED = 1e-15
 """Relative change of parameters or of the sum of squares that ends a fit [1]: a few roundings."""
-_WIDE = "choose a model for wide fields: --model fisheye, kannala-brandt or ftheta"
+_WIDE = "choose a model for wide fields: --model fisheye, kannala-brandt, ftheta, eucm or double-sphere"
 _EVALUATIONS = 400
 """Most evaluations: fits that settle need some tens."""
 _HELD = 1e-5
@@ -209,17 +248,20 @@ def fitted(field: FieldRays, name: str) -> Fit:
         is_behind = model.project is _opencv and (field.rays.direction[:, 2] <= 0).any()
         if is_behind or not np.isfinite(off(start)).all():
             raise FitError(f"no {name} model fits: rays lie behind its centre", hint=_WIDE)
-        parameters = least(off, start, [name in model.coefficients for name in model.parameters])
+        free = (-math.inf, math.nan, math.inf)
+        held = dict.fromkeys(model.coefficients, (-math.inf, 0.0, math.inf)) | _RANGES
+        parameters = least(off, start, np.array([held.get(name, free) for name in model.parameters]))
     residual = off(parameters)
     if not np.isfinite(residual).all():
         raise FitError(f"the fit of {name} does not settle")
     return Fit(model=model, parameters=parameters, residual_px=residual.reshape(2, -1, 2))
 
 
-def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequence[bool]) -> np.ndarray:
+def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ranges: np.ndarray) -> np.ndarray:
     """Parameters with the least sum of squares of `off`, an analytic function of them.
 
-    `held`: parameters that stay near 0 where residuals do not determine them.
+    `ranges`: (m, 3), the least and the most that each may be, and between them where it stays if residuals do not
+    determine it; NaN of free ones.
     """
     from scipy.optimize import least_squares
 
@@ -227,14 +269,17 @@ def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, held: Sequ
         tilted = p + _IMAGINARY * 1j * np.eye(len(p))
         return np.stack([off(row).imag for row in tilted], axis=1) / _IMAGINARY
 
-    bare = np.where(held, 0.0, start)
-    effect = np.diag(_HELD * np.abs(slopes(bare)).max(axis=0))[np.asarray(held)]
+    low, rest, high = ranges.T
+    held = np.isfinite(rest)
+    bare = np.where(held, rest, start)
+    effect = np.diag(_HELD * np.abs(slopes(bare)).max(axis=0))[held]
     tolerances = {"ftol": _SETTLED, "xtol": _SETTLED, "gtol": _SETTLED}
     solution = least_squares(
-        lambda p: np.concatenate([off(p), effect @ p]),
+        lambda p: np.concatenate([off(p), effect @ (p - bare)]),
         start,
         lambda p: np.concatenate([slopes(p), effect]),
-        method="lm",
+        method="trf" if np.isfinite([low, high]).any() else "lm",
+        bounds=(low, high),
         x_scale="jac",
         max_nfev=_EVALUATIONS,
         **tolerances,
@@ -248,5 +293,6 @@ def _start(field: FieldRays, model: Model) -> np.ndarray:
     values = {"centre_z_mm": z_mm, "fx": f, "fy": f, "cx": x, "cy": y}
     if model.nearest is not None:
         values = fitted(field, model.nearest).values
+    values |= {name: rest for name, (_, rest, _) in _RANGES.items()}
     values |= {"kannala-brandt": {"k0": f}, "ftheta": {"k1": 1 / f}}.get(model.name, {})
     return np.array([values.get(name, 0.0) for name in model.parameters])

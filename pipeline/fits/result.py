@@ -47,18 +47,24 @@ def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
     Raises FitError: there is no such model, or it cannot stand for the camera.
     """
     wanted = list(dict.fromkeys(names))
-    if ALL in wanted:
+    if is_all := ALL in wanted:
         wanted = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
     for name in wanted:
         if name not in (*MODELS, THIN_LENS):
             others = [*MODELS, THIN_LENS, ALL]
             hint = did_you_mean(name, others) or f"models: {', '.join(others)}"
             raise FitError(f"there is no model {name!r}", hint=hint)
-    field = field_rays(camera)
+    field, fits = field_rays(camera), list[Fit]()
+    for name in wanted:
+        try:
+            fits += [] if name == THIN_LENS else [fitted(field, name)]
+        except FitError:
+            if not is_all:
+                raise
     return FittedCamera(
         name=camera.name,
         field=field,
-        fits=tuple(fitted(field, name) for name in wanted if name != THIN_LENS),
+        fits=tuple(fits),
         thin=thin_plenoptic(camera) if THIN_LENS in wanted else None,
         pupil=pupil_curve(field),
     )

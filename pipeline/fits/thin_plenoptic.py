@@ -103,8 +103,8 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
         places_mm = positions_mm(p, seen[rows], vertices[rows]) - p[7:9]  # on the sensor, which is shifted
         return np.asarray(origin - places_mm / pitch_mm - wanted[rows])  # as `Tracer.pixels_at`, analytic
 
-    held = [name in ("a0", "a1", "a2") for name in PARAMETERS]
-    parameters = least(lambda p: off(p).ravel(), _start(camera), held)
+    ranges = np.array([(-np.inf, 0.0 if name in ("a0", "a1", "a2") else np.nan, np.inf) for name in PARAMETERS])
+    parameters = least(lambda p: off(p).ravel(), _start(camera), ranges)
     return ThinPlenopticFit(
         parameters=parameters,
         residual_px=off(parameters),

@@ -47,6 +47,39 @@ def test_radii_follow_the_stated_polynomials():
     np.testing.assert_allclose(np.polynomial.Polynomial([0, *b])(x), angle, rtol=0, atol=1e-12)
 
 
+def unprojected(name: str, p: np.ndarray, x_px: np.ndarray) -> np.ndarray:
+    """Directions of image positions, (n, 3), as the papers and the headers of Basalt have them: closed forms."""
+    m = (x_px - p[2:4]) / p[:2]
+    r2 = np.sum(m**2, axis=1)
+    if name == "eucm":
+        alpha, beta = p[4:]
+        z = (1 - alpha**2 * beta * r2) / (alpha * np.sqrt(1 - (2 * alpha - 1) * beta * r2) + 1 - alpha)
+        return np.column_stack([m, z])
+    xi, alpha = p[4:]
+    z = (1 - alpha**2 * r2) / (alpha * np.sqrt(1 - (2 * alpha - 1) * r2) + 1 - alpha)
+    stretch = (z * xi + np.sqrt(z**2 + (1 - xi**2) * r2)) / (z**2 + r2)
+    return stretch[:, None] * np.column_stack([m, z]) - [0.0, 0.0, xi]
+
+
+SPHERES = {
+    # Calibrations of a fisheye of TUM VI and of one of 200 degrees, from the tests of the headers of Basalt
+    "eucm": np.array([191.14799816648748, 191.13150946585135, 254.95857715, 256.88154662, 0.62910608, 1.04180674]),
+    "double-sphere": np.array([402.5, 400.0, 505.0, 509.0, -0.075347, 0.743925]),
+}
+
+
+@pytest.mark.parametrize("name", SPHERES)
+def test_models_of_spheres_invert_the_published_unprojection_also_behind_90_degrees(name):
+    p = SPHERES[name]
+    alpha, beta = (p[4], p[5]) if name == "eucm" else (p[5], 1.0)
+    edge = 1 / np.sqrt((2 * alpha - 1) * beta)  # where the image of either ends
+    radius, azimuth = np.linspace(0.0, 0.99 * edge, 33) * p[0], 2.4 * np.arange(33)
+    x_px = p[2:4] + radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    ways = unprojected(name, p, x_px)
+    assert (ways[:, 2] < 0).any()
+    np.testing.assert_allclose(MODELS[name].project(p, 70.0 * ways), x_px, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_they_are_analytic(name):
     """A complex step gives the derivative that differences give, also of a point on the axis."""

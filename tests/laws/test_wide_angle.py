@@ -11,13 +11,15 @@ from naive.brute import rays_through
 from published.library import prescription
 from tolerances import SIGMAS
 
+from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.fits.field import FitError, field_rays
-from pipeline.fits.fitting import fitted
+from pipeline.fits.fitting import fitted, rms
+from pipeline.fits.result import fit_camera
 from pipeline.results import answers
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.truth.planes import axes_across
@@ -105,6 +107,12 @@ FISHEYES = {
 }
 
 
+@pytest.mark.parametrize("half_mm, codes", [(12.0, []), (24.0, ["image-circle"])])
+def test_the_circle_of_a_fisheye_may_lie_inside_the_sensor_but_not_be_lost_on_it(nikkor, half_mm, codes):
+    sensor = Sensor(width_px=480, height_px=480, pitch_mm=half_mm / 240)
+    assert [doubt.code for doubt in doubts(dataclasses.replace(nikkor.camera, sensor=sensor))] == codes
+
+
 @pytest.mark.parametrize("name", FISHEYES)
 def test_fisheyes_reach_their_stated_field(name):
     stated_deg, distance_mm, half_mm = FISHEYES[name]
@@ -131,3 +139,12 @@ def test_a_model_of_wide_fields_fits_where_a_pinhole_is_refused(nikkor):
     with pytest.raises(FitError, match="behind") as refused:
         fitted(field, "brown")
     assert "kannala-brandt" in str(refused.value.hint)
+
+
+def test_all_models_that_fit_a_fisheye_leave_what_its_wandering_pupil_leaves(nikkor):
+    """At one distance their coefficients explain nearly all of it; a pinhole is none of them."""
+    field = field_rays(nikkor)
+    wide = ("fisheye", "kannala-brandt", "ftheta", "eucm", "double-sphere")
+    fits = fit_camera(nikkor, ["all"]).fits
+    assert tuple(fit.model.name for fit in fits) == wide
+    assert all(3 * rms(fit.at_distance(field, field.between_mm[2])) < fit.rms_px for fit in fits)

@@ -13,6 +13,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.chief_ray import TOO_WIDE, chief_heights
+from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
@@ -27,6 +28,9 @@ _WEAK_F_NUMBER = 100.0
 _TOO_WIDE, _TOO_SMALL, _OVERLAP, _GAPS = 1.25, 0.95, 1.05, 0.55
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images, which may leave gaps: those of a real Raytrix R12 at F/4 are 0.59 of it."""
+_CIRCULAR = 0.5
+"""Share of the way to the corner that light reaches at least behind a lens of a wide field, whose image may be a circle
+inside the sensor: that of 21.6 mm of the Nikkor ends half way on 24 x 36 mm."""
 _ZOOMS = 5
 """Grids, each 4 / `GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
 _HALVINGS = 12
@@ -128,19 +132,21 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
     """Whether light comes to the farthest corner of the sensor, and chief rays to all that a build traces."""
     tracer, corner = Tracer(camera), camera.sensor.farthest_corner_mm
     far = math.hypot(*corner)
-    if not math.isfinite(far) or (_is_lit(tracer, corner) and not camera.microlenses):
+    is_wide = pupil_fan(camera.prescription).is_wide
+    expected = corner * (_CIRCULAR if is_wide else 1)
+    if not math.isfinite(far) or (_is_lit(tracer, expected) and not camera.microlenses):
         return
     what, traced_mm = "the farthest corner", far
     if camera.microlenses:
         what, traced_mm = "the farthest microlens", float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
-    if camera.is_centred:
+    if camera.is_centred and (camera.microlenses or not is_wide):
         crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, np.array([traced_mm]))
         if np.isnan(crossing[0]):
             raise CameraError(
                 f"no ray from {traced_mm:.4g} mm off the axis, {what}, reaches the centre of the aperture stop",
                 hint=TOO_WIDE,
             )
-    if not _is_lit(tracer, corner):
+    if not _is_lit(tracer, expected):
         lit, _ = halved(
             lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
         )
