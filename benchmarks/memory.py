@@ -24,9 +24,9 @@ import numpy as np
 from kept import keep
 
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.engine.running.memory import peak_bytes, reset_peak
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.graph.dataset_graph import graph_of
+from pipeline.machine.facts import peak_bytes, reset_peak
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load, require_dataset
 

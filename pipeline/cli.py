@@ -157,7 +157,7 @@ def print_target(
     allow_root: Roots = None,
 ) -> None:
     """Describe a target, its points and ids; print it in true size."""
-    from pipeline.app.printed_target import artwork
+    from pipeline.app.show import artwork
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
         require_suffix(path, suffix)
@@ -181,7 +181,7 @@ def verify(
     is signed: this finds accidents and mistakes, not forgery.
     """
     from pipeline.app.verify import verify as verdict_on
-    from pipeline.report.certificate import lines_of_verdict
+    from pipeline.report.ending import lines_of_verdict
 
     verdict = verdict_on(out, seed)
     if as_json:

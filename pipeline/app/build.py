@@ -13,7 +13,7 @@ from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import locked
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, Task, TaskGraph
-from pipeline.engine.planning.libraries import installed_version
+from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.project import Project
 from pipeline.engine.running import session
 from pipeline.engine.running.result import Result

@@ -14,12 +14,12 @@ from pathlib import Path
 from pipeline.app.progress import human
 from pipeline.engine.maintenance import limit_from_environment
 from pipeline.engine.options import USUAL
-from pipeline.engine.planning.libraries import installed_version
-from pipeline.engine.running.memory import available_bytes
+from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.store.store import Store, default_root
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.folders import share
 from pipeline.jit.decorators import cache_folder
+from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import level
 
 _NEEDED = (

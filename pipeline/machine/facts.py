@@ -1,14 +1,17 @@
 """Facts about this machine on which the bits of results depend, as its libraries state them. They enter every key.
 
 What can be chosen for a process is chosen by `processor.pin`, equally on all processors of a level. What it cannot
-reach, because a library was loaded before or reads its settings when the process starts, is stated here.
+reach, because a library was loaded before or reads its settings when the process starts, is stated here. So is memory,
+which decides how many tasks run at a time and no bits.
 """
 
+import contextlib
 import ctypes
 import functools
 import json
 import os
 import platform
+import resource
 import subprocess
 import sys
 from collections.abc import Collection
@@ -81,3 +84,38 @@ def _blas() -> str:
                 core.restype = ctypes.c_char_p
                 return f"OpenBLAS {core().decode()}"
     return str(np.show_config("dicts")["Build Dependencies"]["blas"]["name"])  # type: ignore[index, call-overload]
+
+
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+def reset_peak() -> None:
+    """Let `peak_bytes` count from now on, where the system can."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets VmHWM; see proc(5)
+
+
+def peak_bytes() -> int:
+    """Largest resident size of this process so far [bytes]."""
+    peak = _bytes_in(Path("/proc/self/status"), "VmHWM")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit if peak is None else peak
+
+
+def available_bytes() -> int | None:
+    """Available memory [bytes]: the estimate of the system, or less inside a container; None if unknown."""
+    available = _bytes_in(Path("/proc/meminfo"), "MemAvailable")
+    try:
+        limit, used = (int((_CGROUP / name).read_text()) for name in ("memory.max", "memory.current"))
+    except (OSError, ValueError):  # no container, or one without a limit ("max")
+        return available
+    free = max(0, limit - used)
+    return free if available is None else min(free, available)
+
+
+def _bytes_in(path: Path, name: str) -> int | None:
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), None)

@@ -13,8 +13,7 @@ from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
-from pipeline.render.labels.pixels import Asked, labels_of
-from pipeline.render.labels.preview import SHOWN, preview
+from pipeline.render.labels.pixels import SHOWN, Asked, labels_of, preview
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.pixel_rays import Band, Rows

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.report.certificate import lines
+from pipeline.report.ending import certificate_lines
 
 FIGURES = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4}
 
@@ -32,7 +32,7 @@ def test_figures_are_said_once_and_what_they_are() -> None:
     edge = {"from_px": 4, "to_px": None, "rows": 64, **FIGURES}
     kind = {"kind": "direct", "of": 100, "within_claim": 64, **edge}
     for parts, count in (([edge], 3), ([{**edge, "to_px": 5}, edge], 5)):
-        text = lines({"c": {**certificate(True), "by_kind": [kind], "by_distance_from_cell_edge": parts}})
+        text = certificate_lines({"c": {**certificate(True), "by_kind": [kind], "by_distance_from_cell_edge": parts}})
         assert len(text) == count and "between the table and another rule of integration" in text[1]
 
 

@@ -15,8 +15,7 @@ from pipeline.app.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
-from pipeline.report.certificate import failed, lines
-from pipeline.report.points import lines as point_lines
+from pipeline.report.ending import certificate_lines, failed, point_lines
 
 TABLE = "frames/0001/Rig.Camera/correspondences.csv"
 
@@ -29,7 +28,7 @@ def test_a_build_agrees_without_store_and_stage(conventional_build, tmp_path, mo
     verdict = verify(moved, seed=4)
     assert verdict.agrees and verdict.problems == []
     assert verdict.cameras["Rig.Camera"]["rows"] == 12
-    assert "passed" in "\n".join(lines(verdict.cameras)) and not failed(verdict.cameras)
+    assert "passed" in "\n".join(certificate_lines(verdict.cameras)) and not failed(verdict.cameras)
     json.dumps(verdict.to_dict())
 
 
@@ -156,7 +155,7 @@ def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path,
     text = without_method(tiny_text("conventional"))
     stage = stage_of(tmp_path, *lines_of, "uniform double plen:truth:nearestThreshold = 2", text=text)
     result = made(stage, tmp_path / "out", common_store)
-    said = "\n".join(lines(result.certificate))
+    said = "\n".join(certificate_lines(result.certificate))
     assert "no verdict, the method makes no claim" in said and not failed(result.certificate)
 
 
@@ -165,7 +164,9 @@ def test_figures_that_are_not_known_are_printed_as_such():
     dark = dict.fromkeys(("mean_px", "rms_px", "max_px", "own_sigma_px", "claim_px", "passed"))
     kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, **dark}
     whole = {**dark, "rows": 2, "of": 2, "reason": "the method makes no claim", "by_kind": [kind]}
-    assert lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith("certificate of c: no verdict")
+    assert certificate_lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith(
+        "certificate of c: no verdict"
+    )
 
 
 METHODS = {
@@ -228,7 +229,7 @@ def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, common_store):
     assert point_lines(result.points)[-1].startswith("warning: Rig.Camera sees no point in any frame")
     for found in (result.certificate, verify(tmp_path / "out").cameras):
         assert found["Rig.Camera"]["passed"] is None and not failed(found)
-        assert lines(found) == [
+        assert certificate_lines(found) == [
             "certificate of Rig.Camera: nothing to certify: the tables have no row (claim 0.001 px)"
         ]
 

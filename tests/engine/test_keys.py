@@ -16,9 +16,8 @@ from engine import toy
 import pipeline
 from pipeline.engine.digest import canonical, key_of
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.libraries import is_foreign, versions_of
 from pipeline.engine.planning.plan import Specs
-from pipeline.engine.planning.task_code import code_of
+from pipeline.engine.planning.task_code import code_of, is_foreign, versions_of
 from pipeline.engine.store.store import Store
 from pipeline.records.plain import Shared, to_plain
 
@@ -121,7 +120,7 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
-        patch.setattr("pipeline.engine.planning.libraries.installed_version", lambda name: "0.0.1")
+        patch.setattr("pipeline.engine.planning.task_code.installed_version", lambda name: "0.0.1")
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.machine.facts.level", lambda: "z80")

@@ -389,7 +389,7 @@ def lost_workers(bench: Workbench) -> Row:
 
 def _is_worker(pid: int) -> bool:
     try:
-        return b"pipeline.engine.running.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"pipeline.engine.running.engines" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
 

@@ -12,7 +12,7 @@ from files import on_the_spot
 from laws import rigs
 from scipy.spatial import cKDTree
 
-from pipeline.app.importing import import_camera, write_stage
+from pipeline.app.stages import import_camera, write_stage
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.parts.lattice import lattice
 from pipeline.files.lenses.read import read_camera_file

@@ -10,7 +10,7 @@ from files import on_the_spot
 from files.on_the_spot import LENSES, stage_prescription
 from tolerances import NOMINAL_EFL, PRINTED_3_MM
 
-from pipeline.app.importing import import_lens
+from pipeline.app.stages import import_lens
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.stated import axial_blur_mm, figures
 from pipeline.files.lenses.text import UnreadableLens

@@ -7,7 +7,7 @@ import pytest
 from files import on_the_spot
 from files.on_the_spot import LENSES, before, stage_prescription
 
-from pipeline.app.importing import import_lens, write_stage
+from pipeline.app.stages import import_lens, write_stage
 from pipeline.errors import PipelineError
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.table import NAMES

@@ -26,7 +26,7 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
-from pipeline.report.certificate import failed, lines
+from pipeline.report.ending import failed
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import correction, crossing_share, on_target
@@ -223,7 +223,7 @@ def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: boo
 
 def assert_reported(honest: dict, biased: dict) -> None:
     """A failed certificate is printed as failed, with its reason, and fails the build, whatever stands beside it."""
-    passed, not_passed = (lines({"Camera": found})[0] for found in (honest, biased))
+    passed, not_passed = (certificate_lines({"Camera": found})[0] for found in (honest, biased))
     assert "passed" in passed and "FAILED" not in passed
     assert "passed" not in not_passed and f"FAILED, {biased['reason']}" in not_passed
     assert failed({"A": biased}) and failed({"A": honest, "B": biased}) and failed({"A": biased, "B": honest})

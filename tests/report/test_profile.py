@@ -1,6 +1,6 @@
 """Profiles: sums by kind and kernel, shares of all, the share of the limit."""
 
-from pipeline.report.profile import lines, profile
+from pipeline.report.ending import profile, profile_lines
 
 
 def made(cpu_s, **kernels):
@@ -27,11 +27,11 @@ def test_kinds_and_kernels_add_up():
 
 
 def test_the_share_of_the_limit_is_that_of_rays_times_surfaces():
-    told = lines(profile(TASKS), limit_per_s=1e8 / 3)
+    told = profile_lines(profile(TASKS), limit_per_s=1e8 / 3)
     (row,) = (line.split() for line in told if line.startswith("trace"))
     assert row == ["trace", "4", "3.00", "38%", "2e+06", "6.7e+05", "20%"]  # 2e7 crossings in 3 s of 1e8 possible
     assert any(line.split() == ["image", "2", "6.00", "75%", "2e+06", "3.3e+05", "1.00", "GB"] for line in told)
 
 
 def test_nothing_that_ran_is_no_division_by_zero():
-    assert len(lines(profile([]), 1e8)) == 5
+    assert len(profile_lines(profile([]), 1e8)) == 5

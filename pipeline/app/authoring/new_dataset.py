@@ -21,8 +21,7 @@ from pipeline.app.authoring.poses import (
     poses_that_fill,
     predicted,
 )
-from pipeline.app.importing import require_free, unwritten, write_whole
-from pipeline.app.stages import asset_path, chosen, located, sound
+from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_whole
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.records.declared import attributes_of

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.app.importing import require_free, write_whole
-from pipeline.app.stages import asset_path, located, sound
+from pipeline.app.stages import asset_path, located, require_free, sound, write_whole
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
 from pipeline.scene.load import Loaded

@@ -125,7 +125,7 @@ def import_lens(
     surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
     Missing semi-diameters are computed from --f-number and --half-field. All names are in docs/lenses.md.
     """
-    from pipeline.app.importing import import_lens
+    from pipeline.app.stages import import_lens
 
     beam = {"f_number": f_number, "half_field_deg": half_field}
     _deliver(import_lens(file, spacing, apertures=apertures, scenario=scenario, **beam), out)
@@ -138,14 +138,14 @@ def import_camera(
     lens: Annotated[Path | None, _option("FILE.csv", "Lens table for a camera of the Blender add-on.")] = None,
 ) -> None:
     """Write the camera of another program's file as a rig, and report what could not be kept."""
-    from pipeline.app.importing import import_camera
+    from pipeline.app.stages import import_camera
 
     _deliver(import_camera(file, lens), out)
 
 
 def _deliver(imported: Any, out: Path | None) -> None:
     """Print warnings to stderr; print the stage to stdout, or write it to a new file and check it."""
-    from pipeline.app.importing import write_stage
+    from pipeline.app.stages import write_stage
 
     note(*imported.warnings)
     if out is None:

@@ -118,7 +118,7 @@ def build(
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.engine.options import BuildOptions
-    from pipeline.report import certificate, points
+    from pipeline.report.ending import certificate_lines, failed, point_lines
     from pipeline.report.page.diary import Diary
 
     options = BuildOptions(
@@ -149,10 +149,10 @@ def build(
         raise
     _say_result(result, as_json=as_json, profile=profile)
     is_told, cameras = quiet <= verbose, result.certificate or {}
-    note(*(points.lines(result.points or {}) if is_told else ()))
+    note(*(point_lines(result.points or {}) if is_told else ()))
     _write_report(result, options, diary, is_wanted=not no_report, is_told=is_told)
-    is_refuted = certificate.failed(cameras)
-    note(*(certificate.lines(cameras) if is_refuted or is_told else ()))
+    is_refuted = failed(cameras)
+    note(*(certificate_lines(cameras) if is_refuted or is_told else ()))
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
@@ -176,18 +176,18 @@ def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
         say(*(result.out / file for file in (("",) if result.asked is None else result.asked)))
     if profile:
         from pipeline.optics.kernels import crossings_per_second
-        from pipeline.report.profile import lines
+        from pipeline.report.ending import profile_lines
 
         times = _profile(result)
         if not times["now"]:
             note("nothing had to run; this is what the tasks took when they ran:")
-        note(*lines(times, crossings_per_second()))
+        note(*profile_lines(times, crossings_per_second()))
 
 
 def _profile(result: Any) -> dict[str, Any]:
     """The profile of the tasks that ran now; if none ran, the recorded one of all tasks."""
     from pipeline.engine.records import fields_of
-    from pipeline.report.profile import profile
+    from pipeline.report.ending import profile
 
     known = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
     ran = [task for task in known if task.state == "executed"]
@@ -234,7 +234,7 @@ def run_task(
     """Run single tasks from their files in this process, to repeat a failure or as jobs of a batch system."""
     from pipeline.app.build import TASKS
     from pipeline.engine.interrupts import Interrupts
-    from pipeline.engine.running.run_task import run_task as run
+    from pipeline.engine.running.session import run_task as run
     from pipeline.engine.store.store import Store
 
     store = Store(warn=note)

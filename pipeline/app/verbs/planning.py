@@ -139,8 +139,7 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     """Print the plan of a build with these `BuildOptions`; whether there is work to do."""
     from pipeline.app.build import project as project_made_of
     from pipeline.engine.planning.explain import describe
-    from pipeline.engine.running.run_task import write_specs
-    from pipeline.engine.running.session import forecast_of, plan_of
+    from pipeline.engine.running.session import forecast_of, plan_of, write_specs
     from pipeline.graph.sizes import assumed_cost, size
 
     project = project_made_of(stage, out, options.allow_roots, preview=options.preview)

@@ -14,8 +14,8 @@ from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Record, Reply, Spec, TaskResult
 from pipeline.engine.running.engines import Engine, Inline, Job, Processes
 from pipeline.engine.running.execute import failed
-from pipeline.engine.running.memory import available_bytes
 from pipeline.engine.store.store import Store
+from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import pin
 
 MAX_DEATHS = 3

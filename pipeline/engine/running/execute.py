@@ -22,10 +22,10 @@ from typing import Any
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.planning.task_code import cached_parsing, check_kind, code_of, edited, module_of
 from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
-from pipeline.engine.running.memory import peak_bytes, reset_peak
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.jit.work import work
+from pipeline.machine.facts import peak_bytes, reset_peak
 from pipeline.machine.processor import settings
 from pipeline.records.plain import from_plain
 

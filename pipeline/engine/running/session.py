@@ -1,4 +1,4 @@
-"""A build session: run the graph of a project, deliver its files, report what happened."""
+"""A build session: run the graph of a project, deliver its files, report what happened; or run one task from a file."""
 
 import contextlib
 import dataclasses
@@ -10,8 +10,10 @@ import random
 import time
 from collections import ChainMap
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
+from pipeline.engine.digest import DIGEST
 from pipeline.engine.events import Begun, warner
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.maintenance import collect, limit_from_environment
@@ -23,8 +25,10 @@ from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, for
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection
+from pipeline.engine.records import Reply, Spec, as_json
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
+from pipeline.engine.running.execute import perform
 from pipeline.engine.running.notes import costs_of_others, history_of, keep_history
 from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
@@ -32,6 +36,7 @@ from pipeline.engine.store.store_folder import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
 from pipeline.jit.decorators import cache_folder
+from pipeline.records.plain import from_plain
 
 
 def build(
@@ -248,3 +253,43 @@ def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
     if size > limit:
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")
     return size
+
+
+def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
+    """Write 0.json, 1.json, … for all tasks that can run now, in place of older ones; UsageError if one is no spec."""
+    folder.mkdir(parents=True, exist_ok=True)
+    old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]
+    for path in old:
+        _read(path)
+    for path in old:
+        path.unlink()
+    specs = [task.spec for task in planned if task.state == "run" and task.spec is not None]
+    paths = [folder / f"{number}.json" for number in range(len(specs))]
+    for path, spec in zip(paths, specs, strict=True):
+        path.write_bytes(as_json(spec) + b"\n")
+    return paths
+
+
+def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> Reply:
+    """Bring the result of one task into the store; UsageError if the file is not a spec, or was altered."""
+    spec = _read(path)
+    with store.in_use():
+        (reply,) = perform([replace(spec, force=force)], store, packages)
+    return reply
+
+
+def _read(path: Path) -> Spec:
+    hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
+    try:
+        spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))
+        key, names = spec.components.key, [spec.name, spec.components.kind]
+        is_spec = {*map(type, names)} == {str} and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        is_spec = False
+    if not is_spec:
+        raise UsageError(f"{path} is not the spec of a task", hint=hint)
+    if key != spec.key:
+        raise UsageError(f"{path} was altered: its key does not match its content", hint=hint)
+    return spec

@@ -1,0 +1,191 @@
+"""The end of a build in lines for a terminal: certificates, seen points, and where the time went."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from pipeline.channel_names import without_state
+from pipeline.files.jsonfile import Json
+from pipeline.spelling import frames_in_words
+
+_LEGEND = "  rows        mean px    rms px     max px     between the table and another rule of integration"
+"""What the figures are: lengths of the differences, and which rows they are of."""
+
+
+def certificate_lines(cameras: dict[str, Json]) -> list[str]:
+    """A verdict per camera, and its differences: of all rows solved again, and of parts by method and distance."""
+    text = []
+    for name, certificate in sorted(cameras.items()):
+        claim = "no claim" if certificate["claim_px"] is None else f"claim {certificate['claim_px']:g} px"
+        text.append(f"certificate of {name}: {_verdict(certificate)} ({claim})")
+        if not certificate["of"]:
+            continue
+        kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in certificate["by_kind"] if part["rows"]]
+        edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
+        own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
+        whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
+        text += [_LEGEND, *(_row(*part) for part in ((certificate, whole), *kinds, *(edges if len(edges) > 1 else ())))]
+    return text
+
+
+def lines_of_verdict(verdict: Json) -> list[str]:
+    """Certificates, what speaks against the build, and the verdict, from what `verify --json` prints."""
+    agreement = "agrees" if verdict["agrees"] else "DISAGREES"
+    return [*certificate_lines(verdict["cameras"]), *verdict["problems"], agreement]
+
+
+def _row(part: Json, name: str) -> str:
+    of = f"of {part['of']:<6d}" if part.get("of") else " " * 9
+    return f"  {part['rows']:4d} {of}{_figures(part)}  {name}"
+
+
+def _distance(part: Json) -> str:
+    end = "px and more" if part["to_px"] is None else f"to {part['to_px']:g} px"
+    return f"{part['from_px']:g} {end} inside the edge of the cell or image"
+
+
+def _kept(part: Json) -> str:
+    return "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
+
+
+def failed(cameras: dict[str, Json] | None) -> bool:
+    """Whether a camera cannot show the accuracy that it claims."""
+    return any(certificate["passed"] is False for certificate in (cameras or {}).values())
+
+
+def _verdict(certificate: Json) -> Any:
+    if not certificate["of"]:
+        return certificate["reason"]
+    if certificate["passed"] is None:
+        return f"no verdict, {certificate['reason']}"
+    return "passed" if certificate["passed"] else f"FAILED, {certificate['reason']}"
+
+
+def _figures(part: Json) -> str:
+    return "  ".join(
+        "      -  " if part[name] is None else f"{part[name]:.3e}" for name in ("mean_px", "rms_px", "max_px")
+    )
+
+
+_ROWS = 20
+"""A table of more frames is no table that anybody reads: its columns are summarised."""
+_Column = tuple[str, str]
+_Seen = dict[_Column, dict[int, int]]
+
+
+def point_lines(cameras: dict[str, Json]) -> list[str]:
+    """A table with a row per frame and a column per camera, in all its states, and target; and what frames are blank.
+
+    Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
+    """
+    numbers = sorted({row["frame"] for points in cameras.values() for row in points["frames"]})
+    seen, of = dict[_Column, dict[int, int]](), dict[_Column, int]()
+    for camera, points in sorted(cameras.items()):
+        for target in sorted(points["of"]):
+            column = without_state(camera), target
+            seen.setdefault(column, {}).update({row["frame"]: row["seen"][target] for row in points["frames"]})
+            of[column] = points["of"][target]
+    if not seen or not numbers:
+        return []
+    text = _table(numbers, seen, of) if len(numbers) <= _ROWS else _summary(numbers, seen, of)
+    return [*text, *_blank(cameras)]
+
+
+def _table(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
+    heads = [f"{camera} {target}" for camera, target in seen]
+    width = max(5, *(len(str(number)) for number in numbers))
+    text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
+    for number in numbers:
+        cells = (f"{counts[number]} of {of[key]}" if number in counts else "" for key, counts in seen.items())
+        padded = (f"{cell:<{len(head)}}" for cell, head in zip(cells, heads, strict=True))
+        text.append(f"  {number:>{width}}  {'  '.join(padded).rstrip()}")
+    return text
+
+
+def _summary(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
+    text = [f"points seen in {len(numbers)} frames:"]
+    for (camera, target), counts in seen.items():
+        values = sorted(counts.values())
+        whole = sum(value == of[camera, target] for value in values)
+        fewest = min(counts, key=lambda number: (counts[number], number))
+        text.append(
+            f"  {camera} {target}: all {of[camera, target]} in {whole} frames; median {values[len(values) // 2]};"
+            f" fewest {counts[fewest]}, in frame {fewest}"
+        )
+    return text
+
+
+def _blank(cameras: dict[str, Json]) -> list[str]:
+    text = []
+    for camera, points in sorted(cameras.items()):
+        blank = [row["frame"] for row in points["frames"] if not row["rows"]]
+        if blank:
+            which = "any frame" if len(blank) == len(points["frames"]) else frames_in_words(blank)
+            text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")
+    return text
+
+
+_SUMS = ("count", "seconds", "rays", "crossings")
+"""Fields that are summed; of `peak_bytes` the largest counts."""
+
+
+def profile(tasks: Iterable[tuple[str, Json]]) -> Json:
+    """Sum what tasks took, by their kinds and records: `kinds` and `kernels`, rows with the dearest first.
+
+    Seconds of the processor: all `cpu_seconds`, `loading_seconds` for compiled code, `other_seconds` outside kernels.
+    """
+    kinds, kernels = dict[str, Json](), dict[str, Json]()
+    total = loading = 0.0
+    for kind, run in tasks:
+        total, loading = total + run["cpu_seconds"], loading + run["loading_seconds"]
+        rays, crossings = (
+            sum(calls.get(name, 0) for calls in run["kernels"].values()) for name in ("rays", "crossings")
+        )
+        _add(kinds, kind, {**run, "count": 1, "seconds": run["cpu_seconds"], "rays": rays, "crossings": crossings})
+        for name, calls in run["kernels"].items():
+            _add(kernels, name, {**calls, "count": calls.get("calls", 0)})
+    within = sum(row["seconds"] for row in kernels.values())
+    facts = {"cpu_seconds": total, "loading_seconds": loading, "other_seconds": max(0.0, total - loading - within)}
+    return {**facts, "kinds": _dearest_first(kinds), "kernels": _dearest_first(kernels)}
+
+
+def _add(rows: dict[str, Json], name: str, costs: Json) -> None:
+    """Add the costs of one task or kernel; fields that it does not have are 0."""
+    row = rows.setdefault(name, {"name": name, "count": 0, "seconds": 0.0, "rays": 0, "crossings": 0, "peak_bytes": 0})
+    for key in _SUMS:
+        row[key] += costs.get(key, 0)
+    row["peak_bytes"] = max(row["peak_bytes"], costs.get("peak_bytes", 0))
+
+
+def _dearest_first(rows: dict[str, Json]) -> list[Json]:
+    return sorted(rows.values(), key=lambda row: (-row["seconds"], row["name"]))
+
+
+def profile_lines(costs: Json, limit_per_s: float) -> list[str]:
+    """Two tables of the result of `profile`, for people.
+
+    The limit is `crossings_per_second`: crossings of spheres per second and core that roots and divisions allow.
+    """
+    total = costs["cpu_seconds"]
+    text = [f"{'task kind':<18}{'tasks':>7}{'CPU s':>10}{'share':>8}{'rays':>10}{'rays/s':>10}{'memory':>10}"]
+    text += [_line(row, total, lambda row: f"{row['peak_bytes'] / 1e9:.2f} GB") for row in costs["kinds"]]
+    text += [f"{'kernel':<18}{'calls':>7}{'CPU s':>10}{'share':>8}{'rays':>10}{'rays/s':>10}{'of limit':>10}"]
+    text += [_line(row, total, lambda row: _of_limit(row, limit_per_s)) for row in costs["kernels"]]
+    for name, words in (("loading_seconds", "loading, compiling"), ("other_seconds", "outside kernels")):
+        text.append(f"{words:<18}{'':>7}{costs[name]:>10.2f}{_share(costs[name], total):>8}")
+    text.append(f"limit: {limit_per_s:.3g} rays times surfaces per second and core, by roots and divisions alone")
+    return text
+
+
+def _line(row: Json, total: float, last: Callable[[Json], str]) -> str:
+    seconds, rays = row["seconds"], row["rays"]
+    figures = f"{row['name']:<18}{round(row['count']):>7,}{seconds:>10.2f}{_share(seconds, total):>8}"
+    shown = f"{rays:>10.2g}{rays / seconds:>10.2g}" if rays and seconds > 0 else f"{'':>20}"
+    return f"{figures}{shown}{last(row):>10}".rstrip()
+
+
+def _share(seconds: float, total: float) -> str:
+    return f"{seconds / total:.0%}" if total > 0 else "-"
+
+
+def _of_limit(row: Json, limit_per_s: float) -> str:
+    return f"{row['crossings'] / row['seconds'] / limit_per_s:.0%}" if row["crossings"] and row["seconds"] > 0 else ""
