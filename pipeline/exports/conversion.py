@@ -43,8 +43,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
-    if record.centre is Centre.CENTRAL:
-        facts["central_models"] = {camera.name: asdict(camera.image_model) for camera in material.cameras}
+    if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
+        facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)
     others = ("cameras", "least_cameras", "targets", "reads", "files", "models")
     conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
@@ -67,22 +67,28 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
 
 
 def with_central_models(material: Material, record: Format) -> Material:
-    """A material with the central models of its cameras, and with poses to their centres, if a format states these.
+    """A material with the central models of its cameras, and with poses to their centres, if a format states these, or
+    knows models for cameras that no pinhole fits.
 
     Raises ExportError: none fits a camera.
     """
-    if record.centre is not Centre.CENTRAL:
+    is_needed = {camera.name: record.centre is Centre.CENTRAL or not camera.pinhole for camera in material.cameras}
+    if not record.models or not any(is_needed.values()):
         return material
     from pipeline.exports.central import central_model  # loads the tracer
 
-    models = {camera.name: central_model(camera, record.models) for camera in material.cameras}
+    of_cameras = [camera for camera in material.cameras if is_needed[camera.name]]
+    models = {camera.name: central_model(camera, record.models) for camera in of_cameras}
     views = []
     for view in material.views:
+        if view.camera not in models:
+            views.append(view)
+            continue
         to_centre, poses = rigid(np.eye(3), -models[view.camera].centre_mm), view.built.poses
         from_target = to_centre @ poses.camera_from_target[view.target]
         world = to_centre @ poses.camera_from_world
         views.append(replace(view, camera_from_target=from_target, camera_from_world=world))
-    cameras = tuple(replace(camera, central=models[camera.name]) for camera in material.cameras)
+    cameras = tuple(replace(camera, central=models.get(camera.name)) for camera in material.cameras)
     return replace(material, cameras=cameras, views=tuple(views))
 
 

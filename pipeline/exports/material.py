@@ -86,11 +86,11 @@ class StatedPose:
 class CentralModel:
     """A projection through one centre that stands for the whole image of a camera; `central` makes it."""
 
-    name: str  # brown, fisheye or rational, as `pipeline fit` has them
+    name: str  # brown or a model with fx, fy, cx, cy, as `pipeline fit` has them
     centre_mm: np.ndarray  # (3,), centre of projection, vision frame
     focal_px: np.ndarray  # (2,), fx and fy
     principal_point_px: np.ndarray  # (2,)
-    coefficients: np.ndarray  # 5, 4 or 8, in OpenCV's order
+    coefficients: np.ndarray  # in the order of `pipeline fit`
     # Residual of the rays of the image
     rms_px: float
     max_px: float

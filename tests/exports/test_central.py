@@ -12,6 +12,7 @@ import yaml
 from exports import maps
 from exports.pretended import board_mm, same, write_manifest, write_target
 from exports.readers import seen_by_nerfstudio
+from fits.test_models import SPHERES, unprojected
 
 from pipeline.exports import export
 from pipeline.exports.central import central_model
@@ -66,6 +67,27 @@ RATIONAL = Wide(
     cv2.projectPoints,
     cv2.undistortPoints,
 )
+
+
+@dataclass
+class Sphere:
+    """A camera of 230 degrees that is a model of spheres, by its published unprojection."""
+
+    name: str
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Of `test_models`, before this image."""
+        fx, _, _, _, *bent = SPHERES[self.name]
+        return np.array([70 * fx / SPHERES["eucm"][0], 70 * fx / SPHERES["eucm"][0], 161.25, 118.5, *bent])
+
+    def rays(self, x_px, y_px):
+        ahead = unprojected(self.name, self.parameters, np.column_stack([x_px, y_px]))
+        return maps.lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM + 0 * ahead, ahead)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        return FISHEYE.pixels
 
 
 @pytest.fixture(params=[FISHEYE, RATIONAL], ids=lambda wide: wide.name)
@@ -131,6 +153,16 @@ def test_nerfstudio_knows_the_fisheye_alone_and_poses_lead_to_its_centre(exporte
     seen = FISHEYE.project(ahead[:, None], np.zeros(3), np.zeros(3), matrix, np.array([frame[f"k{i}"] for i in "1234"]))
     if wide is FISHEYE:
         same(seen[0][:, 0], wide.pixels, FITTED_PX[wide.name])
+
+
+@pytest.mark.parametrize("wide", [Sphere("eucm"), Sphere("double-sphere")], indirect=True, ids=lambda wide: wide.name)
+def test_kalibr_has_the_model_of_spheres_behind_90_degrees(exported, wide):
+    """ConfigReader.py of Kalibr: [alpha, beta, fu, fv, pu, pv] of eucm, [xi, alpha, fu, fv, pu, pv] of ds."""
+    camera = yaml.safe_load((exported("kalibr") / "camchain.yaml").read_text())["cam0"]
+    assert camera["camera_model"] == {"eucm": "eucm", "double-sphere": "ds"}[wide.name]
+    assert (camera["distortion_model"], camera["distortion_coeffs"]) == ("none", [])
+    focal_and_centre, bent = np.split(wide.parameters, [4])
+    np.testing.assert_allclose(camera["intrinsics"], [*bent, *focal_and_centre], rtol=1e-5)
 
 
 def test_a_pinhole_that_leaves_next_to_nothing_asks_for_no_rays(output, tmp_path, monkeypatch):

@@ -47,8 +47,9 @@ def test_radii_follow_the_stated_polynomials():
     np.testing.assert_allclose(np.polynomial.Polynomial([0, *b])(x), angle, rtol=0, atol=1e-12)
 
 
+@np.errstate(invalid="ignore")
 def unprojected(name: str, p: np.ndarray, x_px: np.ndarray) -> np.ndarray:
-    """Directions of image positions, (n, 3), as the papers and the headers of Basalt have them: closed forms."""
+    """Directions of image positions, (n, 3), in the closed form of the papers and of Basalt; NaN: none."""
     m = (x_px - p[2:4]) / p[:2]
     r2 = np.sum(m**2, axis=1)
     if name == "eucm":

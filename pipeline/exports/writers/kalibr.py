@@ -12,15 +12,16 @@ import numpy as np
 from pipeline.exports.filestorage import yaml_real
 from pipeline.exports.material import ExportCamera, ExportTarget, Material
 from pipeline.files.tables import write_table
-from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Rotation, Targets, Unit
+from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Reads, Rotation, Targets, Unit
 from pipeline.motion import Shutter
 
 FORMAT = Format(
     consumer="Kalibr",
-    note="Kalibr itself does not read corners.csv",
+    note="Kalibr itself does not read corners.csv; eucm or ds where no pinhole fits",
     source="proof: ConfigReader.py of ethz-asl/kalibr 1f60227. Read: GridCalibrationTarget*, RollingShutter.hpp",
     cameras=Cameras.CONVENTIONAL,
     targets=Targets.ONE,
+    reads=frozenset({Reads.CORNERS, Reads.RAYS}),
     files=("target.yaml", "camchain.yaml", "corners.csv"),
     origin=Origin.ZERO,
     board=Board.KALIBR,
@@ -28,8 +29,11 @@ FORMAT = Format(
     centre=Centre.ROWS,
     rotation=Rotation.MATRIX,
     unit=Unit.M,
+    models=("eucm", "double-sphere"),
 )
 
+_MODELS = {"eucm": "eucm", "double-sphere": "ds"}
+"""Model of ours -> camera_model, whose intrinsics begin with the coefficients, in our order."""
 _LEAST = 3
 """Rows and columns that Kalibr asks of a checkerboard at least."""
 
@@ -81,12 +85,19 @@ def _chain(material: Material) -> Iterator[str]:
 
 
 def _camera(camera: ExportCamera) -> Iterator[str]:
-    *intrinsics, k1, k2, p1, p2, k3 = camera.opencv
-    yield "camera_model: pinhole"
-    if k3:
-        yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
-    yield "distortion_model: radtan"
-    yield f"distortion_coeffs: [{', '.join(map(yaml_real, [k1, k2, p1, p2]))}]"
+    if model := camera.central:
+        yield f"camera_model: {_MODELS[model.name]}"
+        yield f"# no pinhole fits; residual of the rays of the image: {model.rms_px:.3g} px rms"
+        bent, distortion = "none", list[float]()
+        intrinsics = [*model.coefficients.tolist(), *model.focal_px.tolist(), *model.principal_point_px.tolist()]
+    else:
+        *intrinsics, k1, k2, p1, p2, k3 = camera.opencv
+        yield "camera_model: pinhole"
+        if k3:
+            yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
+        bent, distortion = "radtan", [k1, k2, p1, p2]
+    yield f"distortion_model: {bent}"
+    yield f"distortion_coeffs: [{', '.join(map(yaml_real, distortion))}]"
     yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
