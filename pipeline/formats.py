@@ -214,32 +214,22 @@ class Format(Convention):
         `targets`: how many there are.
         """
         every = sorted({number for numbers in frames.values() for number in numbers})
-        of_cameras = {
-            "<camera>": {name: name for name in cameras},
-            "<plenoptic camera>": {name: name for name, is_plenoptic in cameras.items() if is_plenoptic},
-            "<camera6>": {f"{number:06d}": name for number, name in enumerate(cameras)},
-        }
-        others = {
-            "<pair>": [f"{first}-{second}" for first, second in pairs(cameras, frames)],
-            "<target6>": [f"{number:06d}" for number in range(targets)],
+        fillings: dict[str, dict[str, Sequence[int]]] = {  # what stands for a word, with the frames that it has
+            "<pair>": {f"{first}-{second}": every for first, second in pairs(cameras, frames)},
+            "<target6>": {f"{number:06d}": every for number in range(targets)},
+            "<camera>": {name: frames[name] for name in cameras},
+            "<plenoptic camera>": {name: frames[name] for name, is_plenoptic in cameras.items() if is_plenoptic},
+            "<camera6>": {f"{number:06d}": frames[name] for number, name in enumerate(cameras)},
         }
         paths = {SIDE_CAR}
         for pattern in self.files:
-            filled = [(pattern, every)]
-            for word, named in of_cameras.items():
+            filled: dict[str, Sequence[int]] = {pattern: every}
+            for word, texts in fillings.items():
                 if word in pattern:
-                    filled = [(pattern.replace(word, text), [*frames[name]]) for text, name in named.items()]
-            files = [path for path, _ in filled]
-            if "<frame" in pattern:
-                files = [
-                    path.replace("<frame>", f"{number:04d}").replace("<frame6>", f"{number:06d}")
-                    for path, numbers in filled
-                    for number in numbers
-                ]
-            for word, values in others.items():
-                if word in pattern:
-                    files = [path.replace(word, value) for path in files for value in values]
-            paths.update(files)
+                    filled = {path.replace(word, text): texts[text] for path in filled for text in texts}
+            for path, numbers in filled.items():
+                for number in numbers if "<frame" in path else [0]:
+                    paths.add(path.replace("<frame>", f"{number:04d}").replace("<frame6>", f"{number:06d}"))
         return sorted(paths)
 
 

@@ -17,7 +17,7 @@ def pipeline(cache, in_this_process):
 @pytest.fixture
 def record(store):
     """One result of 9 bytes."""
-    return store.put_record(toy.record("ab" * 32, a=store.put_bytes(b"nine byte")))
+    return store.put_record(toy.record("ab" * 32, a=toy.put(store, b"nine byte")))
 
 
 def test_path_and_info(pipeline, cache, record):

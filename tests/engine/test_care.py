@@ -23,7 +23,7 @@ def filled(store: Store, count: int) -> list[str]:
     """Records with a blob of 1000 bytes each, used in the order of their names."""
     keys = [f"{number:064x}" for number in range(count)]
     for number, key in enumerate(keys):
-        entry = store.put_bytes(bytes([number]) * 1000)
+        entry = toy.put(store, bytes([number]) * 1000)
         store.put_record(toy.record(key, a=entry))
         os.utime(store.path("record", key), (1000 + number, 1000 + number))
     return keys
@@ -54,8 +54,8 @@ def test_a_dry_run_says_what_would_go_and_removes_nothing(store):
 
 def test_blobs_that_nothing_refers_to_go_and_shared_ones_stay(store):
     filled(store, 1)
-    store.put_bytes(b"orphan")
-    store.put_record(toy.record("f" * 64, b=store.put_bytes(bytes(1000))))
+    toy.put(store, b"orphan")
+    store.put_record(toy.record("f" * 64, b=toy.put(store, bytes(1000))))
     done = collect(store, 10**9)
     assert (done.records, done.blobs, done.bytes) == (0, 1, len(b"orphan"))
     assert store.record("f" * 64) and store.record("0" * 64)

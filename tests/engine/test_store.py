@@ -26,7 +26,7 @@ KEY = "ab" * 32
 
 @pytest.fixture
 def record(store):
-    entry = store.put_bytes(b"some bytes")
+    entry = toy.put(store, b"some bytes")
     return store.put_record(toy.record(KEY, **{"a.txt": entry}))
 
 
@@ -153,7 +153,7 @@ def test_an_empty_folder_or_one_that_was_hardly_begun_becomes_a_store(tmp_path, 
     root.mkdir()
     for name in left:
         (root / name).mkdir(parents=True)
-    Store(root).put_bytes(b"x")
+    toy.put(Store(root), b"x")
     assert Store(root).size() == 1
 
 

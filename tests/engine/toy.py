@@ -6,6 +6,7 @@ from pathlib import Path
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
 from pipeline.engine.records import Blob, Components, Record
+from pipeline.engine.store.store import Store
 
 KIT = Path(__file__).parent / "toykit"
 FAULTY = {"fail", "flaky", "full", "hungry", "killed", "linked", "meddled", "noisy", "probe", "slow"}
@@ -40,6 +41,13 @@ def record(key: str, **outputs: Blob) -> Record:
     """A record of no task of ours."""
     none = Components(kind="none", code="", libraries={}, machine={}, params={}, inputs={})
     return Record(key=key, outputs=outputs, components=none)
+
+
+def put(store: Store, data: bytes) -> Blob:
+    """A blob of some bytes."""
+    path = store.new_path()
+    path.write_bytes(data)
+    return store.put_file(path)
 
 
 def bare(graph: TaskGraph, out: Path) -> Project:

@@ -73,14 +73,6 @@ class Store(StoreFolder):
 
     # Blobs
 
-    def put_bytes(self, data: bytes) -> Blob:
-        """Store bytes; returns what all others refer to them by."""
-        digest = hashlib.sha256(data).hexdigest()
-        blob = Blob(sha256=digest, size=len(data))
-        if not self.is_whole(blob):
-            self._write(self.path("blob", digest), data)
-        return blob
-
     def put_file(self, path: Path) -> Blob:
         """Store a file of a task: hashed in pieces, then moved, or copied if it has other names."""
         facts = path.lstat()
