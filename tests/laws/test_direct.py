@@ -26,7 +26,7 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
-from pipeline.report.ending import failed
+from pipeline.report.ending import certificate_lines, failed
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import correction, crossing_share, on_target
