@@ -11,6 +11,7 @@ from naive.brute import rays_through
 from published.library import prescription
 from tolerances import SIGMAS
 
+from pipeline.app.authoring.poses import CameraField, Wish, poses_that_fill
 from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -20,8 +21,11 @@ from pipeline.camera.tracer import Tracer
 from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import fitted, rms
 from pipeline.fits.result import fit_camera
+from pipeline.frames import apply
 from pipeline.results import answers
 from pipeline.results.ready_camera import ReadyCamera
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 from pipeline.truth.planes import axes_across
 
 PIN_MM = 1e-3
@@ -120,6 +124,23 @@ def test_fisheyes_reach_their_stated_field(name):
     pupil_mm = pupil_fan(camera.camera.prescription).z_mm[-1]
     points, normals = at_angles([0.499 * stated_deg], pupil_mm, 1e5)
     assert camera.project(points, normals).fates == (answers.Fate.SEEN,)
+
+
+def test_new_poses_stand_around_a_fisheye_and_face_it(nikkor):
+    """Their tilt is from the chief ray of their middle; some points are farther than 90 degrees off the axis."""
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=20.0))
+    wish = Wish(count=6, blur_px=4.0, least_seen=0.6)
+    field = CameraField(camera=nikkor.camera, target=board, wish=wish, vision_from_first=np.eye(4))
+    fan, angles, (near, far) = pupil_fan(nikkor.camera.prescription), [], field.depth_mm
+    for pose in poses_that_fill([field]):
+        centre, front = pose.vision_from_target[:3, 3], pose.vision_from_target[:3, 2]
+        angle = fan.angle_rad[np.argmax(fan.past_mm(centre[None])[0] <= 0)]
+        way = np.append(np.sin(angle) * centre[:2] / np.hypot(*centre[:2]), np.cos(angle))
+        assert np.degrees(np.arccos(-front @ way)) == pytest.approx(pose.tilt_deg, abs=0.5)
+        assert near < pose.away_mm < far
+        points = apply(pose.vision_from_target, board.points().position_mm)[np.isfinite(pose.seen_px[0, :, 0])]
+        angles.extend(np.degrees(fan.angle_rad[np.argmax(fan.past_mm(points) <= 0, axis=1)]))
+    assert max(angles) > 95 and min(angles) < 30
 
 
 def test_through_the_centre_of_a_ball_light_goes_straight():

@@ -219,13 +219,13 @@ def _scaled(target: Any, scale: float) -> Any:
 
 def _comment(pose: BoardPose) -> str:
     middle = np.nanmean(pose.seen_px[0], axis=0)
-    where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.vision_from_target[2, 3]:.1f} mm away"
+    where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.away_mm:.1f} mm away"
     return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.seen} of {pose.seen_px.shape[1]} points"
 
 
 def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:
     """Lines that tell what the poses fill, and what a calibration by them will know."""
-    depths, tilts = [float(pose.vision_from_target[2, 3]) for pose in poses], [pose.tilt_deg for pose in poses]
+    depths, tilts = [pose.away_mm for pose in poses], [pose.tilt_deg for pose in poses]
     lines = [
         f"middles of the target {min(depths):.1f} to {max(depths):.1f} mm before the stop,"
         f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"

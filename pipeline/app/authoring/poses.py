@@ -1,5 +1,7 @@
 """Poses of a target that fill the field of view and the depth of field of cameras, by their real lenses.
 
+Before a lens that sees beside itself, targets stand around it and face it; depths count along rays.
+
 Where the middle of the target goes, how deep, how far and about which axis it is tilted come from one sequence of
 Halton, so that few poses already spread over all of them. Of several cameras each has its turn: a pose is drawn in the
 image of one of them, and all have to see it. A pose that shows too little of the target is moved towards the middle of
@@ -22,14 +24,15 @@ from pipeline.camera.figures.outlook import covered_mm
 from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.errors import UsageError
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.targets.target import AnyTarget
-from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.direct.direct_rows import guesses, planes_of_rays, solve
 from pipeline.truth.planes import tangent_planes
 
 _DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
@@ -79,11 +82,13 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardPose:
-    """A pose of a target in the vision frame of the first camera, its angle to the image plane of the camera in whose
-    image it was drawn, and image positions of its points in all cameras, (cameras, n, 2); NaN: not seen.
+    """A pose of a target in the vision frame of the first camera, with the depth of its middle there, its angle to the
+    image plane of the camera in whose image it was drawn, or to the plane across its ray if that is wide, and image
+    positions of its points in all cameras, (cameras, n, 2); NaN: not seen.
     """
 
     vision_from_target: np.ndarray
+    away_mm: float
     tilt_deg: float
     seen_px: np.ndarray
 
@@ -139,6 +144,11 @@ class CameraField:
         return first_order(self.camera.prescription).entrance_pupil.z_mm
 
     @cached_property
+    def is_wide(self) -> bool:
+        """Whether targets stand on a sphere about the lens, which sees beside it, and not on planes."""
+        return pupil_fan(self.camera.prescription).is_wide
+
+    @cached_property
     def principal_distance_px(self) -> float:
         """Principal distance of the paraxial pinhole."""
         return self.camera.sensor.width_px / covered_mm(self.camera, self.pupil_mm + 1.0)[0]
@@ -172,13 +182,24 @@ class CameraField:
         """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
         focus_mm = middle_focus(self.camera)
         middle_mm = float(np.mean(self.sharp_mm(focus_mm / 2 if math.isfinite(focus_mm) else 0.0)))
-        return share * float(np.hypot(*covered_mm(self.camera, middle_mm))) / 2 / self.radius_mm
+        half_mm = float(np.hypot(*covered_mm(self.camera, middle_mm))) / 2
+        if self.is_wide:
+            half_mm = min(half_mm, middle_mm - self.pupil_mm)
+        return share * half_mm / self.radius_mm
 
-    def place_mm(self, x_px: np.ndarray, z_mm: float) -> np.ndarray:
-        """The point at a depth whose bundle's middle is an image position, (3,); NaN where nothing passes."""
-        planes = parallel_planes(z_mm, z_mm + _APART_MM)[None]
-        bundle = Bundles(x_px[None], np.array([NO_MICROLENS]), planes)
-        return np.append(integrals(self.rig.tracer, bundle, 1).moments[0, :2], z_mm)
+    def place_mm(self, x_px: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        """The point at a depth whose bundle's middle is an image position, (3,), and by columns the axes of the plane
+        there, (3, 3): parallel to the image, but of a wide camera across the ray; NaN where nothing passes.
+        """
+        (plane,) = planes_of_rays(self.rig, x_px[None], (z_mm, z_mm + _APART_MM))
+        crossing = integrals(self.rig.tracer, Bundles(x_px[None], np.array([NO_MICROLENS]), plane[None]), 1).moments
+        return plane[0, 0] + crossing[0, :2] @ plane[0, 1:3], plane[0, 1:].T
+
+    def away_mm(self, place_mm: np.ndarray) -> float:
+        """Depth of a point: its vision z, but in a wide camera as far from the entrance pupil in its direction."""
+        if not self.is_wide:
+            return float(place_mm[2])
+        return self.pupil_mm + float(np.linalg.norm(place_mm - (0.0, 0.0, self.pupil_mm)))
 
     @cached_property
     def around_mm(self) -> float:
@@ -198,7 +219,7 @@ class CameraField:
         return seen
 
     def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
-        """Whether what is around points of a target at vision z is in the image as well, (n,) bool."""
+        """Whether what is around points of a target at a depth is in the image as well, (n,) bool."""
         room_px = self.around_mm * self.principal_distance_px / (z_mm - self.pupil_mm)
         inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - room_px, axis=1)
         return inside
@@ -280,29 +301,31 @@ def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: 
     tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
     reach = field.radius_mm * math.sin(tilt)
     z = near + reach + (deep + away * (1 - deep)) * (far - near - 2 * reach)
-    centre = field.place_mm(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
+    centre, axes = field.place_mm(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
     if len(fields) > 1:  # pulled towards what all cameras see
         middles = [
-            apply(field.vision_from_first @ inverse(other.vision_from_first), other.place_mm(other.middle_px, z))
+            apply(field.vision_from_first @ inverse(other.vision_from_first), other.place_mm(other.middle_px, z)[0])
             for other in fields
         ]
-        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.place_mm(middle, z))[:2]
+        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.place_mm(middle, z)[0])[:2]
     if np.isnan(centre).any() or far <= near:
         return None
     pose = np.eye(4)
     # A target that faces the camera has its y and z axes opposite to those of vision.
-    pose[:3, :3] = _turn(2 * math.pi * about, tilt) @ _roll(math.radians(30) * (2 * turned - 1)) @ np.diag([1, -1, -1])
+    roll = _roll(math.radians(30) * (2 * turned - 1))
+    pose[:3, :3] = axes @ _turn(2 * math.pi * about, tilt) @ roll @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
     pose, seen = inverse(field.vision_from_first) @ pose, []
     for other in fields:
         vision_from_target = other.vision_from_first @ pose
-        z_mm = vision_from_target[2, 3]
+        away_mm = other.away_mm(vision_from_target[:3, 3])
         seen.append(other.seen_px(vision_from_target))
-        shown = other.has_room(seen[-1], z_mm) if roomy else np.isfinite(seen[-1][:, 0])
-        is_sharp = other.depth_mm[0] <= z_mm <= other.depth_mm[1]
+        shown = other.has_room(seen[-1], away_mm) if roomy else np.isfinite(seen[-1][:, 0])
+        is_sharp = other is field or other.depth_mm[0] <= away_mm <= other.depth_mm[1]
         if not is_sharp or shown.sum() < max(1, other.wish.least_seen * len(shown)):
             return None
-    return BoardPose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
+    away_mm = fields[0].away_mm(pose[:3, 3])
+    return BoardPose(vision_from_target=pose, away_mm=away_mm, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
 
 
 def _turn(about: float, angle: float) -> np.ndarray:
