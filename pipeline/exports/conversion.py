@@ -17,6 +17,7 @@ from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import write_json
 from pipeline.formats import Board, CameraAxes, Centre, Convention, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.frames import apply, inverse, rigid, rotation_vector
+from pipeline.results.records import BuiltPinhole
 
 _AXES = {
     Board.OURS: np.eye(3),
@@ -41,6 +42,11 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     module.write(converted(material, record), folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
+    if record.centre in (Centre.PINHOLE, Centre.ROWS) and record.pose is not Pose.NONE:
+        facts["residuals_of_equivalent_pinholes_px"] = {
+            camera.name: {key: p and {"rms": p.rms_px, "max": p.max_px} for key, p in _equivalent(camera)}
+            for camera in material.cameras
+        }
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
@@ -53,6 +59,10 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     stated = record.paths(plenoptic, material.frames, len(material.targets))
     if sorted([*files, formats.SIDE_CAR]) != stated:
         raise ValueError(f"{name} states the files {stated}, and wrote {files}")
+
+
+def _equivalent(camera: ExportCamera) -> tuple[tuple[str, BuiltPinhole | None], ...]:
+    return ("without_distortion", camera.plain_pinhole), ("with_distortion", camera.pinhole)
 
 
 def _row_pinholes(material: Material) -> dict[str, Any]:

@@ -97,7 +97,8 @@ def first_order(prescription: Prescription) -> FirstOrder:
     index = prescription.index_in_front
     whole = _matrix(surfaces, index)
     if abs(whole[1, 0]) < _LEAST_POWER_PER_MM:
-        raise PrescriptionError("the lens is afocal: it has no focal length")
+        hint = "so is any that is telecentric on both sides: cameras need a lens with power"
+        raise PrescriptionError("the lens is afocal: it has no focal length", hint=hint)
     efl = float(-1.0 / whole[1, 0])
     bfd = float(-whole[0, 0] / whole[1, 0])
     front_focus = -(vertices[0] + index * float(whole[1, 1] / whole[1, 0]))

@@ -34,6 +34,9 @@ def test_each_format_gets_a_folder_and_a_side_car(command, out, tmp_path):
         assert side["files"] == sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.name != "export.json")
         assert side["conventions"]["source"] == format_of(folder.name).source and side["noise"] is None
         assert str(tmp_path) not in (folder / "export.json").read_text()
+        for name, camera in open_output(out).cameras.items():  # a pinhole never comes without what it leaves
+            stated = camera.record["pinhole"]["with_distortion"]["residual_px"]
+            assert side["residuals_of_equivalent_pinholes_px"][name]["with_distortion"] == stated
     assert sorted(path.name for path in folders[0].parent.iterdir()) == ["npz", "opencv"]
 
 
