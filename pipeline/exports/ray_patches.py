@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.camera.parts.camera import Camera
 from pipeline.results.answers import PixelRays
 
 EDGE_PX = 64
@@ -34,6 +35,10 @@ _JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np
 
 class Sight(Protocol):
     """A camera made ready, as `results.ready_camera.ReadyCamera` is."""
+
+    @property
+    def camera(self) -> Camera:
+        """Its record."""
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike) -> PixelRays:
         """Rays of image positions."""

@@ -1,7 +1,7 @@
 """Windows before a lens, such as ports, domes and panes, and the medium of the scene.
 
 A window is surfaces in front of the others of a prescription, all of them one group that stands where the window does.
-The name of the group is the path of the window, from "/" on, which no group of a lens has in its name.
+The name of the group is a slash and the name of the window; groups of a lens have none in theirs.
 """
 
 from dataclasses import dataclass, replace
@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.records.declared import settle
 
+MARK = "/"
+"""Beginning of the name of a group that is a window."""
+
 
 def parted(prescription: Prescription) -> tuple[tuple[Group, ...], Prescription]:
     """The windows of a prescription, outermost first, and the lens without them, in the medium behind them."""
-    windows = tuple(group for group in prescription.groups if group.name.startswith("/"))
+    windows = tuple(group for group in prescription.groups if group.name.startswith(MARK))
     if not windows:
         return (), prescription
     count = windows[-1].members.stop

@@ -130,7 +130,7 @@ def _windows(lens: Json) -> Iterator[Figure]:
         if centres := [_place([v - face["radius_mm"] * a for v, a in _along(face)]) for face in curved]:
             remarks.append(f"centres of its faces at {', '.join(centres)}")
         vertices = ", ".join(_place(face["vertex_mm"]) for face in faces)
-        yield Figure(window["path"].rpartition("/")[2], f"vertices at {vertices}", "; ".join(remarks))
+        yield Figure(window["name"], f"vertices at {vertices}", "; ".join(remarks))
     yield Figure("entrance pupil behind them", _mm(lens["pupil_behind_windows_mm"]), "about which a dome is concentric")
 
 

@@ -16,7 +16,7 @@ from pipeline.optics.glass import row
 from pipeline.optics.glass.fluids import AIR, FLUIDS, WATER, fluid
 from pipeline.optics.glass.medium import D_UM, GlassError, Medium
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
-from pipeline.optics.windows import Indices, Windows
+from pipeline.optics.windows import MARK, Indices, Windows
 from pipeline.scene.lens import (
     check_surfaces,
     media_behind,
@@ -141,7 +141,7 @@ def _read_windows(
         tilt_x, tilt_y, roll = _angles_deg(placed[:3, :3])
         groups.append(
             Group(
-                name=str(prim.GetPath()),
+                name=f"{MARK}{prim.GetName()}",
                 first=len(surfaces),
                 count=len(glazed),
                 decentre_mm=(x_mm, y_mm),

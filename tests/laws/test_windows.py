@@ -23,7 +23,8 @@ from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.response import Radiance
 from pipeline.scene.load import open_dataset
 
-_PINHOLE = 'uniform token plen:camera:model = "pinhole"\ndouble plen:camera:near = 500\ndouble plen:camera:far = 560\n'
+_PLANES = "double plen:camera:near = 500\ndouble plen:camera:far = 560\n"
+_PINHOLE = f'uniform token plen:camera:model = "pinhole"\n{_PLANES}'
 _BOARD = "double3 xformOp:translate = (1, -1.2, -530)\nuniform double plen:squareSize = {square}\n" + (
     'float3 xformOp:rotateXYZ = (10, 20, 0)\nuniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]'
 )
@@ -264,17 +265,18 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
     assert told[0]["pinhole"]["residual_px"]["max"] > 1e-3 > 1e-6 > told[1]["pinhole"]["residual_px"]["max"]
 
 
-def test_windows_of_the_world_count_in_show_as_in_a_build(tmp_path, common_store):
+def test_show_says_of_windows_what_a_build_does(tmp_path, common_store):
     """A rolled dome off the axis: its centres are one point, and the pupil behind it is that of the camera alone."""
     dome = window(-60.0, radii_mm=(60.0, 50.0), turn="(9, -7, 30)").replace("(0, 0, -60.0)", "(3, 4, -60)")
-    file = stage(tmp_path, "world", dome, camera="", fixed=False, dataset=WATER)
-    (shown,), (plain,) = show(file), show(stage(tmp_path, "plain", camera=""))
-    out = made(file, tmp_path / "world", common_store, targets=["cameras/Rig.Camera/camera.json"]).out
-    assert json.loads((out / "cameras/Rig.Camera/camera.json").read_text())["lens"] == shown.document["lens"]
+    for fixed in (True, False):
+        file = stage(tmp_path, f"fixed_{fixed}", dome, camera=_PLANES, fixed=fixed, dataset=WATER)
+        (shown,), (plain,) = show(file), show(stage(tmp_path, "plain", camera=""))
+        out = made(file, file.with_suffix(""), common_store, targets=["cameras/Rig.Camera/camera.json"]).out
+        assert json.loads((out / "cameras/Rig.Camera/camera.json").read_text())["lens"] == shown.document["lens"]
     lens, (pane,) = plain.document["lens"], shown.document["lens"]["windows"]
     assert shown.document["lens"]["pupil_behind_windows_mm"] == lens["entrance_pupil"]["z_mm"]
     outer, inner = pane["surfaces"]
-    assert pane["path"] == "/Scene/Pane" and outer["vertex_mm"] == [3.0, -4.0, 60.0]  # vision has y down
+    assert pane["name"] == "Pane" and outer["vertex_mm"] == [3.0, -4.0, 60.0]  # vision has y down
     assert [outer["index_behind"], inner["index_behind"]] == [_GLASS, 1.0]
     centres = [np.array(face["vertex_mm"]) - face["radius_mm"] * np.array(face["axis"]) for face in (outer, inner)]
     assert np.abs(centres[1] - centres[0]).max() < 1e-12 and "(3.000, -4.000, 60.000) mm" in "".join(shown.page())

@@ -19,7 +19,7 @@ from pipeline.frames import VISION_FROM_CAMERA, apply
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import displacements
-from pipeline.optics.windows import parted
+from pipeline.optics.windows import MARK, parted
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
@@ -141,7 +141,9 @@ def _windows(prescription: Prescription) -> Json:
         outlook = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
         place = {name: (vector + 0.0).tolist() for name, vector in outlook.items()}
         stated.append({**place, "radius_mm": surface.radius_mm, "index_behind": surface.index})
-    listed = [{"path": group.name, "surfaces": [stated[i] for i in group.members]} for group in windows]
+    listed = [
+        {"name": group.name.removeprefix(MARK), "surfaces": [stated[i] for i in group.members]} for group in windows
+    ]
     return {"windows": listed, "pupil_behind_windows_mm": first_order(lens).entrance_pupil.z_mm}
 
 

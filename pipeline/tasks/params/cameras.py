@@ -6,7 +6,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.motion import Shutter
-from pipeline.optics.windows import Windows
+from pipeline.optics.windows import MARK, Windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,10 @@ class AskedCamera:
     def of(cls, asked: Camera | FocusRequest) -> "AskedCamera":
         """The request of a stage, with numbers for names of lens groups, and without what only `planes` reads."""
         groups = asked.prescription.groups
-        numbered = tuple(replace(group, name=str(number)) for number, group in enumerate(groups))
+        numbered = tuple(
+            group if group.name.startswith(MARK) else replace(group, name=str(number))
+            for number, group in enumerate(groups)
+        )
         prescription = replace(asked.prescription, groups=numbered)
         plain = replace(asked, prescription=prescription, near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
         if isinstance(plain, Camera):
