@@ -67,6 +67,7 @@ bench: $(STAMP)
 	$(BIN)/python benchmarks/single.py
 	$(BIN)/python benchmarks/direct.py
 	$(BIN)/python benchmarks/shutter.py
+	$(BIN)/python benchmarks/derivatives.py
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/positions.py
 	$(BIN)/python benchmarks/schedule.py --method direct

@@ -40,6 +40,7 @@ class Tracer:
     seed: int = 0  # `plen:seed` of the dataset
     margin: float = MARGIN  # inflation of the sampling bounds; results must not depend on it
     device: str | None = None  # device on which `moments` traces: a name from `pipeline.jit.device`, or the processor
+    beside: "Tracer | None" = None  # tracer of a camera so near to this one that its outlines bound these rays, too
 
     @cached_property
     def lights(self) -> tuple["Light", ...]:
@@ -48,15 +49,20 @@ class Tracer:
         if not nodes:
             return (Light(1.0, self),)
         seeds = (self.seed + number * SEED_STEP for number in range(len(nodes)))
+        beside = [light.tracer for light in self.beside.lights] if self.beside else [None] * len(nodes)
         return tuple(
-            Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed))
-            for node, seed in zip(nodes, seeds, strict=True)
+            Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed, beside=near))
+            for node, seed, near in zip(nodes, seeds, beside, strict=True)
         )
 
     @cached_property
     def table(self) -> np.ndarray:
         """Surfaces towards the scene, (n, columns): rays enter in the film frame and leave in the vision frame."""
         return towards_scene(self.camera.prescription, self.camera.film)
+
+    def next_to(self, camera: Camera) -> "Tracer":
+        """The tracer of a camera that differs so little from this one that the outlines of this one bound its rays."""
+        return replace(self, camera=camera, beside=self)
 
     @property
     def stop_row(self) -> int:
@@ -90,6 +96,8 @@ class Tracer:
     @cached_property
     def bounds(self) -> Outlines:
         """Outlines of the passing rays for the plane that the main lens sees; in a grid if it is not centred."""
+        if self.beside is not None:
+            return self.beside.bounds
         if not is_centred(self.table):
             return self._grid()
         sensor = self.camera.sensor

@@ -13,6 +13,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
+from pipeline.graph.derivatives import add_derivatives
 from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of, seen_through
 from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
@@ -58,6 +59,7 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
                 for frame in dataset.frames_of(camera):
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
+            add_derivatives(graph, files, dataset, camera)
             add_labels(graph, files, dataset, camera, bare)
             _add_colours(graph, files, camera, dataset)
             _add_denoised(graph, files, camera, dataset)

@@ -61,7 +61,7 @@ def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
-    kinds = ("image", "labels", "truth", "positions", "colour_image", "denoised", "expose")
+    kinds = ("image", "labels", "truth", "derivatives", "positions", "colour_image", "denoised", "expose")
     of_frames = kind in kinds or kind.startswith("noise_")
     parts = task.name.split("/")
     if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame

@@ -39,6 +39,8 @@ class Projected:
     `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
     `fates`: one per point.
     `t_s`: middle of the exposure of the position's line after the time code, (n,) float64; None without a shutter.
+    `derivatives`: of (x_px, y_px) by each number that was asked for, (n, 2) float64 per unit of it, and of those with
+    several (n, 2, k); "point": by x, y and z of the point, (n, 2, 3) [px per mm]. NaN where what passes is in pieces.
     """
 
     point: np.ndarray
@@ -50,6 +52,7 @@ class Projected:
     microlens_type: np.ndarray | None
     fates: tuple[Fate, ...]
     t_s: np.ndarray | None = None
+    derivatives: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def is_seen(self) -> np.ndarray:

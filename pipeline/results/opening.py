@@ -11,8 +11,8 @@ from pipeline.errors import UsageError
 from pipeline.results.answers import SeenScene
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.results.records import finished_folder
-from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.load import load, open_dataset
+from pipeline.scene.dataset import CameraEntry, VariedNumber
+from pipeline.scene.load import load, open_dataset, varied_cameras
 from pipeline.scene.usd.problems import StageError, blamed_on
 from pipeline.scene.views import surroundings
 from pipeline.spelling import did_you_mean
@@ -59,6 +59,7 @@ class Opened:
     stage: Path
     entry: CameraEntry
     seed: int
+    allow_roots: tuple[str | Path, ...] = ()
 
     def ready(self) -> ReadyCamera:
         """The camera made ready as a build does it."""
@@ -71,18 +72,28 @@ class Opened:
             min_hit_fraction=entry.truth.min_hit_fraction,
             accuracy_px=entry.truth.aim_px,
             shutter=entry.shutter,
+            vary=self._vary,
         )
+
+    def _vary(self, path: str) -> list[VariedNumber[Camera]]:
+        """The camera with each number of a property a little less and more; StageError if it holds none."""
+        numbers = varied_cameras(self.stage, path, self.allow_roots)
+
+        def of(cameras: Iterable[CameraEntry]) -> Camera:
+            return _entry(cameras, self.entry.full_name, self.stage).camera
+
+        return [number.seen_as(of) for number in numbers]
 
 
 def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Opened:
     """A camera of a stage or of the folder that a build filled; raises as `ready`."""
-    stage = finished_folder(path).path / STAGE if path.is_dir() else path
+    stage, allow_roots = finished_folder(path).path / STAGE if path.is_dir() else path, tuple(allow_roots)
     loaded = load(stage, allow_roots)
     if loaded.errors:
         raise StageError(loaded.problems)
     cameras = loaded.dataset.cameras if loaded.dataset else loaded.cameras
     seed = loaded.dataset.seed if loaded.dataset else 0
-    return Opened(stage=stage, entry=_entry(cameras, name, path), seed=seed)
+    return Opened(stage=stage, entry=_entry(cameras, name, path), seed=seed, allow_roots=allow_roots)
 
 
 def _entry(cameras: Iterable[CameraEntry], name: str | None, path: Path) -> CameraEntry:

@@ -4,7 +4,7 @@ It answers by the solver of the ground truth, method `direct`: a row of correspo
 point are the same number.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +15,19 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
 from pipeline.motion import Motion, Shutter
 from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
+from pipeline.scene.dataset import VariedNumber
+from pipeline.truth.derivatives import Neighbour, Variation
+from pipeline.truth.derivatives import derivatives as row_derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, planes_of_rays, solve
 from pipeline.truth.moving import planes_at_own_times
 from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, axes_across, faces_camera
+from pipeline.truth.rows import Solutions
 
 if TYPE_CHECKING:
     from pipeline.results.spots import SpotDiagram
@@ -33,6 +38,10 @@ _FRONT = (0.0, 0.0, 1.0)
 """Front of a flat target in its own frame."""
 _LEAST_PX = 1e-9
 """Finest accuracy that can be asked for [px]: finer than this, traces in double precision round."""
+POINT = "point"
+"""Name of the point itself among the numbers by which positions have derivatives."""
+_SHARE_OF_WAY = 1e-5
+"""Step of points, as a share of their distance [1]."""
 _PLANES_FOCAL_LENGTHS = (10.0, 20.0)
 """Distances of the two planes of rays in focal lengths [1], of a camera that is not focused: any do."""
 
@@ -45,6 +54,7 @@ class ReadyCamera:
     `min_hit_fraction`: positions with less light count as dark.
     `accuracy_px`: error that answers may have by default.
     `shutter`: when its lines are exposed; None where a frame is an instant.
+    `vary`: the camera with each number of a property of its stage a little less and more; None without a stage.
     """
 
     name: str
@@ -52,6 +62,7 @@ class ReadyCamera:
     min_hit_fraction: float
     accuracy_px: float
     shutter: Shutter | None = None
+    vary: Callable[[str], list[VariedNumber[Camera]]] | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
@@ -79,6 +90,7 @@ class ReadyCamera:
         *,
         moving: Motion | Callable[[float], np.ndarray] | None = None,
         accuracy_px: float | None = None,
+        derivatives: Sequence[str] = (),
     ) -> Projected:
         """Image positions of points: where the mean of a position's bundle is the point, J(x) = p.
 
@@ -95,6 +107,10 @@ class ReadyCamera:
             sees it, as rows of the ground truth do.
         accuracy_px : float, optional
             Error that positions may have; by default that of the camera.
+        derivatives : sequence of str, optional
+            Numbers by which positions have derivatives: "point", the point itself, and paths of properties of the
+            stage, from its default prim on: "Rig/Lens/Front.plen:radius". What follows from a number counts: a
+            lens is focused again.
 
         CameraError if an argument holds no such numbers, or if something moves before a camera without a shutter.
         """
@@ -120,6 +136,8 @@ class ReadyCamera:
         ):
             fates[points_there] = fate
         rows, lattice = truth.only(is_lit), self.rig.tracer.lattice
+        if derivatives and moving is not None:
+            raise CameraError("positions that move with their lines have no derivatives", hint="leave out one of both")
         cell = rows.solutions.cell
         return Projected(
             point=rows.solutions.point,
@@ -131,7 +149,29 @@ class ReadyCamera:
             microlens_type=None if lattice is None else lattice.type[cell],
             fates=tuple(fates),
             t_s=None if self.shutter is None else self.shutter.middle_s(rows.solutions.xy_px, self.size_px),
+            derivatives=self._derivatives(rows.solutions, planes, derivatives),
         )
+
+    def _derivatives(self, rows: Solutions, planes: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Derivatives of positions by numbers, (n, 2) or (n, 2, k)."""
+        on, variations, ends = planes[rows.point], list[Variation](), list[tuple[str, int]]()
+        for name in dict.fromkeys(names):
+            if name == POINT:
+                variations += [_shifted(self.rig.tracer, on, axis) for axis in range(3)]
+            elif self.vary is None:
+                raise CameraError(f"a camera without a stage has no {name!r}", hint=f'derivatives=["{POINT}"] it has')
+            else:
+                for number in self.vary(name):
+                    sides = (Neighbour(self.rig.tracer.next_to(end), on) for end in (number.less, number.more))
+                    variations.append(Variation(number.step, *sides))
+            ends.append((name, len(variations)))
+        if not variations:
+            return {}
+        rates, result, first = row_derivatives(self.rig, rows.xy_px, rows.cell, on, variations).x_px, {}, 0
+        for name, end in ends:
+            several = rates[:, first:end].transpose(0, 2, 1)
+            result[name], first = several if end - first > 1 else several[..., 0], end
+        return result
 
     def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> MovingPlanes:
         if self.shutter is None:
@@ -226,6 +266,14 @@ class ReadyCamera:
 
     def _accuracy(self, asked_px: float | None) -> float:
         return self.accuracy_px if asked_px is None else number("accuracy_px", asked_px, CameraError, _LEAST_PX, 1.0)
+
+
+def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
+    """Points a little nearer and farther along an axis, with their tangent planes."""
+    step = _SHARE_OF_WAY * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
+    shift = np.zeros((4, 3))
+    shift[0, axis] = step
+    return Variation(step, Neighbour(tracer, planes - shift), Neighbour(tracer, planes + shift))
 
 
 def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Records of a dataset, through which the rest of the pipeline sees a stage."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -25,6 +26,29 @@ from pipeline.truth.settings import TruthSettings
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 transform as rows of a matrix that acts on column vectors, lengths in mm; rigid unless stated otherwise."""
+
+
+R = TypeVar("R")
+S = TypeVar("S")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VariedNumber(Generic[R]):
+    """A number of the stage, and what was read with it less a step and plus the step.
+
+    `name`: path of its property, with [i] if that holds several; of a pose, path of the prim and the way it moves.
+    """
+
+    name: str
+    unit: str
+    step: float
+    less: R
+    more: R
+
+    def seen_as(self, view: Callable[[R], S]) -> "VariedNumber[S]":
+        """The same with a part, or another form, of what was read."""
+        ends = view(self.less), view(self.more)
+        return VariedNumber(name=self.name, unit=self.unit, step=self.step, less=ends[0], more=ends[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,7 +251,7 @@ class Dataset:
 
     `sources` has the paths of the properties, and of whole prims, from which values were read, by part:
     `cameras/Rig.Camera`, `targets/Board`, `occluders`, `lamps`, `exports`, `poses/cameras/Rig.Camera`,
-    `poses/targets/Board`, `poses/occluders`, `poses/lamps`, and `dataset` for the rest.
+    `poses/targets/Board`, `poses/occluders`, `poses/lamps`, `derivatives`, and `dataset` for the rest.
     """
 
     stage_name: str  #: name of the default prim, which identifies the dataset without a path of the machine
@@ -244,6 +268,8 @@ class Dataset:
     meters_per_unit: float = 0.001
     up_axis: str = "Y"  #: of the stage, likewise
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
+    #: Numbers by which rows have derivatives, by the prim path of the camera
+    varied: dict[str, tuple[VariedNumber["Dataset"], ...]] = field(default_factory=dict)
 
     def frames_of(self, camera: CameraEntry) -> tuple[Frame, ...]:
         """The frames that a camera sees: those in which its lens and sensor are in that state."""

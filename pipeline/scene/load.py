@@ -14,7 +14,7 @@ from pipeline.records.declared import arguments_settled
 from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
-from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
 from pipeline.scene.edits import Written, written_on
 from pipeline.scene.lamps import check_shone
 from pipeline.scene.lens import read_lens_entry
@@ -29,8 +29,10 @@ from pipeline.scene.usd.problems import Problem, StageError, problem, shortened,
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need, unchanging
 from pipeline.scene.usd.writing_out import write_out
+from pipeline.scene.varied import varied_numbers, with_varied
 from pipeline.scene.views import check_doubts, check_seen
 from pipeline.scene.write.viewers import flattened, text_for_viewers
+from pipeline.spelling import did_you_mean
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +103,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         return loaded
     root = find_dataset(stage)
     try:
-        dataset = read_dataset(root) if root else None
+        dataset = with_varied(root, read_dataset(root), lambda: read_dataset(root)) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
     except UnreadableValue as error:  # no check has reported it
         return _refused([*problems, problem(error.thing, error.code, error.what, hint=error.hint)])
@@ -131,6 +133,31 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
         written=written,
     )
+
+
+def varied_cameras(
+    path: Path, number: str, allow_roots: Iterable[str | Path] = ()
+) -> list[VariedNumber[tuple[CameraEntry, ...]]]:
+    """The cameras of a stage without errors with each number of a property, whose path may be relative to the default
+    prim, a little less and more; UsageError if there is no such property, StageError if it holds none to be varied.
+    """
+    stage, _ = open_stage(path)
+    root = find_dataset(stage)
+
+    def cameras() -> tuple[CameraEntry, ...]:
+        return read_dataset(root).cameras if root else read_camera_entries(stage)
+
+    top = (stage.GetDefaultPrim() or stage.GetPseudoRoot()).GetPath()
+    wanted = Sdf.Path(number).MakeAbsolutePath(top) if Sdf.Path.IsValidPathString(number) else None
+    if not wanted or not stage.GetAttributeAtPath(wanted):
+        properties = [str(each.GetPath()) for prim in stage.Traverse() for each in prim.GetAuthoredAttributes()]
+        hint = did_you_mean(number, properties) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
+        raise UsageError(f"{path} has no property {number!r}", hint=hint)
+    try:
+        with unchanging(), reading_below(allowed_roots(path, tuple(allow_roots))):
+            return list(varied_numbers(stage, wanted, cameras))
+    except UnreadableValue as error:
+        raise StageError([problem(error.thing, error.code, error.what, hint=error.hint)]) from None
 
 
 @arguments_settled(UsageError)

@@ -532,6 +532,9 @@ METHOD = {
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
+    "plen:truth:derivatives": [
+        Case(A, ["Two"], {"derivatives"}, given=BOARDS | {(A, "plen:truth:derivatives"): ["One"]})
+    ],
 }
 
 COATED = {("One", "plen:coat:roughness"): 0.2}

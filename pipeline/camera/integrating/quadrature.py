@@ -67,6 +67,10 @@ FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
 ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
 """Effort for steps on the way to a result: corners to 0.2 degrees, edges to 5e-7 of their way. It is held against rays
 over the whole bound, too: a step that sees one piece of two goes far astray."""
+SMOOTH = Effort(corner_steps=28, corner_edge_steps=44, edge_steps=44)
+"""Effort for differences of neighbours, to rounding: where one of two rims moves, the edge moves on one side of a
+corner alone, and an error of the corner is one of the difference.
+"""
 
 
 class Outcome(NamedTuple):
@@ -249,6 +253,20 @@ class Regions(NamedTuple):
         outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
         result[outcome == EMPTY, :WEIGHT], result[outcome == EMPTY, WEIGHT] = np.nan, 0.0
         return Outcome(result, outcome, sum(part.rays for part in each))
+
+    def next_to(
+        self, arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]
+    ) -> "Regions":
+        """The regions of a camera and positions next to these: inner points and directions of corners stay, so that
+        integrals over both differ smoothly, and only edges are found again.
+        """
+        tables = [table for _, table in without_obstructions(arrays.table)]
+        moved = []
+        for (sign, part), table in zip(self.parts, tables, strict=True):
+            behind = np.where(part.microlens == SKIP, SKIP, microlens)
+            there = bounded(arrays._replace(table=table), positions_mm, behind)
+            moved.append((sign, replace(there, centres=part.centres, corners=part.corners, effort=part.effort)))
+        return Regions(moved)
 
 
 def regions(

@@ -77,6 +77,29 @@ class BehindWindows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class VariedCamera:
+    """A camera, as `focus`, `channel` and `windows` settle it, with the number of a place a little less and more."""
+
+    number: int
+    less: "SettledCamera"
+    more: "SettledCamera"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettledCamera:
+    asked: AskedCamera
+    channel: InChannel | None
+    windows: BehindWindows | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VariedCameras:
+    """The cameras of all numbers that change one."""
+
+    cameras: tuple[VariedCamera, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelLabel:
     """A channel as images and tables name it: its wavelengths, and their shares."""
 

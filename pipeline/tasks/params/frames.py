@@ -140,6 +140,27 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class VariedView:
+    """What is before a camera in a frame with a number a little different; `targets` is None if they do not change."""
+
+    name: str
+    unit: str
+    step: float
+    less: tuple[PlacedTarget, ...] | None
+    more: tuple[PlacedTarget, ...] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowDerivatives:
+    """Derivatives of the rows of a frame by all numbers; cameras that differ, too, are those of a task `varied`."""
+
+    targets: tuple[PlacedTarget, ...]
+    numbers: tuple[VariedView, ...]
+    square_px: float
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedFrame:
     number: int
     targets: tuple[PlacedTarget, ...]

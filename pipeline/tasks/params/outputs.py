@@ -12,6 +12,7 @@ from pipeline.tasks.params.frames import PlacedView
 
 SPECTRAL = "spectral.exr"
 DENOISED = "denoised.png"
+DERIVATIVES = "derivatives.npz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

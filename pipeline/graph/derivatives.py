@@ -1,0 +1,67 @@
+"""The tasks of derivatives of a camera: cameras with each number a little less and more, and rows in all frames."""
+
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.graph.adding import add
+from pipeline.graph.frame_tasks import seen_through
+from pipeline.graph.poses import Things, target_poses
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+from pipeline.tasks.params import cameras, frames
+from pipeline.tasks.params.outputs import DERIVATIVES
+
+
+def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, camera: CameraEntry) -> None:
+    """Add the derivatives of the rows of a camera, and of its channels, if the stage asks for any."""
+    numbers = dataset.varied.get(camera.prim_path, ())
+    for place, entry in enumerate(camera.in_channels if numbers else ()):
+        ends = [[_entry_in(end, camera, place) for end in (number.less, number.more)] for number in numbers]
+        here = _settled(entry)
+        changed = tuple(
+            cameras.VariedCamera(number=number, less=_settled(less), more=_settled(more))
+            for number, (less, more) in enumerate(ends)
+            if _settled(less) != here or _settled(more) != here
+        )
+        reads = {"camera": seen_through(graph, entry)}
+        if changed:
+            reads["varied"] = add(graph, f"varied/{entry.full_name}", cameras.VariedCameras(cameras=changed))
+        things = [tuple(Things(end, painted=False) for end in (number.less, number.more)) for number in numbers]
+        placed = Things(dataset, painted=False)
+        for index, frame in enumerate(dataset.frames):
+            if camera.name not in frame.camera_from_world:
+                continue
+            still = _targets(placed, dataset, frame, camera)
+            views = []
+            for number, (less, more) in zip(numbers, things, strict=True):
+                sides = [
+                    _targets(of, end, end.frames[index], camera)
+                    for of, end in ((less, number.less), (more, number.more))
+                ]
+                moved = [None if side == still else side for side in sides]
+                view = frames.VariedView(
+                    name=number.name, unit=number.unit, step=number.step, less=moved[0], more=moved[1]
+                )
+                views.append(view)
+            params = frames.RowDerivatives(
+                targets=still, numbers=tuple(views), square_px=entry.square_px, seed=entry.sampling.seed
+            )
+            name = f"{entry.full_name}/{frame.number:04d}"
+            task = add(graph, f"derivatives/{name}", params, {**reads, "truth": f"truth/{name}"})
+            files[f"frames/{frame.number:04d}/{entry.folder}/{DERIVATIVES}"] = (task, DERIVATIVES)
+
+
+def _entry_in(dataset: Dataset, camera: CameraEntry, channel: int) -> CameraEntry:
+    """A camera, in its channel of a place, as another reading of the stage has it."""
+    return next(entry for entry in dataset.cameras if entry.name == camera.name).in_channels[channel]
+
+
+def _settled(entry: CameraEntry) -> cameras.SettledCamera:
+    asked, channel, windows = cameras.AskedCamera.of(entry.asked), None, None
+    if entry.channel is not None:
+        channel = cameras.InChannel(channel=entry.channel)
+    if entry.windows is not None:
+        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
+    return cameras.SettledCamera(asked=asked, channel=channel, windows=windows)
+
+
+def _targets(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> tuple[frames.PlacedTarget, ...]:
+    return things.targets(target_poses(dataset, frame, camera.name))

@@ -1,0 +1,186 @@
+"""Numbers of a stage by which the ground truth has derivatives: what is read with each a little less, and more.
+
+A stage is edited in a layer of its own, read again, and left as it was. So any number may be meant that a reader takes
+from it, with all that follows from it: of a camera that is focused at a distance, a radius moves the focus, too.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.frames import inverse
+from pipeline.optics.table import motion
+from pipeline.scene.dataset import Dataset, Frame, VariedNumber
+from pipeline.scene.usd.poses import stage_mm_per_unit
+from pipeline.scene.usd.values import UnreadableValue, numbers, read, rule_of, target_paths, targets, unchanging
+
+ASKED = "plen:truth:derivatives"
+"""Relationship of a camera to the numbers by which its rows have derivatives."""
+_SHARE, _LEAST, _FROM_ZERO = 1e-5, 1e-8, 1e-4
+"""Step of a number, as a share of it: differences then err by 1e-10 of the derivative, and rounding by 1e-8. The
+least step, and that of a number that is 0, in its unit: mm, degrees or none."""
+_SAG_MM = 1e-6
+"""What the step of a coefficient of an asphere adds to its sag at the edge [mm]: its own size may be 0."""
+_POSE = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("turn_x", "deg"), ("turn_y", "deg"), ("turn_z", "deg"))
+"""Numbers of a pose, with their units: shift along and turn about the axes of what is posed."""
+_COEFFICIENTS = {"plen:evenCoefficients": 2, "plen:oddCoefficients": 3}
+"""Powers of the first coefficients of aspheres; those that follow have two more each."""
+R = TypeVar("R")
+
+
+def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Dataset]) -> Dataset:
+    """The dataset with all numbers by which its cameras ask for derivatives; UnreadableValue if one has none."""
+    varied = {}
+    for camera in targets(root, "plen:cameras", "Camera"):
+        relationship = camera.GetRelationship(ASKED)
+        try:
+            asked = [
+                number for path in target_paths(relationship) for number in _varied(root, path, dataset, read_again)
+            ]
+        except UnreadableValue as error:  # the wish is wrong, not what it names
+            raise UnreadableValue(error.what, relationship, error.hint, error.code) from None
+        if asked and any(entry.shutter for entry in dataset.cameras if entry.prim_path == str(camera.GetPath())):
+            message = f'"{ASKED}" is not supported of a camera with a shutter: rows move with their lines'
+            raise UnreadableValue(message, relationship, "take one of both out", "not-yet-supported")
+        if asked:
+            varied[str(camera.GetPath())] = tuple(asked)
+    if not varied:
+        return dataset
+    wishes = tuple(f"{path}.{ASKED}" for path in varied)
+    return replace(dataset, varied=varied, sources={**dataset.sources, "derivatives": wishes})
+
+
+def _varied(
+    root: Usd.Prim, path: Sdf.Path, dataset: Dataset, read_again: Callable[[], Dataset]
+) -> Iterator[VariedNumber[Dataset]]:
+    if path.IsPropertyPath():
+        yield from varied_numbers(root.GetStage(), path, read_again)
+        return
+    cameras = [entry.name for entry in dataset.cameras if entry.prim_path == str(path)]
+    boards = [entry.name for entry in dataset.targets if entry.prim_path == str(path)]
+    if not cameras and not boards:
+        hint = "name a camera or a target, of which it is the pose, or one property: </Rig/Lens/Front.plen:radius>"
+        message = f"rows have no derivative by <{path}>, which is neither a camera nor a target of the dataset"
+        raise UnreadableValue(message, root.GetStage().GetPrimAtPath(path), hint, "no-derivative")
+    for axis, (name, unit) in enumerate(_POSE):
+        ends = []
+        for sign in (-1, 1):
+            step = [0.0] * 6
+            step[axis] = sign * _FROM_ZERO
+            shift = np.eye(4)
+            shift[:3, 3] = step[:3]
+            turn = motion((0.0, 0.0), (step[3], step[4]), 0.0, step[5])
+            ends.append(_posed(dataset, cameras, boards, shift if turn is None else turn))
+        yield VariedNumber(name=f"{path} {name}", unit=unit, step=_FROM_ZERO, less=ends[0], more=ends[1])
+
+
+def _posed(dataset: Dataset, cameras: list[str], boards: list[str], moved: np.ndarray) -> Dataset:
+    """The dataset with some cameras and targets moved in their own frames: vision and target frame."""
+
+    def of(frame: Frame) -> Frame:
+        views, poses = dict(frame.camera_from_world), dict(frame.world_from_target)
+        views |= {name: _rows(inverse(moved) @ np.array(views[name])) for name in cameras if name in views}
+        poses |= {name: _rows(np.array(poses[name]) @ moved) for name in boards}
+        return replace(frame, camera_from_world=views, world_from_target=poses)
+
+    return replace(dataset, frames=tuple(map(of, dataset.frames)))
+
+
+def _rows(transform: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, transform.tolist()))
+
+
+def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]) -> Iterator[VariedNumber[R]]:
+    """Each number of a property, with what is read again; UnreadableValue if it holds none that can be varied."""
+    attribute = stage.GetAttributeAtPath(path)
+    values = {time: attribute.Get(time) for time in _times(attribute)} if attribute else {}
+    first: Any = next(iter(values.values()), None)
+    entries = _entries(first)
+    if entries is None or not np.isfinite(entries).all():
+        message = f"rows have no derivative by <{path}>: it is {'not written' if first is None else first}"
+        hint = "name a property that holds finite numbers with a point, as a radius, a thickness or an index"
+        raise UnreadableValue(message, attribute or stage.GetPrimAtPath(path.GetPrimPath()), hint, "no-derivative")
+    rule = rule_of(attribute.GetPrim(), attribute.GetName())
+    for i, entry in enumerate(entries):
+        half, ends = _step(attribute, i, abs(float(entry))), []
+        for sign in (-1, 1):
+            moved = {time: _moved(value, i, sign * half) for time, value in values.items()}
+            if rule is not None and not all(map(rule.holds, moved.values())):
+                message = f"rows have no derivative by <{path}>: {entry:.10g} ends its range, {rule.span}"
+                raise UnreadableValue(message, attribute, "move it by a thousandth", "no-derivative")
+            try:
+                with _edited(stage, path, moved), unchanging():
+                    ends.append((cast(np.ndarray, _entries(next(iter(moved.values()))))[i], read_again()))
+            except CameraError as error:
+                message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.what}"
+                raise UnreadableValue(message, attribute, error.hint, "no-derivative") from None
+        (low, less), (high, more) = ends  # of a float as it was rounded
+        name = f"{path}[{i}]" if np.ndim(first) or len(entries) > 1 else str(path)
+        yield VariedNumber(name=name, unit=_unit(attribute), step=float(high - low) / 2, less=less, more=more)
+
+
+def _times(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
+    """Where an attribute is written: at its time samples or, without any, as a default."""
+    samples = attribute.GetTimeSamples()
+    return [Usd.TimeCode(time) for time in samples] or [Usd.TimeCode.Default()]
+
+
+def _entries(value: Any) -> np.ndarray | None:
+    """The numbers of a value, (n,) float64; None if it has none with a point, as a count or a token."""
+    if isinstance(value, bool | int | str) or value is None:
+        return None
+    try:
+        array = np.array(value) if isinstance(value, float) else numbers(value)
+    except (TypeError, ValueError):
+        return None
+    return array.astype(float).ravel() if array.dtype.kind == "f" and array.size else None
+
+
+def _step(attribute: Usd.Attribute, i: int, size: float) -> float:
+    """Step of the i-th number of an attribute, whose size is given."""
+    name, prim = attribute.GetName(), attribute.GetPrim()
+    if name in _COEFFICIENTS:
+        return float(_SAG_MM / read(prim, "plen:semiDiameter") ** (_COEFFICIENTS[name] + 2 * i))
+    if size == 0:
+        return float(_FROM_ZERO / (stage_mm_per_unit(prim) if name.startswith("xformOp:translate") else 1.0))
+    return max(_SHARE * size, _LEAST)
+
+
+def _moved(value: Any, i: int, by: float) -> Any:
+    """A value of USD with its i-th number moved."""
+    if isinstance(value, float):
+        return value + by
+    moved = type(value)(value)
+    if hasattr(moved[0], "__len__"):
+        width = len(moved[0])
+        entry = type(moved[0])(moved[i // width])
+        entry[i % width] += by
+        moved[i // width] = entry
+    else:
+        moved[i] += by
+    return moved
+
+
+def _unit(attribute: Usd.Attribute) -> str:
+    """Unit of an attribute as its documentation states it; empty: none is stated."""
+    text = attribute.GetPrim().GetPrimDefinition().GetPropertyMetadata(attribute.GetName(), "documentation") or ""
+    return next((line.strip()[7:] for line in text.splitlines() if line.strip().startswith("Units: ")), "")
+
+
+@contextmanager
+def _edited(stage: Usd.Stage, path: Sdf.Path, values: dict[Usd.TimeCode, Any]) -> Iterator[None]:
+    """Context in which an attribute has other values, in a layer above all others."""
+    layer, session = Sdf.Layer.CreateAnonymous(), stage.GetSessionLayer()
+    session.subLayerPaths.insert(0, layer.identifier)
+    try:
+        with Usd.EditContext(stage, layer):
+            for time, value in values.items():
+                stage.GetAttributeAtPath(path).Set(value, time)
+        yield
+    finally:
+        session.subLayerPaths.remove(layer.identifier)

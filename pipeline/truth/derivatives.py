@@ -1,0 +1,132 @@
+"""Derivatives of rows of the ground truth by numbers of which camera, lens, array and targets are made.
+
+A row is the solution x of J(x, theta) = 0 on the tangent plane of its point, from where J is counted, so that
+
+    dx / dtheta = - (dJ / dx)^-1 dJ / dtheta.
+
+A pose, or a board, moves the plane; all else moves the rays. Nothing is solved again: J of the camera a little before
+and a little behind theta is integrated at the row's own x, with regions held (`camera.held`). The rays of both go
+through the same shares of the ways to their edges, so that the rim of what passes counts as it moves, and their central
+difference is the derivative to about 1e-9 of it.
+
+The covariance of a bundle on the plane has a derivative along the row, too: by theta, and by x as the row moves. The
+blur is that covariance mapped to the image by dJ / dx, whose own change is of second order: where two edges cut what
+passes, it depends on how their corner wanders, which held regions do not tell.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.camera.held import HeldBundles
+from pipeline.camera.integrals import Bundles
+from pipeline.camera.parts.lattice import Lattice
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import SKIP
+from pipeline.records.shapes import Float64, Int64
+from pipeline.truth.direct.candidates import inverse
+from pipeline.truth.direct.newton import mean_hit
+from pipeline.truth.grid.ray_grid import matrix_4
+
+_LEVEL = 2
+"""Level of quadrature: of most rows the derivatives of the next level are the same to 1e-10, of level 1 to 1e-6."""
+_HALF_PX = 1e-3
+"""Half the step of differences by image position [px]: J bends by 1e-8 of them within a micro-image, and rounds to
+1e-9."""
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbour:
+    """A camera and the tangent planes of the points of rows, (n, 4, 3), of which one number is a little different."""
+
+    tracer: Tracer
+    planes: Float64[np.ndarray, "n 4 3"]
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """The neighbours at a number less a step, and plus that step."""
+
+    step: float
+    less: Neighbour
+    more: Neighbour
+
+
+@dataclass(frozen=True, slots=True)
+class Derivatives:
+    """Derivatives of n rows by v numbers, per unit of each; NaN where what passes is in pieces or has a hole."""
+
+    x_px: Float64[np.ndarray, "n v 2"]
+    spread_mm2: Float64[np.ndarray, "n v 2 2"]  # of the covariance of the hits, in the axes of the tangent plane
+    jacobian_mm_per_px: Float64[np.ndarray, "n 2 2"]  # of J by image position; columns are x and y
+    rays: int
+
+
+class _Rows:
+    """Integrals of rows at their solutions and beside them; mean hits (n, 2) [mm] and covariances (n, 2, 2) [mm^2]."""
+
+    def __init__(self, rig: Rig, bundles: Bundles) -> None:
+        self.bundles, self._here, self.rays = bundles, rig.tracer, 0
+        self._held = HeldBundles.of(rig.tracer, bundles, _LEVEL)
+
+    def of(self, there: Neighbour) -> tuple[np.ndarray, np.ndarray]:
+        """Those of a neighbour."""
+        planes = np.stack([there.planes, there.planes], axis=1)
+        microlens = _same(self.bundles.microlens, self._here.lattice, there.tracer.lattice)
+        return self._integrated(there.tracer, replace(self.bundles, planes=planes, microlens=microlens))
+
+    def by_x(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by image position, (n, 2, 2) and (n, 2, 2, 2), by x and y along the last axis."""
+        rates = []
+        for step in _HALF_PX * np.eye(2):
+            more, less = (
+                self._integrated(self._here, replace(self.bundles, x_px=self.bundles.x_px + sign * step))
+                for sign in (1, -1)
+            )
+            rates.append(_rates(more, less, _HALF_PX))
+        of_j, of_covariance = (np.stack(parts, axis=-1) for parts in zip(*rates, strict=True))
+        return of_j, of_covariance
+
+    def _integrated(self, tracer: Tracer, bundles: Bundles) -> tuple[np.ndarray, np.ndarray]:
+        moments, rays = self._held.moments(tracer, bundles)
+        self.rays += rays
+        return mean_hit(moments), matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2]
+
+
+def _same(microlens: np.ndarray, here: Lattice | None, there: Lattice | None) -> np.ndarray:
+    """Rows in another lattice of microlenses of one; SKIP: it has none. A pitch decides how many lie on an array."""
+    if here is None or there is None or (np.array_equal(here.k, there.k) and np.array_equal(here.l, there.l)):
+        return microlens
+    rows = {pair: row for row, pair in enumerate(zip(there.k.tolist(), there.l.tolist(), strict=True))}
+    pairs = zip(here.k[microlens].tolist(), here.l[microlens].tolist(), strict=True)
+    return np.array([rows.get(pair, SKIP) for pair in pairs], np.int64)
+
+
+def _rates(
+    more: tuple[np.ndarray, np.ndarray], less: tuple[np.ndarray, np.ndarray], step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Central differences of mean hits and covariances."""
+    return (more[0] - less[0]) / (2 * step), (more[1] - less[1]) / (2 * step)
+
+
+def derivatives(
+    rig: Rig,
+    x_px: Float64[np.ndarray, "n 2"],
+    cell: Int64[np.ndarray, "n"],
+    planes: Float64[np.ndarray, "n 4 3"],
+    variations: Sequence[Variation],
+) -> Derivatives:
+    """Derivatives of solved rows on the tangent planes of their points."""
+    rows = _Rows(rig, Bundles(x_px, rig.microlens(cell), np.stack([planes, planes], axis=1), rig.square_px))
+    jacobian, covariance_by_x = rows.by_x()
+    px_per_mm = inverse(jacobian)
+    x_rates = np.full((len(x_px), len(variations), 2), np.nan)
+    spread_rates = np.full((len(x_px), len(variations), 2, 2), np.nan)
+    for number, variation in enumerate(variations):
+        of_j, of_covariance = _rates(rows.of(variation.more), rows.of(variation.less), variation.step)
+        x_rates[:, number] = rate = -np.einsum("nij,nj->ni", px_per_mm, of_j)
+        spread_rates[:, number] = of_covariance + np.einsum("nijk,nk->nij", covariance_by_x, rate)
+    return Derivatives(x_rates, spread_rates, jacobian, rows.rays)

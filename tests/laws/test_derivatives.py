@@ -1,0 +1,389 @@
+"""Claim: derivatives of rows are those of the law that rows obey.
+
+Judged by a twin that traces in complex numbers and has no edge search, by rows solved again, by what the world and a
+unit of length cannot change, and in a stage from the attribute to the file.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builds import made
+from laws import rigs
+from laws.solving import rig_of
+from scipy.spatial.transform import Rotation
+from stage_text import DATA, over_tiny
+
+import pipeline
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.rig import Rig
+from pipeline.frames import rigid
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.scene.load import load
+from pipeline.truth.derivatives import Derivatives, Neighbour, Variation, derivatives
+from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+from pipeline.truth.planes import tangent_planes
+
+SAME = 1e-6
+"""Relative to the largest derivative of a kind: what is asked for. Rims that cut each other at small angles bend it,
+and rows solved again tell it to some 1e-7."""
+POSE = rigid(Rotation.from_euler("xyz", (200.0, 15.0, 20.0), degrees=True).as_matrix(), np.array([3.0, -2.0, 500.0]))
+POINTS_MM = np.array([[x, y, 0.0] for x in (-30.0, -5.0, 22.0) for y in (-21.0, 4.0, 18.0)])
+
+
+def planes_at(pose: np.ndarray = POSE, points_mm: np.ndarray = POINTS_MM) -> np.ndarray:
+    return tangent_planes(pose, points_mm)
+
+
+def rates(
+    camera: Camera, change: Callable[[Camera, float], Camera], step: float
+) -> tuple[Rig, np.ndarray, Derivatives]:
+    """The rig, its rows' positions, and their derivatives by one number of the camera."""
+    rig, planes = rig_of(camera), planes_at()
+    rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
+    on = planes[rows.point]
+    sides = (Neighbour(rig.tracer.next_to(change(camera, sign * step)), on) for sign in (-1, 1))
+    return rig, rows.xy_px, derivatives(rig, rows.xy_px, rows.cell, on, [Variation(step, *sides)])
+
+
+def of_surface(place: int, /, **field: int | None) -> Callable[[Camera, float], Camera]:
+    """Add to a field of a surface of the lens, or to one of its entries."""
+    ((name, entry),) = field.items()
+
+    def change(camera: Camera, by: float) -> Camera:
+        surfaces = list(camera.prescription.surfaces)
+        value = getattr(surfaces[place], name)
+        moved = value + by if entry is None else tuple(v + by * (i == entry) for i, v in enumerate(value))
+        surfaces[place] = dataclasses.replace(surfaces[place], **{name: moved})
+        prescription = dataclasses.replace(camera.prescription, surfaces=tuple(surfaces))
+        return dataclasses.replace(camera, prescription=prescription)
+
+    return change
+
+
+def of_sensor(name: str) -> Callable[[Camera, float], Camera]:
+    def change(camera: Camera, by: float) -> Camera:
+        sensor = dataclasses.replace(camera.sensor, **{name: getattr(camera.sensor, name) + by})
+        return dataclasses.replace(camera, sensor=sensor)
+
+    return change
+
+
+def farther(camera: Camera, by: float) -> Camera:
+    return dataclasses.replace(camera, sensor_distance_mm=camera.sensor_distance_mm + by)
+
+
+def vignetting(stop_semi_mm: float = 16.5, inner_semi_mm: float = 0.0) -> Camera:
+    """The double Gauss with an asphere, before a sensor that its rims shade: bundles have corners, at 16.5 mm all."""
+    lens = rigs.tronnier(stop_semi_mm)
+    surfaces = list(lens.surfaces)
+    surfaces[0] = dataclasses.replace(surfaces[0], conic=-0.2, even_coefficients=(0.0, 1e-7))
+    surfaces[3] = dataclasses.replace(surfaces[3], inner_semi_diameter_mm=inner_semi_mm)
+    sensor = Sensor(width_px=400, height_px=300, pitch_mm=0.08)
+    return rigs.bare(dataclasses.replace(lens, surfaces=tuple(surfaces)), sensor, 125.0, (400.0, 600.0))
+
+
+NUMBERS = {
+    "radius": (of_surface(2, radius_mm=None), 4e-4),
+    "thickness": (of_surface(1, thickness_mm=None), 1e-4),
+    "index": (of_surface(3, index=None), 1e-6),
+    "conic": (of_surface(0, conic=None), 1e-5),
+    "coefficient": (of_surface(0, even_coefficients=1), 1e-11),
+    "decentre": (of_surface(3, decentre_mm=0), 1e-4),
+    "tilt": (of_surface(7, tilt_deg=1), 1e-4),
+    "stop": (of_surface(5, semi_diameter_mm=None), 1e-4),
+    "sensor distance": (farther, 1e-4),
+    "offset": (of_sensor("offset_x_mm"), 1e-4),
+    "pitch": (of_sensor("pitch_mm"), 1e-7),
+}
+
+
+@pytest.mark.parametrize(
+    "name", ["radius", "stop", "tilt", *(pytest.param(n, marks=pytest.mark.heavy) for n in NUMBERS)]
+)
+def test_derivatives_are_differences_of_rows_that_are_solved_again_vignetted_ones_too(name):
+    change, step = NUMBERS[name]
+    camera = vignetting()
+    _, x_px, rate = rates(camera, change, step)
+    rows = Guess(np.arange(len(x_px)), np.zeros(len(x_px), np.int64), x_px)
+
+    def again(by: float) -> np.ndarray:
+        return solve(rig_of(change(camera, by)), rows, planes_at(), 1e-10, 0.05).solutions.xy_px
+
+    # Rows are solved to 1e-9 px or so, which long steps divide.
+    wide, narrow = ((again(h) - again(-h)) / (2 * h) for h in (80 * step, 40 * step))
+    expected = narrow + (narrow - wide) / 3  # Richardson's: their error is of the fourth order
+
+    assert len(x_px) == len(POINTS_MM)
+    np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=SAME * np.abs(expected).max(), rtol=0)
+
+
+def test_a_ring_has_derivatives_and_its_inner_edge_counts():
+    change = of_surface(3, inner_semi_diameter_mm=None)
+    camera = vignetting(inner_semi_mm=5.0)
+    _, x_px, rate = rates(camera, change, 1e-3)
+    rows = Guess(np.arange(len(x_px)), np.zeros(len(x_px), np.int64), x_px)
+    ends = [solve(rig_of(change(camera, h)), rows, planes_at(), 1e-10, 0.05).solutions.xy_px for h in (0.02, -0.02)]
+    expected = (ends[0] - ends[1]) / 0.04
+
+    assert np.abs(expected).max() > 1e-2
+    np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=1e-4 * np.abs(expected).max(), rtol=0)
+
+
+# A twin in complex numbers: a singlet with its stop behind it, so that straight lines from the sensor say what passes.
+
+SINGLET = Prescription(
+    surfaces=(
+        Surface(radius_mm=60.0, thickness_mm=6.0, index=1.6, semi_diameter_mm=15.0),
+        Surface(radius_mm=-80.0, thickness_mm=5.0, semi_diameter_mm=15.0),
+        Surface(semi_diameter_mm=4.0, is_stop=True),
+    )
+)
+DISTANCE_MM = 55.0
+
+
+def twin_j(theta: dict[str, complex], x_mm: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """J of a sensor position on a plane (4, 3): mean over the disc of the stop, by Gauss and by even angles."""
+    node, weight = np.polynomial.legendre.leggauss(12)
+    angle = 2 * math.pi * np.arange(40) / 40
+    radius = theta["semi"] * (node + 1) / 2
+    u = (radius[:, None] * np.cos(angle)).ravel()
+    v = (radius[:, None] * np.sin(angle)).ravel()
+    measure = np.repeat(weight * radius, len(angle))
+    way = np.stack([u - x_mm[0], v - x_mm[1], np.full(len(u), theta["distance"], complex)], axis=1)
+    measure = measure * theta["distance"] ** 2 / (way * way).sum(axis=1) ** 2
+    way = way / np.sqrt((way * way).sum(axis=1))[:, None]
+    at = np.stack([u, v, np.zeros(len(u), complex)], axis=1)
+    # From the stop forwards: the rear surface, then the front one; z of the vision frame
+    for z, c, mu in (
+        (theta["gap"], -1 / theta["rear"], 1 / theta["index"]),
+        (theta["gap"] + theta["thick"], -1 / theta["front"], theta["index"]),
+    ):
+        p = at - np.array([0, 0, 1]) * z
+        a, b = c + 0j, c * (p * way).sum(axis=1) - way[:, 2]
+        k = c * (p * p).sum(axis=1) - 2 * p[:, 2]
+        p = p + (k / (-b + np.sqrt(b * b - a * k)))[:, None] * way
+        normal = np.array([0, 0, 1]) - c * p
+        cos = (way * normal).sum(axis=1)
+        way = mu * way + (np.sqrt(1 - mu * mu * (1 - cos * cos)) - mu * cos)[:, None] * normal
+        at = p + np.array([0, 0, 1]) * z
+    t = ((plane[0] - at) @ plane[3]) / (way @ plane[3])
+    hit = at + t[:, None] * way - plane[0]
+    return np.array([(measure * (hit @ plane[axis])).sum() / measure.sum() for axis in (1, 2)])
+
+
+TWIN = {
+    "front": (of_surface(0, radius_mm=None), 5e-3),
+    "rear": (of_surface(1, radius_mm=None), 5e-3),
+    "thick": (of_surface(0, thickness_mm=None), 1e-4),
+    "gap": (of_surface(1, thickness_mm=None), 1e-4),
+    "index": (of_surface(0, index=None), 1e-6),
+    "semi": (of_surface(2, semi_diameter_mm=None), 1e-3),
+    "distance": (farther, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", ["front", "semi", *(pytest.param(n, marks=pytest.mark.heavy) for n in TWIN)])
+def test_derivatives_are_those_of_a_twin_by_complex_steps_that_knows_its_region_in_closed_form(name):
+    theta = {"front": 60.0, "rear": -80.0, "thick": 6.0, "gap": 5.0, "index": 1.6, "semi": 4.0, "distance": DISTANCE_MM}
+    camera = rigs.bare(SINGLET, Sensor(width_px=400, height_px=300, pitch_mm=0.05), DISTANCE_MM, (400.0, 600.0))
+    change, step = TWIN[name]
+    rig, x_px, rate = rates(camera, change, step)
+    planes, expected = planes_at(), []
+    for row, position in enumerate(rig.tracer.positions_mm(*x_px.T)):
+        tiny = 1e-30
+        moved = {key: value + 1j * tiny * (key == name) for key, value in theta.items()}
+        by_theta = twin_j(moved, position, planes[row]).imag / tiny
+        by_x = np.stack(
+            [twin_j(theta, position + 1j * tiny * axis, planes[row]).imag / tiny for axis in np.eye(2)], axis=1
+        )
+        # Image coordinates run against those of the sensor in the vision frame.
+        expected.append(np.linalg.solve(by_x * -camera.sensor.pitch_mm, -by_theta))
+
+    assert len(x_px) == len(POINTS_MM)
+    np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=SAME * np.abs(expected).max(), rtol=0)
+
+
+def test_the_spread_changes_as_that_of_rows_that_are_solved_again():
+    camera, h = vignetting(8.0), 0.02
+    _, x_px, rate = rates(camera, farther, 1e-3)
+    rows = Guess(np.arange(len(x_px)), np.zeros(len(x_px), np.int64), x_px)
+    spread = []
+    for by in (h, -h):
+        rig = rig_of(farther(camera, by))
+        again = solve(rig, rows, planes_at(), 1e-10, 0.05).solutions.xy_px
+        _, covariance = _covariance(rig, again)
+        spread.append(covariance)
+    expected = (spread[0] - spread[1]) / (2 * h)
+
+    np.testing.assert_allclose(rate.spread_mm2[:, 0], expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+
+
+def _covariance(rig: Rig, x_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of hits by random rays' own weights: of single rays, none of the code of derivatives."""
+    from pipeline.camera.integrals import Bundles, integrals
+    from pipeline.camera.tracing.moments import COVARIANCE
+    from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+
+    planes = np.stack([planes_at(), planes_at()], axis=1)
+    moments = integrals(rig.tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), 3).moments
+    full = moments[:, COVARIANCE : COVARIANCE + 10]
+    return moments[:, :2], np.stack([full[:, [0, 1]], full[:, [1, 4]]], axis=1)
+
+
+def stage_with(folder: Path, numbers: str) -> Path:
+    path = folder / "dataset.usda"
+    path.write_text(over_tiny(f'rel plen:truth:derivatives = [{numbers}]\nuniform token plen:truth:method = "direct"'))
+    return path
+
+
+def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, steps and derivatives (n, v, 2) of the rows of a frame, without the engine."""
+    dataset = load(path, [DATA.parents[1]]).dataset
+    assert dataset is not None
+    (camera,), (target,) = dataset.cameras, dataset.targets
+    rig, points = rig_of(camera.camera), target.target.points()
+
+    def planes(of: pipeline.scene.dataset.Dataset) -> np.ndarray:
+        there = of.targets[0].target.points()
+        pose = of.frames[frame].vision_from_target(camera.name, target.name)
+        return tangent_planes(pose, there.position_mm, there.plane_axes)
+
+    here = planes(dataset)
+    rows = solve(rig, guesses(rig, here)[0], here, 1e-9, 0.05).solutions
+    varied = dataset.varied[camera.prim_path]
+    variations = []
+    for number in varied:
+        ends = (
+            Neighbour(rig.tracer.next_to(end.cameras[0].camera), planes(end)[rows.point])
+            for end in (number.less, number.more)
+        )
+        variations.append(Variation(number.step, *ends))
+    assert len(rows.point) == len(points.kinds)
+    rate = derivatives(rig, rows.xy_px, rows.cell, here[rows.point], variations).x_px
+    return [number.name for number in varied], np.array([number.step for number in varied]), rate
+
+
+ROOT = "/TinyConventional"
+
+
+def adjoint(a_from_b: np.ndarray) -> np.ndarray:
+    """How a small motion in b, shift [mm] and turn [deg], looks in a, (6, 6)."""
+    turn, (x, y, z) = a_from_b[:3, :3], a_from_b[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    result = np.zeros((6, 6))
+    result[:3, :3] = result[3:, 3:] = turn
+    result[:3, 3:] = math.radians(1) * cross @ turn
+    return result
+
+
+def test_a_camera_and_a_board_that_move_together_by_all_six_gauges_leave_every_row_where_it_is(tmp_path):
+    path = stage_with(tmp_path, f"<{ROOT}/Board>, <{ROOT}/Rig/Camera>")
+    names, _, rate = all_rates(path, frame=1)
+    dataset = load(path, [DATA.parents[1]]).dataset
+    vision_from_target = dataset.frames[1].vision_from_target("Rig.Camera", "Board")
+    by_board, by_camera = rate[:, :6], rate[:, 6:]
+    # A motion of the vision frame, which the camera makes, is one of the target's own frame to the board.
+    of_board = np.einsum("nvi,vw->nwi", by_board, adjoint(np.linalg.inv(vision_from_target)))
+
+    assert [name.removeprefix(ROOT) for name in names[:2]] == ["/Board x", "/Board y"]
+    assert np.abs(by_camera).max() > 1
+    np.testing.assert_allclose(of_board + by_camera, 0.0, atol=1e-9 * np.abs(by_camera).max())
+
+
+def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tmp_path):
+    lens = load(stage_with(tmp_path, f"<{ROOT}/Board>"), [DATA.parents[1]]).dataset.cameras[0].camera.prescription
+    of_lens = [
+        f"<{ROOT}/Rig/Lens/{'Stop' if surface.is_stop else f'S{number}'}.plen:{name}>"
+        for number, surface in enumerate(lens.surfaces, 1)
+        for name in ("radius", "thickness", "semiDiameter")
+        if not (name == "radius" and surface.is_stop) and not (name == "thickness" and number == len(lens.surfaces))
+    ]
+    rest = ("Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch", "Board.plen:squareSize")
+    others = [f"<{ROOT}/{name}>" for name in (*rest, "Board.xformOp:translate")]
+    path = stage_with(tmp_path, ", ".join([*of_lens, *others]))
+    names, _, rate = all_rates(path)
+    dataset = load(path, [DATA.parents[1]]).dataset
+    translate = dict(zip("012", np.array(dataset.frames[0].world_from_target["Board"])[:3, 3], strict=True))
+    sensor = dataset.cameras[0].asked.sensor
+    lengths = []
+    for name in names:
+        prim, field = name.removeprefix(f"{ROOT}/").split(".", 1)
+        if prim.startswith("Rig/Lens/"):
+            at = prim.split("/")[-1]
+            number = next(
+                i for i, s in enumerate(lens.surfaces, 1) if (at == "Stop") == s.is_stop and at in ("Stop", f"S{i}")
+            )
+            attribute = {"radius": "radius_mm", "thickness": "thickness_mm", "semiDiameter": "semi_diameter_mm"}
+            lengths.append(getattr(lens.surfaces[number - 1], attribute[field.removeprefix("plen:")]))
+        elif field.startswith("xformOp"):
+            lengths.append(translate[field[-2]])
+        else:
+            values = (dataset.cameras[0].camera.sensor_distance_mm, sensor.pitch_mm, 1.4)
+            lengths.append(values[rest.index(f"{prim}.{field}")])
+    terms = rate * np.array(lengths)[:, None]
+
+    assert len(of_lens) > 25
+    np.testing.assert_allclose(terms.sum(axis=1), 0.0, atol=1e-7 * np.abs(terms).max())
+
+
+def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_nothing_else(tmp_path):
+    plain, numbers = tmp_path / "dataset.usda", f"<{ROOT}/Board>, <{ROOT}/Rig/Lens/S3.plen:radius>"
+    plain.write_text(over_tiny('uniform token plen:truth:method = "direct"'))
+    made(plain, tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
+    result = made(stage_with(tmp_path, numbers), tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
+    ran = {task.name.partition("/")[0] for task in result.tasks if task.state == "executed"}
+    delivered = np.load(tmp_path / "out/frames/0002/Rig.Camera/derivatives.npz")
+    _, _, rate = all_rates(stage_with(tmp_path, numbers), frame=1)
+
+    assert ran == {"varied", "derivatives"}
+    assert list(delivered["names"][-1:]) == [f"{ROOT}/Rig/Lens/S3.plen:radius"]
+    assert list(delivered["units"]) == ["mm"] * 3 + ["deg"] * 3 + ["mm"]
+    np.testing.assert_allclose(delivered["x_px"], rate, atol=1e-6 * np.abs(rate).max())
+
+
+def test_a_camera_made_ready_gives_derivatives_by_points_and_by_numbers_of_its_stage(tmp_path):
+    path = tmp_path / "dataset.usda"
+    path.write_text(over_tiny())
+    camera, points, h = (
+        pipeline.ready(path, allow_roots=[DATA.parents[1]]),
+        np.array([[1.0, -0.5, 434.0], [-2.0, 1.0, 430.0]]),
+        1e-2,
+    )
+    radius = f"{ROOT}/Rig/Lens/S3.plen:radius"
+    seen = camera.project(points, accuracy_px=1e-9, derivatives=["point", radius])
+    for axis in range(3):
+        shift = h * np.eye(3)[axis]
+        more, less = (camera.project(points + sign * shift, accuracy_px=1e-9) for sign in (1, -1))
+        expected = np.stack([more.x_px - less.x_px, more.y_px - less.y_px], axis=1) / (2 * h)
+        np.testing.assert_allclose(seen.derivatives["point"][:, :, axis], expected, atol=1e-6)
+
+    assert seen.derivatives[radius].shape == (2, 2)
+    with pytest.raises(CameraError, match="without a stage"):
+        pipeline.ready(camera.camera).project(points, derivatives=[radius])
+
+
+def test_a_pitch_that_moves_the_number_of_microlenses_on_an_array_has_derivatives_all_the_same(tmp_path):
+    rig = rig_of(camera := pipeline.ready(DATA / "tiny_plenoptic/dataset.usda").camera)
+    planes = planes_at(rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 434.0])), np.zeros((1, 3)))
+    rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.2).solutions
+
+    def change(by: float) -> Camera:
+        array = camera.microlenses
+        return dataclasses.replace(camera, microlenses=dataclasses.replace(array, pitch_mm=array.pitch_mm * (1 + by)))
+
+    step, on = 1e-4, planes[rows.point]
+    sides = [rig.tracer.next_to(change(sign * step)) for sign in (-1, 1)]
+    rate = derivatives(rig, rows.xy_px, rows.cell, on, [Variation(step, *(Neighbour(side, on) for side in sides))])
+    # The middle microlens stays where it is; all others move away from it as their distance grows.
+    axial = rig.axial[rows.cell]
+    away = np.hypot(*axial.T) > 0
+
+    assert len({len(side.lattice.k) for side in sides} | {len(rig.tracer.lattice.k)}) > 1
+    assert np.isfinite(rate.x_px).all()
+    moved = np.einsum("ni,ni->n", rate.x_px[:, 0], rows.xy_px - rows.xy_px[~away].mean(axis=0))
+    assert (moved[away] > 0).all()
