@@ -275,6 +275,10 @@ OPTILAND_CONTRAST = 6e-3
 """Contrast by optiland's transfer function [1]: its grid of 256 x 256 rays has a ragged edge, and interpolation between
 its frequencies adds to it; 4e-3 is seen."""
 
+OPTILAND_AIMED_MM = 1e-7
+"""Height of a chief ray of optiland [mm]: points at 1e8 mm are seen from a pupil some millimetres off, by 5e-8
+mm in an image of 1 mm. Its aim, up to 9e-7 mm beside the centre of the stop, adds less: rays meet near the focus."""
+
 COATED_ANGLE = 1e-8
 """A share of light by an angle from its cosine [1]: near 0 the angle is good to the root of a rounding, 1.5e-8 rad or
 9e-7 degrees, and tables of the tests change by 0.01 per degree."""
