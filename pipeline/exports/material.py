@@ -127,7 +127,7 @@ class ExportCamera:
         if self.pinhole is None:
             raise ExportError(
                 f"no pinhole fits {self.name}, and this format describes a camera by one",
-                hint="camera.json says how much of the image has light; choose other cameras with --only",
+                hint="none fits a telecentric lens, too wide a field or too little light; `rays` holds any camera",
             )
         return self.pinhole
 

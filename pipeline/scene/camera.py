@@ -312,6 +312,9 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
         what = "the lens has no first-order figures: it bends no light"
         yield problem(camera.GetAttribute(name), "out-of-reach", what)
         return
+    except PipelineError as error:  # an afocal lens
+        yield of_reader(_blamed(camera, error), error)
+        return
     try:
         yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))

@@ -93,7 +93,8 @@ def pupil_fan(prescription: Prescription) -> PupilFan:
     angle = np.arctan2(way[:count, 0], way[:count, 2])
     # By the invariant of Lagrange, along the meridional plane and across it.
     semi_mm, sine = _SPREAD * before * prescription.stop.semi_diameter_mm, np.maximum(np.sin(angle), 1e-12)
-    along = np.cos(start[:count]) / np.gradient(angle, start[:count])
+    with np.errstate(divide="ignore"):  # parallel rays: the pupil of a telecentric lens is as wide as its field
+        along = np.cos(start[:count]) / np.gradient(angle, start[:count])
     across = np.where(start[:count] > 0, np.sin(start[:count]) / sine, along)
     return PupilFan(np.abs(place[:count, 0]), place[:count, 2], angle, semi_mm * np.abs(along), semi_mm * across)
 
