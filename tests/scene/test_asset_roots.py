@@ -6,7 +6,7 @@ import pytest
 from pxr import Ar, Sdf
 
 from pipeline.scene.load import load
-from pipeline.scene.usd.usda_lines import allowed_roots, library_path, register
+from pipeline.scene.usd.roots import allowed_roots, library_path, register
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n{more})\n'
 PART = HEAD.format(more="") + 'def Xform "A"\n{\n}\n'

@@ -10,7 +10,7 @@ import pytest
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
 from pipeline.scene.check.properties import conditions_in
-from pipeline.scene.usd.usda_lines import library_path, plugin_path
+from pipeline.scene.usd.roots import library_path, plugin_path
 from pipeline.scene.usd.values import range_of
 
 ROOT = Path(__file__).resolve().parents[2]
