@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from pipeline.app.build import Result, build
+from places import DATA
 
-DATA = Path(__file__).parent / "data"
+from pipeline.app.build import Result, build
 
 
 def made(stage: Path, out: Path, store: Path, **options: Any) -> Result:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-DATA = Path(__file__).parent / "data"
+from places import DATA
 
 
 def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
@@ -19,6 +19,13 @@ def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
     upAxis = "Y"
 )
 """
+
+
+def stage_in(folder: Path, text: str) -> Path:
+    """The `dataset.usda` of a folder, with a text."""
+    path = folder / "dataset.usda"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 def placed(x: object, y: object, z: object) -> str:

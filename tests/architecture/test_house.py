@@ -6,7 +6,8 @@ import re
 from itertools import zip_longest
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from places import ROOT
+
 PACKAGE = ROOT / "pipeline"
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 MOST_LINES, LONGEST = 400, 60

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
+from places import ROOT
 
 from pipeline.app.build import build
 from pipeline.graph.adding import KINDS
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch):

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pipeline.app.build import compile_once, project, steps_of
 from pipeline.errors import EnvironmentFault
@@ -13,7 +14,6 @@ from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel
 from pipeline.machine.facts import command
 
-ROOT = Path(__file__).parents[2]
 SOURCES = {
     "room/__init__.py": "LAST = 3",
     "room/kernels.py": "from pipeline.room.table import ROW\n@kernel\ndef f(x): ...",

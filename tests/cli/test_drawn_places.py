@@ -1,11 +1,8 @@
 """A drawing that cannot be written where it shall be is an error of the place: no traceback, and nothing of a file."""
 
-from pathlib import Path
-
 import pytest
+from places import ROOT, TINY
 
-ROOT = Path(__file__).resolve().parents[2]
-TINY = str(ROOT / "tests/data/tiny_conventional/dataset.usda")
 DRAWINGS = [
     ("show", TINY, "--plot", ".svg"),
     ("show", str(ROOT / "stages/lenses/cooke_triplet_50mm.usda"), "--plot", ".svg"),

@@ -2,13 +2,11 @@
 
 import json
 from importlib.metadata import PackageNotFoundError
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from pipeline.app import doctor
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_library_lists_every_stage_with_published_figures(in_this_process):

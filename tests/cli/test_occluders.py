@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builds import made
-from stage_text import edited, mesh_text, placed, tiny_text, without_method
+from stage_text import edited, mesh_text, placed, stage_in, tiny_text, without_method
 
 from pipeline.app.verify import verify
 from pipeline.files.exr import read_exr
@@ -27,8 +27,7 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
     text = tiny_text("conventional")
     for name, content in (("free", text), ("covered", text.rstrip().removesuffix("}") + SCREEN + "}\n")):
         (folder / name).mkdir()
-        (folder / name / "dataset.usda").write_text(content, encoding="utf-8")
-        result = made(folder / name / "dataset.usda", folder / name / "out", folder / "store")
+        result = made(stage_in(folder / name, content), folder / name / "out", folder / "store")
         kinds = {task.kind for task in result.tasks if task.state == "executed"}
     assert kinds == {"image", "truth", "certificate"}, "an occluder leaves the camera's rays alone"
     return folder / "free/out", folder / "covered/out"
@@ -68,8 +67,7 @@ def test_the_rule_is_the_same_for_every_method(built, method: str, tmp_path) -> 
     stage = stage.replace("uniform int plen:seed", "uniform int[] plen:frames = [1]\n    uniform int plen:seed", 1)
     wanted = f'uniform token plen:truth:method = "{method}"\n            uniform int plen:truth:samples'
     stage = without_method(stage).replace("uniform int plen:truth:samples", wanted, 1)
-    (tmp_path / "dataset.usda").write_text(stage, encoding="utf-8")
-    made(tmp_path / "dataset.usda", tmp_path / "out", built[1].parents[1] / "store")
+    made(stage_in(tmp_path, stage), tmp_path / "out", built[1].parents[1] / "store")
     here, there = table_of(tmp_path / "out", 1), table_of(built[1], 1)
     assert set(here.columns["method"]) == {method}
     assert here.columns["point_id"] == there.columns["point_id"]
@@ -115,8 +113,7 @@ def test_points_that_move_hide_and_show_like_a_mesh_that_moves_and_an_edit_of_a_
     built, tmp_path
 ):
     text, store = tiny_text("conventional").rstrip().removesuffix("}"), built[1].parents[1] / "store"
-    stage = tmp_path / "dataset.usda"
-    stage.write_text(f"{text}{bending(40)}}}\n", encoding="utf-8")
+    stage = stage_in(tmp_path, f"{text}{bending(40)}}}\n")
     made(stage, tmp_path / "out", store)
     for frame in (1, 2):
         here, there = table_of(tmp_path / "out", frame), table_of(built[1], frame)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from places import TINY
 
 from pipeline.app.build import build, project
 from pipeline.app.verify import verify
 from pipeline.engine.running.session import plan_of
 from pipeline.errors import UsageError
 
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 PICTURES = {"cameras/Rig.Camera/white.png", "frames/0001/Rig.Camera/image.png", "frames/0002/Rig.Camera/image.png"}
 
 

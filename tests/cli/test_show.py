@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from places import ROOT, TINY_PLENOPTIC
 
 import pipeline as package
 from pipeline.camera.parts.camera import Camera
@@ -15,11 +16,9 @@ from pipeline.files.jsonfile import json_bytes
 from pipeline.results.drawing import bundle
 from pipeline.scene.load import load
 
-ROOT = Path(__file__).resolve().parents[2]
 PAPER = str(ROOT / "stages/rigs/plenoptic_michels_2019.usda")
 LENS = str(ROOT / "stages/lenses/double_gauss_100mm_tronnier.usda")
 SVG = "{http://www.w3.org/2000/svg}"
-TINY = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
 
 
 def test_the_papers_rig_shows_its_published_figures(run):
@@ -41,8 +40,8 @@ def test_the_papers_rig_shows_its_published_figures(run):
 
 def test_json_is_what_a_build_writes_into_camera_json(run, tmp_path, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    package.build(TINY, tmp_path / "out", jobs=1, until=["first_order/Rig.Camera"])
-    code, text, _ = run("show", TINY, "Rig.Camera", "--json")
+    package.build(TINY_PLENOPTIC, tmp_path / "out", jobs=1, until=["first_order/Rig.Camera"])
+    code, text, _ = run("show", TINY_PLENOPTIC, "Rig.Camera", "--json")
     stored = [path.read_bytes() for path in (tmp_path / "store").rglob("*") if path.is_file()]
     figures = json.loads(text)
     curves = figures.pop("field_curves")
@@ -84,7 +83,7 @@ def test_a_lens_alone_shows_its_figures_its_curves_and_a_drawing(run, tmp_path):
 
 
 def test_all_cameras_of_a_dataset_are_shown_unless_one_is_named(run, tmp_path):
-    text = Path(TINY).read_text(encoding="utf-8")
+    text = TINY_PLENOPTIC.read_text(encoding="utf-8")
     rig = text[text.index('    def "Rig"') : text.index("    def PlenCheckerboard")]
     both = text.replace(rig, rig + rig.replace('"Rig"', '"Left"'))
     (tmp_path / "two.usda").write_text(both.replace("</TinyPlenoptic/Rig/Camera>", "[</TinyPlenoptic/Rig/Camera>]"))

@@ -4,10 +4,9 @@ import re
 from pathlib import Path
 
 import pytest
+from places import ROOT, TINY
 
-ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "stages/targets"
-TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 
 
 def test_the_page_says_what_a_target_is(run):
@@ -46,9 +45,8 @@ def test_a_print_says_what_paper_it_needs(run, square_mm, paper):
 
 
 def test_a_target_of_a_dataset_is_found_by_its_name(run):
-    tiny = ROOT / "tests/data/tiny_conventional/dataset.usda"
-    assert run("target", tiny)[1] == run("target", tiny, "Board")[1]
-    code, _, log = run("target", tiny, "Bord")
+    assert run("target", TINY)[1] == run("target", TINY, "Board")[1]
+    code, _, log = run("target", TINY, "Bord")
     assert code == 2 and 'has no target "Bord"' in log and 'did you mean "Board"?' in log
 
 

@@ -8,7 +8,7 @@ import shutil
 import pytest
 import typer
 from builds import made
-from stage_text import edited, tiny_text, without_method
+from stage_text import edited, stage_in, tiny_text, without_method
 
 from pipeline import cli
 from pipeline.app.verify import verify
@@ -35,8 +35,7 @@ def test_a_build_agrees_without_store_and_stage(conventional_build, tmp_path, mo
 def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, common_store):
     """More points than one tile solves."""
     many = ("columns = 3", "columns = 30"), ("rows = 2", "rows = 17"), ("Size = 1.4", "Size = 0.13")
-    stage = tmp_path / "dataset.usda"
-    stage.write_text(without_method(tiny_text("conventional", *many)), encoding="utf-8")
+    stage = stage_in(tmp_path, without_method(tiny_text("conventional", *many)))
     assert "truth_tile" in {task.kind for task in made(stage, tmp_path / "out", common_store).tasks}
     verdict = verify(tmp_path / "out", seed=4)
     assert verdict.agrees and verdict.problems == []
@@ -67,8 +66,7 @@ def stage_of(folder, *lines, text=None):
     """The tiny stage in a folder of its own, with further lines about its camera."""
     head = '        over "Camera"\n        {\n'
     text = edited(text or tiny_text("conventional"), (head, head + "".join(f"{line}\n" for line in lines)))
-    (folder / "dataset.usda").write_text(text, "utf-8")
-    return folder / "dataset.usda"
+    return stage_in(folder, text)
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
 """Claim: a device is part of keys only where it is chosen and tasks run there; without one, errors name the way out."""
 
-from pathlib import Path
-
 import numba.cuda
 import numpy as np
 import pytest
 from laws import rigs
+from places import TINY
 
 from pipeline.app.build import project
 from pipeline.camera.on_device import ImageRays
@@ -18,7 +17,6 @@ from pipeline.graph import variants
 from pipeline.jit import device
 
 SM_90 = "cuda sm_90, numba-cuda 0.30.4"
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
 def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path, monkeypatch):

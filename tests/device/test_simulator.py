@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from shorter import few_cases
-from stage_text import tiny_text
+from stage_text import stage_in, tiny_text
 
 TESTS = Path(__file__).parents[1]
 SINGLE_MM, SINGLE = 2e-4, 1e-5
@@ -78,8 +78,7 @@ def test_rays_of_images_are_those_of_processors_but_for_float32(what: str, rigs:
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 def test_a_build_on_a_device_has_the_truth_of_processors(kind: str, tmp_path: Path) -> None:
     """Certificate and rows to the byte; images to the rounding of float32, and they say what traced them."""
-    stage = tmp_path / "dataset.usda"
-    stage.write_text(tiny_text(kind, *SMALL[kind]), "utf-8")
+    stage = stage_in(tmp_path, tiny_text(kind, *SMALL[kind]))
     outputs = built(stage, tmp_path / "a"), built(stage, tmp_path / "b", "--device", "cuda")
     processor, device = outputs
     tables = [sorted(path.relative_to(out) for path in out.rglob("correspondences.*")) for out in outputs]

@@ -4,12 +4,10 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from stage_text import tiny_text
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

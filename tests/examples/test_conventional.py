@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builds import made
-from stage_text import edited
+from stage_text import edited, stage_in
 
 import pipeline
 
@@ -23,8 +23,7 @@ def built(tmp_path_factory, common_store):
     text = (EXAMPLE / "dataset.usda").read_text(encoding="utf-8")
     rig = "@rigs/conventional_100mm.usda@\n    )\n    {\n"
     coarse = edited(text, (rig, f'{rig}over "Camera"\n{{\nuniform int plen:image:samples = 4\n}}\n'))
-    (folder / "dataset.usda").write_text(coarse, encoding="utf-8")
-    return made(folder / "dataset.usda", folder / "out", common_store).out
+    return made(stage_in(folder, coarse), folder / "out", common_store).out
 
 
 def calibrate(out: Path) -> subprocess.CompletedProcess[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import schema_reference
 import typer
+from places import ROOT
 from pxr import Sdf
 from sybil import Document, Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
@@ -19,7 +20,6 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.scene.load import load
 
-ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("README", "CONTRIBUTING", "CONVENTIONS", "docs/**/*", *(f"{folder}/**/*" for folder in ("examples", "stages")))
 PAGES = sorted(page for name in (*NAMES, "schemas/*", "benchmarks/*") for page in ROOT.glob(f"{name}.md"))
 TOUR = ROOT / "docs/tour.md"

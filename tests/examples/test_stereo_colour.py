@@ -2,18 +2,19 @@
 
 from pathlib import Path
 
+from places import ROOT
+from stage_text import stage_in
+
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import open_dataset
 
-ROOT = Path(__file__).resolve().parents[2]
 LIT = (ROOT / "examples/04_stereo_colour/dataset.usda").read_text(encoding="utf-8")
 OF_TRUTH = {"truth", "certificate"}
 
 
 def tasks_of(folder: Path, text: str) -> dict[str, tuple[str, object]]:
     folder.mkdir()
-    stage = folder / "dataset.usda"
-    stage.write_text(text, encoding="utf-8")
+    stage = stage_in(folder, text)
     graph = graph_of(open_dataset(stage))[0]
     return {name: (graph[name].short_kind, graph[name].params) for name in graph}
 

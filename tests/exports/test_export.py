@@ -3,11 +3,11 @@
 import json
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from exports.pretended import Scene, write_build, write_manifest
+from places import ROOT
 from typer.testing import CliRunner
 
 from pipeline import cli
@@ -15,8 +15,6 @@ from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import grid_of
 from pipeline.formats import ExportError, format_of, names
 from pipeline.results.output import open_output
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture

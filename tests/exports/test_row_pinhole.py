@@ -11,7 +11,8 @@ import pycolmap
 import pytest
 from builds import DATA, made
 from exports.pretended import F_PX, Scene, write_build
-from stage_text import head, over_tiny
+from places import ROOT
+from stage_text import head, over_tiny, stage_in
 
 from pipeline.exports.export import export
 from pipeline.results.output import open_output
@@ -168,7 +169,6 @@ def test_the_pinhole_that_made_the_rows_is_found_and_none_where_twelve_rows_leav
     assert stated(conventional_build, tmp_path / "tiny") == {"Rig.Camera": None}
 
 
-ROOT = Path(__file__).resolve().parents[2]
 BROWN = [-0.9, 3.0, 0.01, -0.02, 5.0]
 SQUARE_MM = 1.4
 """Of the board, as its stage says [mm]."""
@@ -187,8 +187,8 @@ PINHOLE_STAGE = over_tiny(
 def test_the_export_of_a_pinhole_has_its_own_coefficients_and_its_truth_is_their_projection(
     tmp_path: Path, common_store: Path
 ) -> None:
-    (tmp_path / "dataset.usda").write_text(PINHOLE_STAGE)
-    output = open_output(made(tmp_path / "dataset.usda", tmp_path / "out", common_store, allow_roots=(ROOT,)).out)
+    stage = stage_in(tmp_path, PINHOLE_STAGE)
+    output = open_output(made(stage, tmp_path / "out", common_store, allow_roots=(ROOT,)).out)
     export(output, ["opencv"], tmp_path / "exports")
     (file,) = (tmp_path / "exports/opencv").glob("*.npz")
     with np.load(file) as arrays:

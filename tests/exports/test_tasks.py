@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from builds import DATA
 from builds import made as build_of
 from exports.pretended import Scene, write_build
+from places import DATA
 from shorter import few
 from stage_text import head
 

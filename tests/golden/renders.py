@@ -1,10 +1,10 @@
 """Images of tiny scenes with any seed, for golden images: conventional, plenoptic, and lit."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 from laws.lit import lamp, towards
+from places import DATA
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
@@ -15,7 +15,6 @@ from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Coat, Lighting
 from pipeline.scene.load import load
 
-DATA = Path(__file__).parents[1] / "data"
 TINY = {"tiny_conventional": "tiny_conventional", "tiny_plenoptic": "tiny_plenoptic", "tiny_lit": "tiny_conventional"}
 """Stages of the golden images, by name."""
 

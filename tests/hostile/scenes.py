@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from places import DATA
 from pxr import Gf, Sdf, Sdr, Usd, UsdGeom, UsdShade
-from stage_text import DATA
 
 BASE = (DATA / "hostile.usda").read_text(encoding="utf-8")
 _SHADERS = ("Paint/Surface", "Paint/Picture", "Paint/Turn", "Paint/Reader")

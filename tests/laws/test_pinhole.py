@@ -5,12 +5,12 @@ Pupils of ideal thin lenses by the thin-lens equation, images by OpenCV, mean ra
 
 import dataclasses
 import math
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from laws import rigs
+from places import ROOT
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection, pinhole
 from pipeline.camera.figures.first_order_figures import report
@@ -20,7 +20,6 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.load import load
 
-ROOT = Path(__file__).resolve().parents[2]
 FINE = 1e-6
 """A stop of 0.02 mm seen over 50 mm: across it the weight of rays and their tangents change by 1e-7 [relative]."""
 SENSOR = Sensor(width_px=64, height_px=48, pitch_mm=0.2)

@@ -11,7 +11,7 @@ from builds import made
 from laws import rigs
 from laws.solving import rig_of
 from scipy.spatial.transform import Rotation
-from stage_text import tiny_text
+from stage_text import stage_in, tiny_text
 
 from pipeline.app.verify import verify
 from pipeline.camera.focusing.depth_of_field import focused
@@ -300,8 +300,7 @@ def stage(folder: Path, shutter: str, places: tuple[str, str], *edits: tuple[str
         *edits,
     )
     folder.mkdir(parents=True)
-    (folder / "dataset.usda").write_text(text, encoding="utf-8")
-    return folder / "dataset.usda"
+    return stage_in(folder, text)
 
 
 def carried(first: tuple[float, float], end: tuple[float, float]) -> tuple[str, str]:

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
+from places import ROOT
 from pxr import Usd
 
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.lens import read_prescription
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def path_of(name: str) -> Path:

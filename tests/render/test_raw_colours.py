@@ -12,6 +12,7 @@ import OpenEXR
 import pytest
 import rawpy
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
+from stage_text import stage_in
 
 from pipeline.files.exr import ExrWindows, Part, read_exr, write_exr
 from pipeline.files.exr_bands import BandedPart, write_bands
@@ -62,8 +63,7 @@ def apart(one, other):
 def taken(request, tmp_path):
     """Light, values of the chart, folder with its raw image, and the graph of a dataset of that light."""
     text = STAGE.read_text(encoding="utf-8").replace("../../stages", str(STAGE.parents[2] / "stages"))
-    (tmp_path / "dataset.usda").write_text(text.replace('nant = "A"', f'nant = "{request.param}"'), encoding="utf-8")
-    graph, *_ = graph_of(load(tmp_path / "dataset.usda").dataset)
+    graph, *_ = graph_of(load(stage_in(tmp_path, text.replace('nant = "A"', f'nant = "{request.param}"'))).dataset)
     rgb, xyz = chart(request.param)
     pixels = np.repeat(np.repeat(rgb[None], EDGE, axis=1), EDGE, axis=0)
     write_exr(

@@ -19,7 +19,6 @@ from pipeline.records.plain import to_plain
 from pipeline.report.page.parts import picture_of
 from pipeline.results.records import BuiltFolder
 
-ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 
 

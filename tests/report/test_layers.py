@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import TINY_PLENOPTIC
 
 from pipeline.app.build import project
 from pipeline.report.graph import HEIGHT, WIDTH, svg
 
-TINY = Path(__file__).resolve().parents[1] / "data/tiny_plenoptic/dataset.usda"
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -38,7 +38,7 @@ def tasks(stage: Path) -> list[Node]:
         [Node("alone")],
         [Node("a"), Node("b", ["a"]), Node("c", ["b"]), Node("d", ["a", "c"]), Node("e", ["b", "d"])],
         [Node("a", ["c"]), Node("b", ["a"]), Node("c", ["b"])],  # one reads a later one, as collapsed passes do
-        tasks(TINY),
+        tasks(TINY_PLENOPTIC),
     ],
     ids=("alone", "chain", "back", "tiny"),
 )

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from builds import tiny
+from places import ROOT
 
 from pipeline.app.reporting import report, report_of_build
 from pipeline.errors import UsageError
@@ -23,7 +24,6 @@ from pipeline.report.page.parts import picture_of
 from pipeline.results.records import BuiltFolder, BuiltPinhole
 from pipeline.results.spots import field_bundles, spots
 
-ROOT = Path(__file__).resolve().parents[2]
 WEB = ROOT / "web"
 ASSETS = ROOT / "pipeline/report/page/assets"
 

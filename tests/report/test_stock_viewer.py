@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from builds import tiny
 from PIL import Image
+from places import ROOT
 
 pytestmark = pytest.mark.heavy  # a browser, and a bundle of three.js
-ROOT = Path(__file__).resolve().parents[2]
 VIEWER = Path(__file__).parent / "scripts/stock_viewer.js"
 SCALE = 10
 """Pixels of the viewer per pixel of the camera."""

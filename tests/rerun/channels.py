@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stage_text import edited, tiny_text, without_method
+from stage_text import edited, stage_in, tiny_text, without_method
 
 TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
 """First, brightest and last wavelength of each channel [nm]."""
@@ -27,6 +27,4 @@ def stage_at(folder: Path, tiny: str, channels: dict[str, tuple[int, int, int]])
         text = text.replace(sensor, f"{lens}        }}\n\n{sensor}")
     text = text.replace(lens, f'{lens}            uniform token plen:indexSource = "catalogue"\n')
     written = "".join(channel(name, wavelengths) for name, wavelengths in channels.items())
-    path = folder / "dataset.usda"
-    path.write_text(edited(text, (sensor, sensor + written)), encoding="utf-8")
-    return path
+    return stage_in(folder, edited(text, (sensor, sensor + written)))

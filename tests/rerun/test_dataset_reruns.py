@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shorter import few
-from stage_text import edited, tiny_text, without_method
+from stage_text import edited, stage_in, tiny_text, without_method
 from typer.testing import CliRunner
 
 import pipeline
@@ -29,8 +29,7 @@ class Workshop:
     """A copy of a tiny dataset that can be edited and built again; `run` counts the executed tasks by kind."""
 
     def __init__(self, folder: Path, tiny: str) -> None:
-        self.stage = folder / "dataset.usda"
-        self.stage.write_text(tiny_text(tiny), encoding="utf-8")
+        self.stage = stage_in(folder, tiny_text(tiny))
         self.out = folder / "out"
         self._known: set[str | None] = set()
 
@@ -145,8 +144,7 @@ def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
     text = conventional.stage.read_text(encoding="utf-8")
     head, _, _ = text.partition("def PlenDataset")
     head = head.replace("#usda 1.0\n(", "#usda 1.0\n(\n    subLayers = [\n        @./lower.usdc@\n    ]", 1)
-    (moved / "dataset.usda").write_text(head + 'over "TinyConventional"\n{\n}\n', encoding="utf-8")
-    conventional.stage, conventional.out = moved / "dataset.usda", moved / "out"
+    conventional.stage, conventional.out = stage_in(moved, head + 'over "TinyConventional"\n{\n}\n'), moved / "out"
     assert conventional.run() == Counter()
 
 

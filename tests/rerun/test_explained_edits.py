@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from places import DATA
 from rerun.pretended import Pretended, project_of
 from stage_text import edited
 
@@ -13,7 +14,6 @@ from pipeline.engine.planning.plan import plan
 from pipeline.engine.store.store import Store
 from pipeline.folders import share
 
-DATA = Path(__file__).parents[1] / "data"
 TWO = """    def PlenCheckerboard "Two"
     {
         uniform int plen:columns = 3

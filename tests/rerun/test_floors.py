@@ -4,15 +4,14 @@ import os
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 
-ROOT = Path(__file__).resolve().parents[2]
 ROUNDING_PX = 1e-9
 """Other versions of NumPy and SciPy add in another order; Newton's method ends within this of the same place."""
 

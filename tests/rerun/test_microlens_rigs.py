@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shorter import few
-from stage_text import tiny_text
+from stage_text import stage_in, tiny_text
 
 import pipeline
 from pipeline.files.exr import read_exr
@@ -48,8 +48,7 @@ PIXELS = """
 def test_rigs_with_other_microlenses_are_built(array: str, tmp_path: Path) -> None:
     """Rows and types, what camera.json says, and the share of light in white.exr that came through neighbours."""
     sensor, pixels = '\n        over "Sensor"', ("\n            uniform int2 plen:resolution", PIXELS)
-    stage = tmp_path / "dataset.usda"
-    stage.write_text(tiny_text("plenoptic", (sensor, array + sensor), pixels), encoding="utf-8")
+    stage = stage_in(tmp_path, tiny_text("plenoptic", (sensor, array + sensor), pixels))
     result = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert result.exit_code == 0, [task.error for task in result.failures]
 

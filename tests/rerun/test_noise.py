@@ -7,7 +7,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from builds import made
-from stage_text import edited, tiny_text
+from stage_text import edited, stage_in, tiny_text
 
 from pipeline.app.build import Result
 from pipeline.engine.events import Done
@@ -33,8 +33,7 @@ def stage_with(noise: float, folder: Path, *, lit: bool = False) -> Path:
     if lit:
         text = edited(text, ('    def PlenCheckerboard "Board"', LAMP + '    def PlenCheckerboard "Board"'))
     folder.mkdir(exist_ok=True)
-    (folder / "dataset.usda").write_text(text, encoding="utf-8")
-    return folder / "dataset.usda"
+    return stage_in(folder, text)
 
 
 def files_of(out: Path) -> dict[str, bytes]:

@@ -8,7 +8,7 @@ import pytest
 import rawpy
 from laws.rigs import facing
 from naive import polar
-from stage_text import edited, exposed, tiny_text
+from stage_text import edited, exposed, stage_in, tiny_text
 
 import pipeline
 from pipeline.app.verify import wrong_files
@@ -56,9 +56,7 @@ IRRADIATION = Irradiation(exposure_time_s=0.02, white_level=0.9)
 def stage(tmp_path, common_store, monkeypatch):
     """The tiny dataset; `PIPELINE_CACHE` is the store of this test run."""
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
-    path = tmp_path / "dataset.usda"
-    path.write_text(tiny_text("conventional"), encoding="utf-8")
-    return path
+    return stage_in(tmp_path, tiny_text("conventional"))
 
 
 def built(stage: Path, out: Path) -> tuple[dict[str, bytes], Counter]:

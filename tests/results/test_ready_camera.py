@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builds import DATA
 from laws import test_shutter
+from places import DATA
 
 import pipeline
 from pipeline.camera.parts.errors import CameraError

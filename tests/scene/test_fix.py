@@ -1,16 +1,16 @@
 """`pipeline check --fix` inserts what viewers miss, and touches nothing else."""
 
 import re
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from pxr import Sdf, Usd, UsdGeom
+from stage_text import stage_in
 
 from pipeline.errors import UsageError
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.write.viewers import fix, note_on_viewers
 
-ROOT = Path(__file__).resolve().parents[2]
 SNIPPET = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[1]
 OWN = """#usda 1.0
 # a comment ( that opens a bracket
@@ -50,14 +50,8 @@ def PlenDataset "Mine" {
 """
 
 
-def written(folder: Path, text: str) -> Path:
-    path = folder / "dataset.usda"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
 def test_the_snippet_of_the_readme_gets_six_types_and_stays_the_same_dataset(tmp_path):
-    path = written(tmp_path, SNIPPET)
+    path = stage_in(tmp_path, SNIPPET)
     before = open_dataset(path)
     assert "`pipeline check --fix`" in note_on_viewers(path, write=False)
     assert path.read_text(encoding="utf-8") == SNIPPET
@@ -74,7 +68,7 @@ def test_the_snippet_of_the_readme_gets_six_types_and_stays_the_same_dataset(tmp
 
 def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_path):
     """121.7263 mm from a sensor 125 mm behind the stop, published; the exit pupil stands 5.233 mm before the stop."""
-    path = written(tmp_path, OWN)
+    path = stage_in(tmp_path, OWN)
     assert load(path).errors == []
     assert fix(path) == 4 + 5  # all types except that of the dataset; three lengths and two offsets
     text = path.read_text(encoding="utf-8")
@@ -90,7 +84,7 @@ def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_pa
 
 
 def test_a_file_that_is_no_text_is_left_as_it_is(tmp_path):
-    Sdf.Layer.OpenAsAnonymous(written(tmp_path, SNIPPET).as_posix()).Export(str(tmp_path / "binary.usdc"))
+    Sdf.Layer.OpenAsAnonymous(stage_in(tmp_path, SNIPPET).as_posix()).Export(str(tmp_path / "binary.usdc"))
     before = (tmp_path / "binary.usdc").read_bytes()
 
     with pytest.raises(UsageError, match=r"by hand:\s+token\[\] PlenCheckerboard"):

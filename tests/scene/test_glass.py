@@ -1,11 +1,11 @@
 """A lens with indices of a catalogue, coatings and absorbing glass: what is read, and what check says."""
 
 import math
-from pathlib import Path
 
 import pytest
+from places import ROOT, TINY
 from pxr import Usd
-from stage_text import over_tiny
+from stage_text import over_tiny, stage_in
 
 from pipeline.optics.glass.absorption import measured
 from pipeline.optics.glass.catalogue import find
@@ -14,8 +14,6 @@ from pipeline.optics.transmission import Coating, Film
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.losses import check_losses, losses_at, read_losses, wavelengths_seen
 
-ROOT = Path(__file__).resolve().parents[2]
-TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 GLASSES = ["hikari:BAF10", "hikari:BAF10", "schott:SF15", "schott:F5", "ohara:LAL11", "hoya:LAF3"]
 IN_GLASS = (0, 2, 3, 6, 7, 9)
 CAMERA, LENS = "/TinyConventional/Rig/Camera", "/TinyConventional/Rig/Lens"
@@ -26,9 +24,7 @@ def write(tmp_path):
     """Write a dataset with the conventional rig and overrides of its lens and camera; gives its path."""
 
     def writer(lens='uniform token plen:indexSource = "catalogue"', camera="", surfaces=""):
-        path = tmp_path / "dataset.usda"
-        path.write_text(over_tiny(camera, f"{lens}\n{surfaces}"))
-        return path
+        return stage_in(tmp_path, over_tiny(camera, f"{lens}\n{surfaces}"))
 
     return writer
 

@@ -9,6 +9,7 @@ from hostile.attempt import write
 from hostile.scenes import SCENES
 from hostile.values import Attempt
 from pxr import Gf, Sdf, UsdSkel, Vt
+from stage_text import stage_in
 
 import pipeline
 from pipeline import cli
@@ -143,8 +144,7 @@ def test_channels_are_called_by_their_colours_in_any_case(names, codes, tmp_path
     sensor.GetAttribute("plen:response:quantumEfficiency").Set([0.5] * len(names))
     stage.GetPrimAtPath("/Scene/Lens").GetAttribute("plen:indexSource").Set("catalogue")
     stage.GetPrimAtPath("/Scene/Lens/Front").GetAttribute("plen:glass").Set("schott:N-BK7")
-    (tmp_path / "dataset.usda").write_text(stage.GetRootLayer().ExportToString())
-    assert [one.code for one in load(tmp_path / "dataset.usda").errors] == codes
+    assert [one.code for one in load(stage_in(tmp_path, stage.GetRootLayer().ExportToString())).errors] == codes
 
 
 def test_the_name_of_a_stage_reaches_no_terminal_as_it_is(tmp_path, monkeypatch, capfd):

@@ -1,16 +1,14 @@
 """The shipped stages and the examples are flawless, written as USD writes, and say what their sources say."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from laws import rigs
+from places import ROOT
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.targets import read_target
 
-ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = sorted((ROOT / "stages").rglob("*.usda"))
 EXAMPLES = sorted((ROOT / "examples").glob("*/dataset.usda"))
 TINY = sorted((ROOT / "tests/data").glob("tiny_*/dataset.usda"))

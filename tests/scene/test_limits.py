@@ -4,20 +4,16 @@ import re
 from pathlib import Path
 
 import pytest
-from stage_text import tiny_text
+from stage_text import stage_in, tiny_text
 
 from pipeline.errors import UsageError
 from pipeline.limits import Limits, limits
 from pipeline.scene.load import load
 
-TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
-PLENOPTIC = TINY.parents[1] / "tiny_plenoptic/dataset.usda"
-
 
 def stage(folder: Path, *edits: tuple[str, str], kind: str = "conventional") -> Path:
     """The tiny dataset with texts replaced; the library is found by search path."""
-    (folder / "dataset.usda").write_text(tiny_text(kind, *edits))
-    return folder / "dataset.usda"
+    return stage_in(folder, tiny_text(kind, *edits))
 
 
 def only(path: Path):
@@ -98,8 +94,7 @@ def test_a_link_to_itself_or_a_name_too_long_is_no_traceback(name, tmp_path):
         with pytest.raises(UsageError, match="more than 255 bytes"):
             load(tmp_path / name)
     text = stage(tmp_path).read_text().replace('"Rig" (', '"Rig" (\n payload = @./' + name + "@\n")
-    (tmp_path / "dataset.usda").write_text(text)
-    assert load(tmp_path / "dataset.usda").errors
+    assert load(stage_in(tmp_path, text)).errors
 
 
 def test_a_binary_layer_is_read_and_one_that_is_cut_ends_in_a_message(tmp_path):

@@ -1,18 +1,15 @@
 """An occluder is read as the stage draws it, in millimetres, where it is in each frame, and never inside the lens."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from places import ROOT, TINY
 from pxr import Usd, UsdGeom
-from stage_text import head
+from stage_text import head, stage_in
 
 from pipeline.frames import apply
 from pipeline.scene.load import open_dataset
 from pipeline.scene.occluders import meets_lens, read_occluder
 
-ROOT = Path(__file__).resolve().parents[2]
-TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 STAGE = (
     head("Dataset", end=2)
     + """
@@ -60,9 +57,7 @@ def PlenDataset "Dataset" (
 
 
 def written(folder, text: str = STAGE):
-    path = folder / "dataset.usda"
-    path.write_text(text.format(tiny=TINY.as_posix()), encoding="utf-8")
-    return path
+    return stage_in(folder, text.format(tiny=TINY.as_posix()))
 
 
 def test_faces_become_triangles_and_poses_any_affine_transform(tmp_path) -> None:

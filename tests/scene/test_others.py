@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
-from stage_text import head, in_the_library, mesh_text, placed
+from stage_text import head, in_the_library, mesh_text, placed, stage_in
 from tolerances import SINGLE
 
 from pipeline.errors import PipelineError
@@ -75,8 +75,7 @@ def asset(top: str = METRES, meta: str = "", own: str = "", body: str = "", besi
 
 def written(folder: Path, man: str, over: str = CONVERTED) -> Path:
     (folder / "asset.usda").write_text(man, encoding="utf-8")
-    (folder / "dataset.usda").write_text(STAGE % over, encoding="utf-8")
-    return folder / "dataset.usda"
+    return stage_in(folder, STAGE % over)
 
 
 def told(loaded: Loaded) -> list[tuple[str, str]]:

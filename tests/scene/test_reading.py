@@ -3,13 +3,13 @@
 import dataclasses
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from laws import rigs
+from places import ROOT, TINY
 from pxr import Usd, UsdGeom
-from stage_text import head, placed
+from stage_text import head, placed, stage_in
 
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError
@@ -17,9 +17,6 @@ from pipeline.scene.lens import read_prescription
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import StageError
-
-ROOT = Path(__file__).resolve().parents[2]
-TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 
 
 @pytest.fixture
@@ -226,8 +223,7 @@ def test_a_lens_passes_the_check_but_is_no_dataset():
 @pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
 def test_the_flattened_stage_stands_alone_and_reads_the_same(tmp_path, name):
     loaded = load(ROOT / f"tests/data/{name}/dataset.usda")
-    alone = tmp_path / "dataset.usda"
-    alone.write_text(loaded.flattened)
+    alone = stage_in(tmp_path, loaded.flattened)
 
     again = load(alone)
 

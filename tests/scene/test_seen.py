@@ -5,7 +5,7 @@ others.
 import re
 
 import pytest
-from stage_text import edited, tiny_text
+from stage_text import edited, stage_in, tiny_text
 
 from pipeline.app.build import build
 from pipeline.scene.load import load
@@ -28,8 +28,7 @@ def check(tmp_path):
             f"{text[:start]}        quatd xformOp:orient.timeSamples = {{\n{turns}        }}\n"
             f"        double3 xformOp:translate.timeSamples = {{\n{places}        }}\n{text[end:]}"
         )
-        (tmp_path / "dataset.usda").write_text(edited(text, *replaced), encoding="utf-8")
-        assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask for it
+        assert load(stage_in(tmp_path, edited(text, *replaced))).problems == []  # a plan need not ask for it
         return [
             str(problem).split(": ", 3)[3].split(" [")[0]
             for problem in load(tmp_path / "dataset.usda", look=True).problems
@@ -59,8 +58,7 @@ def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monk
     found = []
     for z in (420, 800):
         moved = re.sub(r"\(([-\d.]+), ([-\d.]+), -[\d.]+\)", rf"(\1, \2, -{z})", text)
-        (tmp_path / "dataset.usda").write_text(moved, encoding="utf-8")
-        found.append([str(one) for one in load(tmp_path / "dataset.usda", look=True).problems])
+        found.append([str(one) for one in load(stage_in(tmp_path, moved), look=True).problems])
     assert found[0] == []
     grey = "frames 1-2 (too far away or too blurred to tell its points apart)"
     assert grey in found[1][0]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
-from stage_text import in_the_library, mesh_text, placed
+from stage_text import in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
 from pipeline.scene.load import load
@@ -247,8 +247,7 @@ def test_instances_have_a_limit_and_wrong_ones_a_warning(tmp_path, monkeypatch):
 
 def test_an_edit_of_an_instancer_whose_instances_are_written_out_has_a_warning(tmp_path):
     """In the dataset.usda of a build instances are there already: without an edit they are those of the instancer."""
-    built = tmp_path / "dataset.usda"
-    built.write_text(load(scene(tmp_path, MANY, 2)).flattened, encoding="utf-8")
+    built = stage_in(tmp_path, load(scene(tmp_path, MANY, 2)).flattened)
     assert load(built).problems == []
     text = built.read_text(encoding="utf-8")
     for old, new in [

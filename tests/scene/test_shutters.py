@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from stage_text import tiny_text
+from stage_text import stage_in, tiny_text
 
 from pipeline.scene.load import load
 
@@ -17,8 +17,7 @@ _LAST = "2: (0.3, -0.2, -432),"
 def problems(folder: Path, camera: str, *edits: tuple[str, str], last: str = f"{_LAST}\n3: (1, 0, -432),") -> list:
     lines = "".join(f"            uniform {line.strip()}\n" for line in camera.splitlines())
     lines = re.sub(r"uniform (token|double2|int) (?!plen)", r"uniform \1 plen:shutter:", lines)
-    path = folder / "dataset.usda"
-    path.write_text(tiny_text("conventional", (_METHOD, lines), (_LAST, last), *edits), encoding="utf-8")
+    path = stage_in(folder, tiny_text("conventional", (_METHOD, lines), (_LAST, last), *edits))
     return load(path).problems
 
 

@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import ROOT, TINY
 
-ROOT = Path(__file__).resolve().parents[2]
-TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
 BUILD = '"$venv/bin/python" -m pipeline build /stage/dataset.usda -o /out/dataset'
 
 needs_bwrap = pytest.mark.skipif(

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from shorter import few
-from stage_text import edited
+from stage_text import edited, stage_in
 
 import pipeline
 from pipeline.app.build import build, project
@@ -23,7 +24,6 @@ from pipeline.targets.patterns.lines import Lines
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import Target
 
-ROOT = Path(__file__).resolve().parents[2]
 TWO_POSES = (ROOT / "tests/data/two_poses.usda").read_text(encoding="utf-8")
 VIEWER = """
 import json, sys
@@ -70,9 +70,7 @@ def stage(tmp_path):
     """The stage of two poses, with changes of its text."""
 
     def write(*changes: tuple[str, str]) -> Path:
-        path = tmp_path / "dataset.usda"
-        path.write_text(edited(TWO_POSES, *changes), encoding="utf-8")
-        return path
+        return stage_in(tmp_path, edited(TWO_POSES, *changes))
 
     return write
 

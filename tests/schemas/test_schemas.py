@@ -4,16 +4,15 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
 from pipeline.scene.check.properties import conditions_in
 from pipeline.scene.usd.roots import library_path, plugin_path
 from pipeline.scene.usd.values import range_of
 
-ROOT = Path(__file__).resolve().parents[2]
 SOURCE = Sdf.Layer.FindOrOpen((ROOT / "schemas/plenScene/resources/plenScene/schema.usda").as_posix())
 CONCRETE = [prim.name for prim in SOURCE.rootPrims if prim.typeName]
 CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI", "PlenShutterAPI")
