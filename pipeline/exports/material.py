@@ -162,8 +162,9 @@ class ExportCamera:
     @property
     def thin_lens(self) -> ThinLens:
         """The thin-lens camera; focal lengths in the order of its types. ExportError: there is none like it."""
-        if "sensor_tilt_deg" in self.built.record or not self.built.record["lens"]["f_number"]:
-            what = f"no thin lens is like {self.name}: its sensor is tilted, or its lens telecentric"
+        lens = self.built.record["lens"]
+        if "sensor_tilt_deg" in self.built.record or not lens["f_number"] or "index_in_front" in lens:
+            what = f"no thin lens is like {self.name}: its sensor is tilted, its lens telecentric, or no air before it"
             raise ExportError(what, hint="rays and the tables hold any camera")
         return thin_lens(self.built.record, self.array[0].focal_lengths_mm)
 

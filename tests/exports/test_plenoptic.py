@@ -170,3 +170,13 @@ def test_microlenses_of_libpleno_are_opposite_to_their_micro_images(layout, size
             here = node(flat, images["width"] - 1 - k, images["height"] - 1 - l)
             there = matrix(pose["rotation"])[:2, :2] @ here + pose["translation"][0][:2]
             np.testing.assert_allclose(there, -(node(images, k, l) - axis) * per_px, rtol=0, atol=1e-12)
+
+
+def test_a_thin_lens_is_not_made_up_for_a_camera_that_looks_into_water(tmp_path):
+    out = write_plenoptic_build(tmp_path / "out", PlenopticScene(layout="hexagonal"))
+    record = out / "cameras/Rig.Camera/camera.json"
+    record.write_text(record.read_text().replace('"lens": {', '"lens": {"index_in_front": 1.34, '))
+    write_manifest(out)
+    for name in ("libpleno", "pip", "raytrix"):
+        with pytest.raises(ExportError, match="no air before it"):
+            export(open_output(out), [name], tmp_path)
