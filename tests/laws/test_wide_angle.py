@@ -12,9 +12,11 @@ from published.library import prescription
 from tolerances import SIGMAS
 
 from pipeline.app.authoring.poses import CameraField, Wish, poses_that_fill
+from pipeline.camera.figures import point_images
 from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -141,6 +143,18 @@ def test_new_poses_stand_around_a_fisheye_and_face_it(nikkor):
         points = apply(pose.vision_from_target, board.points().position_mm)[np.isfinite(pose.seen_px[0, :, 0])]
         angles.extend(np.degrees(fan.angle_rad[np.argmax(fan.past_mm(points) <= 0, axis=1)]))
     assert max(angles) > 95 and min(angles) < 30
+
+
+def test_point_images_end_where_planes_in_focus_do(nikkor):
+    """The outermost default place is 78 degrees off the axis, by its own mean ray; beyond, they are refused."""
+    *_, (words, view) = point_images._places(nikkor.rig)
+    assert words == "78 degrees off the axis"
+    rays = nikkor.rays(*nikkor.rig.tracer.pixels_at(view.position_mm[None]).T)
+    assert np.degrees(np.arccos(rays.direction[0, 2])) == pytest.approx(78.0, abs=0.6)
+    points, normals = at_angles([105.0], 30.0, 120.0)
+    rows = nikkor.project(points, normals)
+    with pytest.raises(CameraError, match="no plane in focus"):
+        point_images.point_images(nikkor.camera, 587.56, at_px=(rows.x_px[0], rows.y_px[0]))
 
 
 def test_through_the_centre_of_a_ball_light_goes_straight():

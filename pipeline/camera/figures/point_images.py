@@ -8,6 +8,8 @@ import numpy as np
 from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.chief_ray import chief_crossings
+from pipeline.camera.pupil.from_stop import WIDE_RAD, pupil_fan
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -21,6 +23,8 @@ from pipeline.camera.wave.spread import (
     transfer_of_rays,
 )
 from pipeline.camera.wave.wavefront import View, wavefront
+from pipeline.optics.rays import traced
+from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
@@ -28,6 +32,10 @@ FIELDS = (0.0, 0.7, 1.0)
 """Places of a conventional camera: shares of the way from the axis to the farthest corner."""
 _RIM = 0.98
 """Share of the image circle that stands for the corner where that is dark: at the rim itself the pupil vanishes."""
+_TRIED = 257
+"""Places on the way to the edge of a wide field at which chief rays are tried: a pixel or a few apart."""
+_STEEPEST_RAD = WIDE_RAD - np.radians(2.0)
+"""Angle of the outermost chief ray of a wide field: all of its bundle still meets planes across the axis."""
 FREQUENCIES = 49
 """Spatial frequencies of a curve, from 0 to its limit: steps too fine to see."""
 _CELLS, _RADII = 97, 4.0
@@ -121,11 +129,34 @@ def _places(rig: Rig) -> list[tuple[str, View]]:
     tracer, corner = rig.tracer, rig.tracer.camera.sensor.farthest_corner_mm
     ends = tracer.on_film(np.stack([np.zeros(2), corner]))
     reach = lit_share(tracer.table, tracer.stop_row, *ends)
-    words = ("on the axis", "0.7 of the field", "corner" if reach == 1 else "rim of the image circle")
-    share = 1.0 if reach == 1 else _RIM * reach
+    edge, share = ("corner", 1.0) if reach == 1 else ("rim of the image circle", _RIM * reach)
+    if pupil_fan(tracer.camera.prescription).is_wide:
+        edge, share = _seen_in_planes(tracer, ends, edge, share)
+    words = ("on the axis", "0.7 of the field", edge)
     return [
         (name, View(field * share * corner, NO_MICROLENS, math.nan)) for name, field in zip(words, FIELDS, strict=True)
     ]
+
+
+def _seen_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -> tuple[str, float]:
+    """The edge of the field with its share of the way between two ends, or the last place before it whose chief ray
+    meets planes across the axis.
+    """
+    shares = np.linspace(0, share, _TRIED)
+    start = ends[0] + shares[:, None] * (ends[1] - ends[0])
+    rear = np.append(
+        chief_crossings(tracer.table, tracer.stop_row, start), np.full((_TRIED, 1), tracer.table[0, VERTEX]), axis=1
+    )
+    _, way, passes = traced(
+        unbounded(tracer.table), start, (rear - start) / np.linalg.norm(rear - start, axis=1)[:, None]
+    )
+    meets = passes & (way[:, 2] > np.cos(_STEEPEST_RAD))
+    last = int(np.flatnonzero(meets).max(initial=0))
+    return (
+        (edge, share)
+        if last == _TRIED - 1
+        else (f"{math.degrees(_STEEPEST_RAD):.0f} degrees off the axis", shares[last])
+    )
 
 
 def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> PointImage:

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.microlens_kernels import PLAIN, THIN, TWO_PLANE
@@ -259,6 +260,9 @@ def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
         step = width / (size - 2)
         rays = _sent(tracer, view, *np.meshgrid(*_axes(centre, step, size)))
         known = np.isfinite(rays.path_mm).reshape(size, size)
+        if np.nanmax(rays.direction[rays.passes, 2], initial=0.0) < math.cos(WIDE_RAD):
+            what = "its light comes from so far beside the lens that no plane in focus meets it"
+            raise CameraError(what, hint="choose an image position nearer to the axis; images and truth have its blur")
         share = np.where(known, _shares(tracer, view, (centre, step, size), _PARTS), 0.0)
         path = _to_object(rays, share.ravel(), view.object_mm, aperture_mm).reshape(size, size)
         path -= np.sum(np.where(known, path, 0.0) * share) / share.sum()
