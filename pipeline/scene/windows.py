@@ -179,6 +179,12 @@ def check_window(window: Usd.Prim) -> Iterator[Problem]:
             message = "a window has no aperture stop: that is in the lens"
             yield problem(surface.GetAttribute("plen:isStop"), "several-stops", message)
     yield from media_behind(window, ordered_surfaces(window))[1]
+    panes, root = ordered_surfaces(window), window.GetStage().GetDefaultPrim()
+    has_glass = (read(pane, "plen:glass") or pane.GetAttribute("plen:index").HasAuthoredValue() for pane in panes)
+    if panes and not any(has_glass) and (not root or read(root, "plen:medium") in (None, AIR)):
+        message = f"<{window.GetPath()}> is air in air: it bends no light"
+        hint = "write plen:glass on each surface behind which there is glass, as light meets them"
+        yield problem(window, "unused-window", message, hint=hint, severity="warning")
 
 
 def check_medium(root: Usd.Prim) -> Iterator[Problem]:

@@ -1,7 +1,7 @@
 """Every file in tests/data/bad is wrong in one way, and `load` says so in the words of EXPECTED.txt.
 
 The second line of each file says what is wrong, the third which codes that must give; EXPECTED.txt pins the words.
-After an intended change of words:  python tests/scene/test_bad_files.py > tests/data/bad/EXPECTED.txt
+After an intended change of words:  PYTHONPATH=tests python tests/scene/test_bad_files.py > tests/data/bad/EXPECTED.txt
 """
 
 import os
