@@ -1,17 +1,24 @@
-"""Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole."""
+"""Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole. While
+one runs, other threads go on, such as a worker's heartbeat; times of loading and of calls do not mix.
+"""
 
 import errno
 import os
 import subprocess
+import threading
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from places import ROOT
 
 from pipeline.app.build import compile_once, project, steps_of
+from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel
+from pipeline.jit.work import calling, loading, work
 from pipeline.machine.facts import command
 
 SOURCES = {
@@ -204,3 +211,44 @@ def test_two_processes_compile_each_kernel_once_and_name_the_folders_that_they_o
     assert names == {path.name for path in tmp_path.glob("jit/*/*")}
     assert {"quads_that_hold-kernel", "solve_quads-kernel"} <= {name.rpartition(".")[2] for name in names}
     assert all(files.is_whole(path) for path in tmp_path.glob("jit/*/*"))
+
+
+def busy(seconds):
+    end = time.thread_time() + seconds
+    while time.thread_time() < end:
+        pass
+
+
+def test_time_to_load_is_no_time_of_the_kernel():
+    before = work().copy()
+    with calling("k"):
+        with loading():
+            busy(0.04)
+        busy(0.01)
+    done = work().since(before)
+    assert 0.01 <= done.kernels["k"].seconds < 0.03 and done.kernels["k"].calls == 1
+    assert 0.04 <= done.loading_s < 0.06
+
+
+def test_a_thread_ticks_while_a_bundle_is_traced(conventional):
+    """Ten ticks or more; a held lock would give one or two in all, however busy the machine."""
+    tracer = Tracer(conventional)
+    n = 2000
+    arguments = (np.zeros((n, 2)), np.full(n, -1), parallel_planes(300.0, 600.0), 4096, np.zeros((n, 2), np.int64))
+    tracer.moments(*(argument[:1] if isinstance(argument, np.ndarray) and len(argument) == n else argument
+                     for argument in arguments))  # fmt: skip
+    ticks, stop = [], threading.Event()
+
+    def tick() -> None:
+        while not stop.wait(0.01):
+            ticks.append(time.perf_counter())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    start = time.perf_counter()
+    tracer.moments(*arguments)
+    seconds = time.perf_counter() - start
+    stop.set()
+    thread.join()
+    inside = [at for at in ticks if start < at < start + seconds]
+    assert seconds > 0.2 and len(inside) >= 10

@@ -1,4 +1,4 @@
-"""Keys: equal for equal work, different for everything else."""
+"""Keys: equal for equal work, different for everything else; and the hint for a name that no task and no file has."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from engine import toy
 
 import pipeline
 from pipeline.engine.digest import canonical, key_of
-from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.graph import TaskGraph, names_like
 from pipeline.engine.planning.plan import Specs
 from pipeline.engine.planning.task_code import code_of, is_foreign, versions_of
 from pipeline.engine.store.store import Store
@@ -211,3 +211,22 @@ def test_a_library_that_is_not_installed_is_part_of_a_key_as_such():
     """Extras such as pandas and Matplotlib: code that mentions them runs without."""
     versions = versions_of(["numpy", "no_such_library"])
     assert versions["no_such_library"] == "not installed" and versions["numpy"] == version("numpy")
+
+
+NAMES = ["focus/Cam", "image/Cam/0001", "image/Cam/0002", "frames/0001/Cam/image.png"]
+
+
+@pytest.mark.parametrize(
+    ("target", "hint"),
+    [
+        ("image/0009", "there are image/Cam/0001, image/Cam/0002"),
+        ("imgae/2", 'did you mean "image"?'),
+        ("other/2", "`pipeline graph` shows the tasks; their names begin with focus, frames, image"),
+    ],
+)
+def test_a_hint_names_what_is_near_or_what_there_is(target, hint):
+    assert names_like(target, NAMES) == hint
+
+
+def test_a_hint_of_many_names_is_short():
+    assert len(names_like("image", [f"image/Cam{number}" for number in range(1000)])) < 200
