@@ -13,6 +13,7 @@ from pipeline.camera.figures.point_images import PointImage, point_images
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import pdf_bytes, write_drawing
@@ -30,6 +31,8 @@ from pipeline.targets.target import Target
 from pipeline.tasks.camera import document
 from pipeline.tasks.params.cameras import CONVENTIONS
 
+_FISHEYE = 2.5
+"""As `_CORNERS`, tried first of a lens that sees beside itself: those of 220 degrees image up to 1.9 focal lengths."""
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
 """The square sensor with which a bare lens is shown. Its half diagonal over the focal length: the first of these whose
 corners a chief ray reaches. Then its pixels along an edge.
@@ -102,7 +105,8 @@ def _with_sensor(entry: LensEntry) -> tuple[Camera, FieldCurves] | tuple[None, N
     lens = first_order(entry.prescription)
     if not (0 < lens.efl_mm < math.inf and lens.bfd_mm > 0):
         return None, None
-    for corner in _CORNERS:
+    corners = (_FISHEYE, *_CORNERS) if pupil_fan(entry.prescription).is_wide else _CORNERS
+    for corner in corners:
         pitch_mm = corner * lens.efl_mm * math.sqrt(2) / _PIXELS
         sensor = Sensor(width_px=_PIXELS, height_px=_PIXELS, pitch_mm=pitch_mm)
         camera = Camera(prescription=entry.prescription, sensor_distance_mm=-lens.rear_focus_mm, sensor=sensor)

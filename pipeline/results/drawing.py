@@ -30,8 +30,6 @@ FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 """Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
 _RIM = 0.99
 """Share of the image circle at which a bundle of its rim is drawn: at the rim itself it has no width."""
-_STEEPEST = math.tan(math.radians(86))
-"""Slope in the scene up to which bundles are drawn; light from beyond 90 degrees would go backwards."""
 _WIDEST_RAD = math.radians(60)
 """Half the field of a lens alone whose image circle is looked for, as a lens without distortion would have it."""
 _RAYS = 7
@@ -131,7 +129,7 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     """
     height = _lit_height(camera, field)
     central = _central_ray(camera, height)
-    while central and not 0 <= central[2] * math.copysign(1, height) < _STEEPEST and abs(height) > 1e-9:
+    while central and central[1][1] * math.copysign(1, height) < 0 and abs(height) > 1e-9:
         height *= _RIM
         central = _central_ray(camera, height)
     if central is None:
@@ -140,8 +138,8 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     offsets = np.linspace(-reach, reach, _FAN)
     # Twice: the bundle of a narrow stop is a small part of the front surface.
     for _ in range(2):
-        start, slopes = _fan(central, offsets, *_in_focus(camera))
-        x, y, passes, out = _trace(camera.prescription, start[:, 0], start[:, 1], slopes)
+        start, ways = _fan(*central, offsets, _in_focus(camera))
+        x, y, passes, out = _trace(camera.prescription, start, ways)
         passing = np.flatnonzero(passes)
         if not passing.size:
             return []
@@ -151,14 +149,16 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     rays = []
     for i in dict.fromkeys(chosen.tolist()):
         points = list(zip(x[1:, i].tolist(), y[1:, i].tolist(), strict=True))
-        first = _entry(points[0], float(slopes[i]), left_mm, _half_height(camera))
+        first = _entry(points[0], ways[i].tolist(), left_mm, _half_height(camera))
         rays.append([first, *points, *_behind(camera, points[-1], float(out[i]))])
     return rays
 
 
-def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float] | None:
-    """The middle one of the rays that leave the lens from a height on the sensor; None if none does."""
-    # Where it meets the front surface, along and across the axis, and its slope in the scene.
+def _central_ray(camera: Camera, height_mm: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """The middle one of the rays that leave the lens from a height on the sensor; None if none does.
+
+    Where it meets the front surface, and the direction of its light in the scene, (2,) along and across the axis.
+    """
     table = towards_scene(camera.prescription)
     # Vision y and z are the drawing's height and length with the other sign.
     reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
@@ -173,7 +173,7 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float]
     if not passing.size:
         return None
     (_, y, z), (_, dy, dz) = (rays[passing[passing.size // 2]].tolist() for rays in (position, direction))
-    return -z, -y, dy / dz
+    return np.array([-z, -y]), np.array([dz, dy])
 
 
 def _in_focus(camera: Camera) -> tuple[float, float]:
@@ -186,40 +186,38 @@ def _in_focus(camera: Camera) -> tuple[float, float]:
 
 
 def _fan(
-    central: tuple[float, float, float], offsets: np.ndarray, distance: float, leaning: float
+    place: np.ndarray, along: np.ndarray, offsets: np.ndarray, in_focus: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 2) beside the central ray where it meets the lens, and slopes of the rays of its object point there.
+    """Points (n, 2) beside the central ray where it meets the lens, and directions there of rays of its object point.
 
     The object point lies in the plane in focus, or on rays that are steep to it at most twice as far away as that;
     parallel rays where it is infinitely far.
     """
-    x, y, slope = central
-    along = np.array([1.0, slope]) / math.hypot(1.0, slope)
-    points = np.array([x, y]) + offsets[:, None] * np.array([-along[1], along[0]])
+    distance, leaning = in_focus
+    points = place + offsets[:, None] * np.array([-along[1], along[0]])
     if math.isinf(distance):
-        return points, np.full(len(points), slope)
-    way = points - (np.array([x, y]) - (distance + x - leaning * y) / max(along[0] - leaning * along[1], 0.5) * along)
-    return points, way[:, 1] / way[:, 0]
+        return points, np.tile(along, (len(points), 1))
+    away = (distance + place[0] - leaning * place[1]) / max(along[0] - leaning * along[1], 0.5)
+    ways = points - (place - away * along)
+    return points, ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
 
-def _entry(first: tuple[float, float], slope: float, left_mm: float, limit_mm: float) -> tuple[float, float]:
+def _entry(first: tuple[float, float], way: list[float], left_mm: float, limit_mm: float) -> tuple[float, float]:
     """Point at which a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
-    x, y = first
-    at_left = y + slope * (left_mm - x)
-    if abs(at_left) <= limit_mm:
-        return left_mm, at_left
-    edge = math.copysign(limit_mm, at_left)
-    return x + (edge - y) / slope, edge
+    (x, y), (along, across) = first, way
+    ahead = (x - left_mm) / along if along > 0 else math.inf
+    if across:
+        ahead = min(ahead, (y + math.copysign(limit_mm, across)) / across)
+    return x - ahead * along, y - ahead * across
 
 
 def _trace(
-    prescription: Prescription, start: np.ndarray, heights: np.ndarray, slopes: np.ndarray
+    prescription: Prescription, start: np.ndarray, ways: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
-    position = np.stack([np.zeros_like(heights), heights, start], axis=1)
-    direction = np.stack([np.zeros_like(heights), slopes, np.ones_like(heights)], axis=1)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive, table = np.ones(len(heights)), towards_sensor(prescription)
+    position = np.stack([np.zeros(len(start)), start[:, 1], start[:, 0]], axis=1)
+    direction = np.stack([np.zeros(len(start)), ways[:, 1], ways[:, 0]], axis=1)
+    alive, table = np.ones(len(start)), towards_sensor(prescription)
     along, across = [position[:, 2].copy()], [position[:, 1].copy()]
     for row in range(len(table)):
         trace_rays(table[row : row + 1], position, direction, alive)

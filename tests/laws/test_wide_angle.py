@@ -15,6 +15,7 @@ from pipeline.app.authoring.poses import CameraField, Wish, poses_that_fill
 from pipeline.camera.figures import point_images
 from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.figures.outlook import Fate, outlook
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import pupil_fan
@@ -24,7 +25,9 @@ from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import fitted, rms
 from pipeline.fits.result import fit_camera
 from pipeline.frames import apply
+from pipeline.report.page.shapes import ray_fans
 from pipeline.results import answers
+from pipeline.results.drawing import bundle
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
@@ -155,6 +158,18 @@ def test_point_images_end_where_planes_in_focus_do(nikkor):
     rows = nikkor.project(points, normals)
     with pytest.raises(CameraError, match="no plane in focus"):
         point_images.point_images(nikkor.camera, 587.56, at_px=(rows.x_px[0], rows.y_px[0]))
+
+
+def test_drawings_show_light_that_comes_from_behind(nikkor):
+    """The outermost bundle comes as the ray of its position does; rays of the 3-D view end behind the first vertex."""
+    ray = bundle(nikkor.camera, 1.0, -100.0)[3]
+    (x, y), (further_x, further_y), height_mm = ray[0], ray[1], ray[-1][1]
+    real = nikkor.rays([239.5], [239.5 + height_mm / 0.05])  # up on the sensor is down in the image
+    angle = np.degrees(np.arctan2(further_y - y, further_x - x))
+    assert angle == pytest.approx(np.degrees(np.arccos(real.direction[0, 2])), abs=2.0) and angle > 100
+    _, *fans = ray_fans(focused(nikkor.camera))
+    for fan in fans:
+        assert fan.rays and all(path[-1][2] < path[-2][2] < 40.0 for path in fan.rays)
 
 
 def test_through_the_centre_of_a_ball_light_goes_straight():

@@ -36,7 +36,8 @@ from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
 _FARTHEST_PX = 1e12
-"""Principal distance of a telecentric lens in the 3-D view [px]: a number, and edges of its field look parallel."""
+"""Principal distance in the 3-D view of a lens that no pinhole fits [px]: its field is no pyramid, and shrinks to the
+axis."""
 
 _MOST_FACES = 20_000
 """Faces of a target in the 3-D view; one with more is left out there."""
@@ -117,7 +118,7 @@ def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) 
         lens=record["lens"]["name"],
         width_px=width,
         height_px=height,
-        principal_distance_px=min(float(record["principal_distance_px"]), _FARTHEST_PX),
+        principal_distance_px=float(record["principal_distance_px"]) if record["pinhole"] else _FARTHEST_PX,
         certificate=certificate,
         optics=optics,
         micro_images=_micro_images(source, camera),

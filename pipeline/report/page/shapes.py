@@ -6,6 +6,8 @@ import numpy as np
 
 from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.pupil.from_stop import WIDE_RAD
+from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
@@ -16,6 +18,10 @@ _PROFILE = 13
 """Points of a profile from the axis to the rim: a smooth curve in a picture."""
 _ACROSS = 5
 """Rays tried along each side of the rear surface; a fan holds those that pass."""
+_FINE = 81
+"""Rays tried instead where none of them passes, as at the edge of a fisheye's field."""
+_RIM = 0.95
+"""Share of the image circle whose rays stand for a dark corner: at the rim itself hardly any pass."""
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Vision frame from the frame of the stop with z towards the sensor: a half turn about x; it is its own inverse."""
 
@@ -53,7 +59,9 @@ def sensor_corners_mm(camera: Camera) -> np.ndarray:
 
 
 def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
-    """Rays of the centre and of two opposite corners of the sensor, through the main lens alone."""
+    """Rays of the centre and of two opposite corners of the sensor, or from near the rim of the image circle before
+    dark ones, through the main lens alone.
+    """
     tracer, sensor = Tracer(camera), camera.sensor
     half_x, half_y = (size / 2 for size in sensor.size_mm)
     ends = (("centre", 0.0), ("top left", 0.96), ("bottom right", -0.96))
@@ -61,7 +69,9 @@ def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
     centre = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
     fans = []
     for place, share in ends:
-        start = np.array([[*(centre + share * np.array([half_x, half_y])), tracer.film_z_mm]])
+        corner = share * np.array([half_x, half_y])
+        lit = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([centre, centre + corner])))
+        start = np.array([[*(centre + (1.0 if lit == 1 else _RIM * lit) * corner), tracer.film_z_mm]])
         fans.append(RayFan(place=place, rays=_rays(camera, camera.in_vision(start)[0])))
     return tuple(fans)
 
@@ -70,20 +80,26 @@ def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, floa
     """Polylines of the rays from a point that pass all surfaces, out to some way behind the distance in focus."""
     table = towards_scene(camera.prescription)
     radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
-    u = np.linspace(-radius, radius, _ACROSS)
-    aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    for count in (_ACROSS, _FINE):  # the finer one where no ray of the other passes
+        u = np.linspace(-radius, radius, count)
+        aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+        if _traced(table, start_mm, aim)[2].any():
+            break
     for _ in range(2):  # again within what passed: a narrow stop lets few rays through
         points, direction, alive = _traced(table, start_mm, aim)
         if not alive.any():
             return ()
         low, high = aim[alive].min(axis=0), aim[alive].max(axis=0)
-        step = (aim[:, 0].max() - aim[:, 0].min()) / (_ACROSS - 1)
+        step = (aim[:, 0].max() - aim[:, 0].min()) / (math.isqrt(len(aim)) - 1)
         across = [np.linspace(low[i] - 0.6 * step, high[i] + 0.6 * step, _ACROSS) for i in (0, 1)]
         aim = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
     points, direction, alive = _traced(table, start_mm, aim)
     focus = middle_focus(camera)
     reach = 1.15 * focus if math.isfinite(focus) else 20.0 * camera.sensor_distance_mm
-    end = points[-1] + direction * ((reach - points[-1][:, 2]) / direction[:, 2])[:, None]
+    ahead, front_mm = direction[:, 2], -camera.prescription.vertices_from_stop_mm[0]
+    is_steep = ahead < math.cos(WIDE_RAD)  # it meets that plane far away or nowhere
+    length = np.where(is_steep, reach - front_mm, (reach - points[-1][:, 2]) / np.where(is_steep, 1.0, ahead))
+    end = points[-1] + direction * length[:, None]
     paths = np.round(np.stack([*points, end], axis=1)[alive], 3)
     return tuple(tuple((p[0], p[1], p[2]) for p in path) for path in paths.tolist())
 
