@@ -91,7 +91,7 @@ def test_wrong_kinds_are_named_with_what_is_wanted() -> None:
             "Surface: tilt_deg is (1,)",
             "be 2 values, each a",
         ),
-        (lambda: pipeline.Target(3), "Target: pattern is 3", "one of: Checkerboard, Charuco"),
+        (lambda: pipeline.Target(3), "Target: pattern is 3", "one of: Checkerboard, Deltille"),
         (lambda: pipeline.bundle(CAMERA, "a", 3), "x_px is 'a'", f"{a_number}, from -8388608 to 8388608"),
         (lambda: pipeline.bundle(CAMERA, 3, 3, samples=1000), "samples is 1000", "a power of two, e.g. 512"),
         (lambda: pipeline.open_dataset(None), "open_dataset: path is None", "a text or a Path"),
