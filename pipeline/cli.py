@@ -204,6 +204,7 @@ _VERBS = (
     (WRITE, "show", show),
     (WRITE, "target", print_target),
     (BUILD, "build", building.build),
+    (BUILD, "ensemble", building.ensemble),
     (BUILD, "plan", planning.plan),
     (BUILD, "run-task", building.run_task),
     (LOOK, "status", planning.status),

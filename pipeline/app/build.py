@@ -19,7 +19,7 @@ from pipeline.engine.running import session
 from pipeline.engine.running.result import Result
 from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
-from pipeline.graph.variants import folder_of, on_device, only_images, preview_of
+from pipeline.graph.variants import folder_of, on_device, only_images, preview_of, without_pictures
 from pipeline.jit.decorators import cache_folder
 from pipeline.jit.files import is_whole, make_folder, say
 from pipeline.machine.facts import command
@@ -120,7 +120,7 @@ def build(
         Called with an event of `engine.events` at every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
-        check_percent, engine, device, allow_roots, preview.
+        check_percent, engine, device, allow_roots, preview, pictures.
 
     Returns
     -------
@@ -146,6 +146,7 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
     """Build a dataset stage as `build` does, with the options in one record."""
     warn = warner(on_event)
     dataset = project(path, out, options.allow_roots, preview=options.preview)
+    dataset = dataset if options.pictures else without_pictures(dataset)
     if options.device is not None:
         dataset = on_device(dataset, options)
 

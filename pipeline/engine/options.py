@@ -34,6 +34,7 @@ class BuildOptions:
     `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; `graph.variants`.
     `allow_roots`: further folders that the stage may reference.
     `preview`: make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
+    `pictures`: make images and maps of the cameras, too, beside tables and records.
     """
 
     jobs: int | None = None
@@ -48,6 +49,7 @@ class BuildOptions:
     device: str | None = None
     allow_roots: tuple[str | Path, ...] = ()
     preview: bool = False
+    pictures: bool = True
 
     def __post_init__(self) -> None:
         settle(self, UsageError)

@@ -1,5 +1,5 @@
-"""Variants of a build: previews, which are images only, a quarter of the size and with few samples; and tasks on a
-chosen device. Both have keys of their own, and a preview has an output folder of its own.
+"""Variants of a build: previews, which are images only, a quarter of the size and with few samples; builds without
+pictures; and tasks on a chosen device. Previews and devices have keys of their own, and previews a folder of their own.
 """
 
 import dataclasses
@@ -57,11 +57,25 @@ def only_images(project: Project) -> Project:
     )
 
 
+def without_pictures(project: Project) -> Project:
+    """The part of a project that makes tables and records: no image, label or map of rays of a camera."""
+    files = {
+        path: source
+        for path, source in project.files.items()
+        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES))
+    }
+    sources = [source for source in files.values() if not isinstance(source, bytes)]
+    named = {task for task, _ in (*sources, *(part for of in project.findings.values() for part in of.values()))}
+    return dataclasses.replace(project, graph=project.graph.up_to(named), files=files)
+
+
 def folder_of(out: Path) -> Path:
     """Output folder of the preview beside that of the dataset: `build/02_plenoptic.preview`."""
     return out.with_name(f"{out.name}.preview")
 
 
+PICTURES = (".exr", ".png", ".tiff", ".dng")
+"""Ends of the names of files with a value per pixel."""
 DEVICES = ("cuda",)
 BUNDLES, IMAGES = ("rays_tile",), ("white", "white_tile", "white_pass", "image", "image_tile", "image_pass")
 """Kinds of tasks whose rays a device can trace: bundles of position images in float64, those of images in float32."""

@@ -5,7 +5,6 @@ from it, with all that follows from it: of a camera that is focused at a distanc
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
@@ -16,8 +15,9 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import inverse
 from pipeline.optics.table import motion
 from pipeline.scene.dataset import Dataset, Frame, VariedNumber
+from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, times_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
-from pipeline.scene.usd.values import UnreadableValue, numbers, read, rule_of, target_paths, targets, unchanging
+from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets, unchanging
 
 ASKED = "plen:truth:derivatives"
 """Relationship of a camera to the numbers by which its rows have derivatives."""
@@ -98,47 +98,30 @@ def _rows(transform: np.ndarray) -> tuple[tuple[float, ...], ...]:
 def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]) -> Iterator[VariedNumber[R]]:
     """Each number of a property, with what is read again; UnreadableValue if it holds none that can be varied."""
     attribute = stage.GetAttributeAtPath(path)
-    values = {time: attribute.Get(time) for time in _times(attribute)} if attribute else {}
+    values = {time: attribute.Get(time) for time in times_of(attribute)} if attribute else {}
     first: Any = next(iter(values.values()), None)
-    entries = _entries(first)
-    if entries is None or not np.isfinite(entries).all():
+    numbers = entries(first)
+    if numbers is None or not np.isfinite(numbers).all():
         message = f"rows have no derivative by <{path}>: it is {'not written' if first is None else first}"
         hint = "name a property that holds finite numbers with a point, as a radius, a thickness or an index"
         raise UnreadableValue(message, attribute or stage.GetPrimAtPath(path.GetPrimPath()), hint, "no-derivative")
     rule = rule_of(attribute.GetPrim(), attribute.GetName())
-    for i, entry in enumerate(entries):
+    for i, entry in enumerate(numbers):
         half, ends = _step(attribute, i, abs(float(entry))), []
         for sign in (-1, 1):
-            moved = {time: _moved(value, i, sign * half) for time, value in values.items()}
+            moved = {time: moved_by(value, i, sign * half) for time, value in values.items()}
             if rule is not None and not all(map(rule.holds, moved.values())):
                 message = f"rows have no derivative by <{path}>: {entry:.10g} ends its range, {rule.span}"
                 raise UnreadableValue(message, attribute, "move it by a thousandth", "no-derivative")
             try:
-                with _edited(stage, path, moved), unchanging():
-                    ends.append((cast(np.ndarray, _entries(next(iter(moved.values()))))[i], read_again()))
+                with edited(stage, {path: moved}), unchanging():
+                    ends.append((cast(np.ndarray, entries(next(iter(moved.values()))))[i], read_again()))
             except CameraError as error:
                 message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.what}"
                 raise UnreadableValue(message, attribute, error.hint, "no-derivative") from None
         (low, less), (high, more) = ends  # of a float as it was rounded
-        name = f"{path}[{i}]" if np.ndim(first) or len(entries) > 1 else str(path)
-        yield VariedNumber(name=name, unit=_unit(attribute), step=float(high - low) / 2, less=less, more=more)
-
-
-def _times(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
-    """Where an attribute is written: at its time samples or, without any, as a default."""
-    samples = attribute.GetTimeSamples()
-    return [Usd.TimeCode(time) for time in samples] or [Usd.TimeCode.Default()]
-
-
-def _entries(value: Any) -> np.ndarray | None:
-    """The numbers of a value, (n,) float64; None if it has none with a point, as a count or a token."""
-    if isinstance(value, bool | int | str) or value is None:
-        return None
-    try:
-        array = np.array(value) if isinstance(value, float) else numbers(value)
-    except (TypeError, ValueError):
-        return None
-    return array.astype(float).ravel() if array.dtype.kind == "f" and array.size else None
+        name = name_of(path, first, i)
+        yield VariedNumber(name=name, unit=unit_of(attribute), step=float(high - low) / 2, less=less, more=more)
 
 
 def _step(attribute: Usd.Attribute, i: int, size: float) -> float:
@@ -149,38 +132,3 @@ def _step(attribute: Usd.Attribute, i: int, size: float) -> float:
     if size == 0:
         return float(_FROM_ZERO / (stage_mm_per_unit(prim) if name.startswith("xformOp:translate") else 1.0))
     return max(_SHARE * size, _LEAST)
-
-
-def _moved(value: Any, i: int, by: float) -> Any:
-    """A value of USD with its i-th number moved."""
-    if isinstance(value, float):
-        return value + by
-    moved = type(value)(value)
-    if hasattr(moved[0], "__len__"):
-        width = len(moved[0])
-        entry = type(moved[0])(moved[i // width])
-        entry[i % width] += by
-        moved[i // width] = entry
-    else:
-        moved[i] += by
-    return moved
-
-
-def _unit(attribute: Usd.Attribute) -> str:
-    """Unit of an attribute as its documentation states it; empty: none is stated."""
-    text = attribute.GetPrim().GetPrimDefinition().GetPropertyMetadata(attribute.GetName(), "documentation") or ""
-    return next((line.strip()[7:] for line in text.splitlines() if line.strip().startswith("Units: ")), "")
-
-
-@contextmanager
-def _edited(stage: Usd.Stage, path: Sdf.Path, values: dict[Usd.TimeCode, Any]) -> Iterator[None]:
-    """Context in which an attribute has other values, in a layer above all others."""
-    layer, session = Sdf.Layer.CreateAnonymous(), stage.GetSessionLayer()
-    session.subLayerPaths.insert(0, layer.identifier)
-    try:
-        with Usd.EditContext(stage, layer):
-            for time, value in values.items():
-                stage.GetAttributeAtPath(path).Set(value, time)
-        yield
-    finally:
-        session.subLayerPaths.remove(layer.identifier)

@@ -537,6 +537,15 @@ METHOD = {
     ],
 }
 
+TRUNCATED: dict[tuple[str, str], Any] = {("Tolerance", "plen:tolerance:distribution"): "truncated"}
+TOLERANCES = {  # they decide which cameras `pipeline ensemble` draws, and nothing of a build
+    "plen:tolerance:of": [Case("Tolerance", ["A/Lens/S1.plen:thickness"])],
+    "plen:tolerance:distribution": [Case("Tolerance", "uniform")],
+    "plen:tolerance:spread": [Case("Tolerance", 0.02)],
+    "plen:tolerance:limit": [Case("Tolerance", 3.0, given=TRUNCATED)],
+    "plen:tolerance:together": [Case("Tolerance", True)],
+}
+
 COATED = {("One", "plen:coat:roughness"): 0.2}
 LIGHTING = {
     # With lamps a mesh that nobody named is in the image, so it may hide points, too.
@@ -562,4 +571,5 @@ CASES: dict[str, list[Case]] = {
     **TARGETS,
     **CAMERAS,
     **METHOD,
+    **TOLERANCES,
 }

@@ -1,4 +1,4 @@
-"""The verbs that run tasks: `pipeline build` and `run-task`."""
+"""The verbs that run tasks: `pipeline build`, `ensemble` and `run-task`."""
 
 import os
 import shlex
@@ -222,6 +222,39 @@ def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Pa
         if file:
             file.close()
         ending.show()
+
+
+def ensemble(
+    stage: Stage,
+    count: Annotated[int, typer.Option(metavar="N", min=2, max=9999, help="Number of cameras to draw.")],
+    out: Annotated[
+        Path | None,
+        option(OUTPUT, "--out", "-o", metavar="OUT", help="Folder; by default build/NAME-OF-THE-STAGE.ensemble."),
+    ] = None,
+    images: Annotated[bool, option(OUTPUT, "--images", help="Make images, too, not tables and records alone.")] = False,
+    jobs: Jobs = None,
+    allow_root: Roots = None,
+) -> None:
+    """Build cameras drawn by the tolerances of a dataset, and say what they differ by; exit with 6 if a certificate
+    of one fails.
+
+    Each is a layer OUT/member_0001.usda over the dataset, and its build beside it. Numbers are those of the member and
+    of the seed, however many there are. docs/as_built.md.
+    """
+    from pipeline.app import ensemble as ensembles
+    from pipeline.engine.options import BuildOptions
+    from pipeline.report.page.diary import Diary
+
+    def run(path: Path, place: Path, options: BuildOptions) -> Any:
+        result = _run(path, place, options, -1, None, Diary())
+        note(f"{place.name}: {result.executed} tasks executed, {result.count('cached')} cached")
+        return result
+
+    options = BuildOptions(jobs=jobs, pictures=images, allow_roots=tuple(allow_root or ()))
+    built = ensembles.ensemble(stage, out or ensembles.folder_of(stage), count, options, run)
+    say(*ensembles.summary(built), built.out)
+    note(*(f"error: {line}" for line in built.refuted))
+    raise typer.Exit(Exit.NOT_CONFIRMED if built.refuted else Exit.DONE)
 
 
 def run_task(

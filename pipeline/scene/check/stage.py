@@ -23,6 +23,7 @@ from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.targets import check_target, is_in_preview
+from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers
 from pipeline.scene.usd.problems import (
@@ -47,6 +48,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLensGroup", check_group_place),
     ("PlenWindow", check_window),
     ("PlenChannel", check_channel),
+    ("PlenTolerance", check_tolerance),
     ("PlenDataset", check_illuminant),
     ("PlenDataset", check_exports),
     ("PlenDataset", check_medium),

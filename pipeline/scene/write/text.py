@@ -40,7 +40,7 @@ def lens_text(lens: PrintedLens) -> str:
     prim = Sdf.PrimSpec(layer, name, Sdf.SpecifierDef, "PlenLens")
     prim.kind = "component"
     _write_lens(prim, lens)
-    return _text_of(layer)
+    return text_of(layer)
 
 
 def _write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
@@ -95,7 +95,8 @@ def _new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer
     return layer
 
 
-def _text_of(layer: Sdf.Layer) -> str:
+def text_of(layer: Sdf.Layer) -> str:
+    """The layer as USD writes it."""
     return str(layer.ExportToString().rstrip("\n") + "\n")
 
 
@@ -150,7 +151,7 @@ def camera_text(camera: PrintedCamera) -> str:
     if camera.microlenses:
         array = Sdf.PrimSpec(rig, "Microlenses", Sdf.SpecifierDef, "PlenMicrolensArray")
         _write_array(array, camera.microlenses)
-    return _text_of(layer)
+    return text_of(layer)
 
 
 def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) -> None:
@@ -241,21 +242,26 @@ class SeenCamera:
     about: tuple[str, ...]
 
 
-def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
-    """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
+def lay_over(stage: Path, layer: Sdf.Layer, out: Path, about: Iterable[str]) -> None:
+    """Let a layer that will lie at `out` stand on a stage, and say in paragraphs what it is."""
     below = Sdf.Layer.FindOrOpen(str(stage))
-    layer = Sdf.Layer.CreateAnonymous(".usda")
     below_out = os.path.relpath(stage.resolve(), out.resolve().parent).replace(os.sep, "/")
     layer.subLayerPaths = [below_out if below_out.startswith(".") else f"./{below_out}"]
-    layer.documentation = _filled(seen.about)
+    layer.documentation = _filled(about)
     for name in _KEPT:
         if below.pseudoRoot.HasInfo(name):
             layer.pseudoRoot.SetInfo(name, below.pseudoRoot.GetInfo(name))
+
+
+def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
+    """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    lay_over(stage, layer, out, seen.about)
     camera = Sdf.CreatePrimInLayer(layer, seen.prim_path)
     _apply(camera, seen.schemas, seen.model)
     child = Sdf.PrimSpec(camera, CHILD, Sdf.SpecifierDef, "Camera")
     _apply(child, [schema for schema in seen.schemas if schema.model == seen.model], seen.model)
-    unit_mm = mm_per_unit(below.pseudoRoot.GetInfo("metersPerUnit"))
+    unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
     x, y, z = (length / unit_mm for length in seen.centre_mm)
     _write(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))  # it looks along -z
     order = Sdf.AttributeSpec(child, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
@@ -268,7 +274,7 @@ def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
     }
     for name, length_mm in plain.items():
         _write(child, name, Sdf.ValueTypeNames.Float, film * length_mm)
-    return _text_of(layer)
+    return text_of(layer)
 
 
 def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> None:

@@ -1,0 +1,153 @@
+"""`pipeline ensemble`: cameras as they may be built, drawn by the tolerances of a dataset, and what they differ by.
+
+Each member is a layer over the dataset, which an ordinary build reads; what no error changes comes from the store.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.app.build import build_with, default_out
+from pipeline.app.stages import sound
+from pipeline.engine.files import chosen_place
+from pipeline.engine.options import BuildOptions
+from pipeline.engine.running.result import Result
+from pipeline.errors import PipelineError
+from pipeline.files.jsonfile import Json, write_json
+from pipeline.files.tables import write_table
+from pipeline.report.ending import certificate_lines, failed
+from pipeline.results.output import open_output
+from pipeline.results.spread import Figures, figures, rows
+from pipeline.scene.load import require_dataset
+from pipeline.scene.tolerances import DrawnNumber, drawn
+from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.roots import allowed_roots
+
+NOMINAL = "nominal"
+"""Folder of the build of the dataset itself."""
+Run = Callable[[Path, Path, BuildOptions], Result]
+
+
+class MemberError(PipelineError):
+    """A member of an ensemble that could not be built."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ensemble:
+    """A built ensemble: its folder, the numbers that were drawn for each member, certificates of members and of the
+    nominal camera, and of each camera the figures and the table of rows.
+    """
+
+    out: Path
+    numbers: dict[str, list[DrawnNumber]]
+    certificates: dict[str, Json]
+    figures: dict[str, Figures]
+    tables: dict[str, dict[str, np.ndarray]]
+
+    @property
+    def refuted(self) -> list[str]:
+        """A line about each that cannot show the accuracy that it claims."""
+        return [f"{name}: {certificate_lines(of)[0]}" for name, of in self.certificates.items() if failed(of)]
+
+    def to_dict(self) -> Json:
+        """What ensemble.json holds."""
+        verdicts = {
+            name: {camera: judged["passed"] for camera, judged in of.items()} for name, of in self.certificates.items()
+        }
+        units = {number.name: {"unit": number.unit} for number in next(iter(self.numbers.values()))}
+        figures_of = {camera: of.to_dict() for camera, of in self.figures.items()}
+        return {"members": verdicts, "numbers": units, "cameras": figures_of}
+
+
+def folder_of(stage: Path) -> Path:
+    """Folder of an ensemble where none is named: that of the build, with a suffix."""
+    build = default_out(stage)
+    return build.with_name(f"{build.name}.ensemble")
+
+
+def ensemble(stage: Path, out: Path, count: int, options: BuildOptions, run: Run = build_with) -> Ensemble:
+    """Build the nominal camera and `count` members (2 at least) below a folder, and write what they differ by.
+
+    Raises StageError: the dataset or a member does not pass `check`; MemberError: a build failed.
+    """
+    dataset = require_dataset(sound(stage, options.allow_roots), stage)
+    roots = (*allowed_roots(stage, options.allow_roots)[:1], *options.allow_roots)  # a member may lie in no project
+    options = replace(options, allow_roots=roots)
+    names = [f"member_{number:04d}" for number in range(1, count + 1)]
+    layers = {name: out / f"{name}.usda" for name in names}
+    numbers = {}
+    with chosen_place("write", out):
+        out.mkdir(parents=True, exist_ok=True)
+        for member, (name, layer) in enumerate(layers.items(), 1):
+            text, numbers[name] = drawn(stage, member, layer)
+            layer.write_text(text, encoding="utf-8")
+    if not numbers[names[0]]:
+        raise _no_tolerance(stage)
+    for layer in layers.values():
+        sound(layer, roots)  # all of them before the first is built
+    certificates = {}
+    for name, path in {NOMINAL: stage, **layers}.items():
+        result = run(path, out / name, options)
+        if result.exit_code:
+            raise MemberError(f"{name} was not built: {path}", hint="mend it; the others are in the store")
+        certificates[name] = result.certificate or {}
+    nominal, *members = (open_output(out / name) for name in (NOMINAL, *names))
+    built = Ensemble(
+        out=out,
+        numbers=numbers,
+        certificates=certificates,
+        figures={camera: figures(camera, nominal, members) for camera in nominal.cameras},
+        tables={camera: rows(camera, nominal, members) for camera in nominal.cameras},
+    )
+    _write(built, {"stage": stage.name, "seed": dataset.seed})
+    return built
+
+
+def _no_tolerance(stage: Path) -> StageError:
+    hint = "add a PlenTolerance: docs/as_built.md"
+    file = shown_path(stage.resolve())
+    return StageError(
+        [Problem(code="no-tolerance", message="the stage has no tolerance", file=file, line=1, hint=hint)]
+    )
+
+
+def _write(built: Ensemble, head: Json) -> None:
+    errors: dict[str, list[Any]] = {"member": list(built.numbers)}
+    for i, number in enumerate(next(iter(built.numbers.values()))):
+        errors[number.name] = [of[i].error for of in built.numbers.values()]
+    with chosen_place("write", built.out):
+        write_json(built.out / "ensemble.json", {**head, **built.to_dict()})
+        write_table(built.out / "errors.csv", ["errors of the numbers of each member, in their units"], errors)
+        (built.out / "correspondences").mkdir(exist_ok=True)
+        for camera, table in built.tables.items():
+            remarks = (
+                f"rows of the ground truth over {len(built.numbers)} cameras as built: camera {camera}",
+                "members: how many of them have the row; x_px, y_px: that of the nominal camera",
+                "empty: moments of rows that not all of them have",
+            )
+            write_table(built.out / "correspondences" / f"{camera}.csv", remarks, table)
+
+
+def summary(built: Ensemble) -> list[str]:
+    """The figures of each camera, and what its rows differ by, as lines for a terminal."""
+    text = []
+    count = len(built.numbers)
+    for camera, of in built.figures.items():
+        shown = [i for i in range(len(of.names)) if not np.isnan(of.correlation[i, i])]
+        text.append(f"{camera}: {count} members")
+        head = "".join(f"{number:6d}" for number in range(1, len(shown) + 1))
+        text.append(f"{'':27}{'nominal':>14}{'mean':>14}{'deviation':>11}{head}  correlation")
+        for number, i in enumerate(shown, 1):
+            correlations = "".join(f"{of.correlation[i, j]:6.2f}" for j in shown[:number])
+            figure = f"{of.nominal[i]:14.6g}{of.mean[i]:14.6g}{of.deviation[i]:11.2g}"
+            text.append(f"  {number:2d} {of.names[i]:22}{figure}{correlations}")
+        table = built.tables[camera]
+        whole = table["members"] == count
+        spread_px = np.hypot(table["deviation_x_px"], table["deviation_y_px"])[whole]
+        if len(spread_px):
+            figure = f"deviation {np.median(spread_px):.2g} px in the middle, {spread_px.max():.2g} px at most"
+            text.append(f"  rows: {len(whole)}, of all members {np.count_nonzero(whole)}: {figure}")
+    return text

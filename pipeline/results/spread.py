@@ -1,0 +1,116 @@
+"""What cameras of an ensemble differ by: moments of their figures and of rows of their ground truth, over builds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.files.jsonfile import Json
+from pipeline.records.shapes import Float64
+from pipeline.results.output import Output
+
+_KEY = ("frame", "target", "point_id", "microlens_k", "microlens_l")
+"""Columns that tell which point a row is of, and which microlens sees it."""
+_SAME = 1e-9
+"""Standard deviation, over the size of the mean or 1, below which figures are the same: they come from fits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of a camera over n members, named with their units.
+
+    A correlation is NaN where a figure is the same in all members.
+    """
+
+    names: tuple[str, ...]
+    nominal: Float64[np.ndarray, "q"]
+    mean: Float64[np.ndarray, "q"]
+    deviation: Float64[np.ndarray, "q"]  # standard deviation of a member
+    correlation: Float64[np.ndarray, "q q"]
+
+    def to_dict(self) -> Json:
+        """The figures as plain data, with null where a correlation is unknown."""
+        columns = zip(self.names, self.nominal, self.mean, self.deviation, self.correlation, strict=True)
+        return {
+            name: {
+                "nominal": nominal,
+                "mean": mean,
+                "standard_deviation": deviation,
+                "correlations": {
+                    other: None if np.isnan(value) else value for other, value in zip(self.names, row, strict=True)
+                },
+            }
+            for name, nominal, mean, deviation, row in columns
+        }
+
+
+def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
+    """Focal length, sensor, pupils and the equivalent pinhole with its distortion; those that each member has."""
+    of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
+    names = tuple(name for name in of_each[0] if all(of.get(name) is not None for of in of_each))
+    values = np.array([[of[name] for name in names] for of in of_each], np.float64)
+    mean, deviation = values[1:].mean(axis=0), values[1:].std(axis=0, ddof=1)
+    differs = deviation > _SAME * np.maximum(1, abs(mean))
+    scaled = np.where(differs, (values[1:] - mean) / np.where(differs, deviation, 1.0), np.nan)
+    return Figures(names, values[0], mean, deviation, scaled.T @ scaled / (len(members) - 1))
+
+
+def _figures_of(record: Json) -> dict[str, float | None]:
+    lens, pinhole = record["lens"], record["pinhole"]
+    fit = (pinhole or {}).get("with_distortion") or {}
+    x_px, y_px = fit.get("principal_point_px") or (None, None)
+    figures_of = {
+        "efl_mm": lens.get("efl_mm"),
+        "sensor_distance_mm": record.get("sensor_distance_mm"),
+        "entrance_pupil_z_mm": (lens.get("entrance_pupil") or {}).get("z_mm"),
+        "exit_pupil_z_mm": (lens.get("exit_pupil") or {}).get("z_mm"),
+        "principal_distance_px": fit.get("principal_distance_px"),
+        "principal_point_x_px": x_px,
+        "principal_point_y_px": y_px,
+    }
+    names = ("k1", "k2", "p1", "p2", "k3")
+    figures_of |= dict(zip(names, fit.get("distortion") or (None,) * len(names), strict=True))
+    return {name: value if isinstance(value, float) else None for name, value in figures_of.items()}
+
+
+def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, np.ndarray]:
+    """Columns of a table with a row for each that the nominal camera or a member has, sorted by its point.
+
+    `members` counts those that have it. Moments are NaN unless all do: of those alone that see a point at the edge they
+    would not be those of the camera.
+    """
+    tables = [output.cameras[camera].correspondences for output in (nominal, *members)]
+    key = [name for name in _KEY if name in (tables[0].dtype.names or ())]
+    keys = np.concatenate([table[key] for table in tables])
+    known, row = np.unique(keys, return_inverse=True)
+    position = np.concatenate([np.stack([table.x_px, table.y_px], axis=1) for table in tables])
+    is_member = np.arange(len(row)) >= len(tables[0])
+    nominal_px = np.full((len(known), 2), np.nan)
+    nominal_px[row[~is_member]] = position[~is_member]
+    count = np.bincount(row[is_member], minlength=len(known))
+    near = np.zeros((len(known), 2))
+    near[row] = position  # any position of a row: moments about it do not cancel
+    x, y = (position - near[row])[is_member].T
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        total = np.bincount(row[is_member], values, minlength=len(known))
+        return np.where(count == len(members), total / len(members), np.nan)
+
+    x_mean, y_mean, freedom = mean(x), mean(y), len(members) / (len(members) - 1)
+    xx, xy, yy = (
+        freedom * (mean(a * b) - a_mean * b_mean)
+        for a, b, a_mean, b_mean in ((x, x, x_mean, x_mean), (x, y, x_mean, y_mean), (y, y, y_mean, y_mean))
+    )
+    x_deviation, y_deviation = np.sqrt(np.maximum(xx, 0)), np.sqrt(np.maximum(yy, 0))
+    product = x_deviation * y_deviation
+    return {
+        **{name: known[name] for name in key},
+        "members": count,
+        "x_px": nominal_px[:, 0],
+        "y_px": nominal_px[:, 1],
+        "mean_x_px": near[:, 0] + x_mean,
+        "mean_y_px": near[:, 1] + y_mean,
+        "deviation_x_px": x_deviation,
+        "deviation_y_px": y_deviation,
+        "correlation_xy": np.divide(xy, product, out=np.full(len(known), np.nan), where=product > 0),
+    }

@@ -1,0 +1,152 @@
+"""Cameras as built: tolerances of numbers of a stage, errors drawn by them, and a layer over the stage for each camera.
+
+An error is a function of the seed of the dataset, the member, the path of its property and the entry there, and of
+nothing else: another tolerance, or a further member, changes none that was drawn before.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from pipeline.scene.usd.entries import Samples, edited, entries, moved_by, name_of, times_of, unit_of
+from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.values import need, read, rule_of, target_paths
+from pipeline.scene.write.text import lay_over, text_of
+
+_OF = "plen:tolerance:of"
+_NORMAL = NormalDist()
+_FIELDS = ("distribution", "spread", "limit")
+_BITS = 52
+"""Bits of a random number: its middle is then a double that is neither 0 nor 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How errors of a number are distributed about 0, in its unit; `limit` of a truncated one counts in its spread."""
+
+    distribution: str
+    spread: float
+    limit: float
+
+    def error(self, share: float) -> float:
+        """The error than which a share of all errors is smaller; the share lies between 0 and 1."""
+        if self.distribution == "uniform":
+            return self.spread * (2 * share - 1)
+        if self.distribution == "truncated":
+            beyond = _NORMAL.cdf(-self.limit)
+            share = beyond + share * (1 - 2 * beyond)
+        return self.spread * _NORMAL.inv_cdf(share)
+
+    @property
+    def reach(self) -> float | None:
+        """The largest error; None: there is none."""
+        return {"uniform": self.spread, "truncated": self.limit * self.spread}.get(self.distribution)
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnNumber:
+    """A number of one member, and how far it is off what the stage states; `unit` is empty where none is stated."""
+
+    name: str
+    unit: str
+    error: float
+
+
+def share(seed: int, member: int, path: str, entry: int) -> float:
+    """The random number, between 0 and 1, of an entry of a property in a member."""
+    digest = blake2b(f"{seed} {member} {entry} {path}".encode(), digest_size=8).digest()
+    return ((int.from_bytes(digest, "big") >> (64 - _BITS)) + 0.5) / 2**_BITS
+
+
+def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
+    """The text of the layer of a member that will lie at `out` over a stage that passed the checks, and its numbers."""
+    composed, _ = open_stage(stage)
+    seed, values, numbers = need(composed.GetDefaultPrim(), "plen:seed"), dict[Sdf.Path, Samples](), []
+    for prim in _tolerances(composed):
+        tolerance = Tolerance(*(need(prim, f"plen:tolerance:{name}") for name in _FIELDS))
+        is_common = need(prim, "plen:tolerance:together")
+        for path in target_paths(prim.GetRelationship(_OF)):
+            attribute = composed.GetAttributeAtPath(path)
+            samples = _samples(attribute)
+            first = next(iter(samples.values()))
+            for i in range(_count(first)):
+                error = tolerance.error(share(seed, member, str(path), 0 if is_common else i))
+                numbers.append(DrawnNumber(name_of(path, first, i), unit_of(attribute), error))
+                samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
+            if tolerance.spread:
+                values[path] = samples
+    with edited(composed, values) as layer:
+        pass
+    about = f"Member {member} of an ensemble of cameras as built, written by pipeline ensemble."
+    lay_over(stage, layer, out, [about])
+    return text_of(layer), numbers
+
+
+def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenTolerance: properties that cannot be off, have another one, or may leave their range."""
+    stage, relationship = prim.GetStage(), prim.GetRelationship(_OF)
+    stated = [read(prim, f"plen:tolerance:{name}") for name in _FIELDS]
+    reach = None if None in stated else Tolerance(*stated).reach
+    before = [other for other in _tolerances(stage) if other.GetPath() < prim.GetPath()]
+    for path in target_paths(relationship):
+        if not stage.GetObjectAtPath(path):
+            continue  # the check of relationships reports it
+        attribute = stage.GetAttributeAtPath(path)
+        samples = _samples(attribute)
+        if reason := _why_fixed(attribute, samples):
+            message = f"<{path}> can have no tolerance: {reason}"
+            hint = "name a property that holds finite numbers with a point; a plane may have a radius of 1e6"
+            yield problem(relationship, "no-tolerance", message, hint=hint)
+            continue
+        for other in before:
+            if path in target_paths(other.GetRelationship(_OF)):
+                message = f"<{path}> has a tolerance already, of <{other.GetPath()}>"
+                yield problem(relationship, "two-tolerances", message, hint="write one of the spread of both")
+        rule = rule_of(attribute.GetPrim(), attribute.GetName())
+        if rule is None or reach is None:
+            continue
+        ends = (_all_moved(value, sign * reach) for value in samples.values() for sign in (-1, 1))
+        if not all(map(rule.holds, ends)):
+            message = f"with an error of {reach:g} <{path}> leaves its range, {rule.span}"
+            yield problem(relationship, "out-of-range", message, hint="make the spread smaller")
+
+
+def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
+    """Why numbers of a property cannot be off; None: they can."""
+    if not attribute:
+        return "it is no property"
+    if attribute.GetPrim().IsInstanceProxy():
+        return "USD ignores what is written below an instance"
+    value = next((value for value in samples.values() if not _count(value)), None)
+    return f"it is {value}" if value is not None else None if samples else "it is not written"
+
+
+def _tolerances(stage: Usd.Stage) -> list[Usd.Prim]:
+    """All tolerances of a stage, in the order of their paths."""
+    prims = (prim for prim in stage.Traverse(Usd.TraverseInstanceProxies()) if prim.IsA("PlenTolerance"))
+    return sorted(prims, key=Usd.Prim.GetPath)
+
+
+def _samples(attribute: Usd.Attribute) -> Samples:
+    """The values of a property; none if nothing is written and there is no fallback."""
+    values = {time: attribute.Get(time) for time in times_of(attribute)} if attribute else {}
+    return {time: value for time, value in values.items() if value is not None}
+
+
+def _count(value: Any) -> int:
+    """Count of the numbers of a value; 0 if one is not finite."""
+    numbers = entries(value)
+    return 0 if numbers is None or not np.isfinite(numbers).all() else len(numbers)
+
+
+def _all_moved(value: Any, by: float) -> Any:
+    for i in range(_count(value)):
+        value = moved_by(value, i, by)
+    return value
