@@ -23,7 +23,7 @@ from pipeline.camera.figures.outlook import (
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.from_stop import is_steep
+from pipeline.camera.pupil.from_stop import depths_mm, is_steep
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.lens import ordered_surfaces
@@ -166,9 +166,10 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     if len(points_mm) < 2:
         return float("inf")
     some = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
-    apart = np.linalg.norm(points_mm[some, None, :2] - points_mm[None, :, :2], axis=2)
+    across = slice(3 if is_steep(camera.prescription, points_mm).any() else 2)  # beside the lens, z is no depth
+    apart = np.linalg.norm(points_mm[some, None, across] - points_mm[None, :, across], axis=2)
     apart[np.arange(len(some)), some] = np.inf
-    spacing_mm, z_mm = float(np.median(apart.min(axis=1))), np.mean(points_mm[:, 2])
+    spacing_mm, z_mm = float(np.median(apart.min(axis=1))), np.mean(depths_mm(camera.prescription, points_mm))
     if camera.microlenses:
         return spacing_mm * float(behind_microlenses_px(camera, camera.microlenses, z_mm[None])[1][0])
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]

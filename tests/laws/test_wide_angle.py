@@ -18,7 +18,7 @@ from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.from_stop import pupil_fan
+from pipeline.camera.pupil.from_stop import depths_mm, pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.fits.field import FitError, field_rays
@@ -129,6 +129,13 @@ def test_fisheyes_reach_their_stated_field(name):
     pupil_mm = pupil_fan(camera.camera.prescription).z_mm[-1]
     points, normals = at_angles([0.499 * stated_deg], pupil_mm, 1e5)
     assert camera.project(points, normals).fates == (answers.Fate.SEEN,)
+
+
+def test_blur_behind_microlenses_counts_along_rays_beside_a_lens(nikkor):
+    """Points as far from the first vertex, on the axis and 96 degrees off it, have one depth of field."""
+    front_mm = pupil_fan(nikkor.camera.prescription).z_mm[0]
+    points, _ = at_angles([0.0, 96.0], front_mm, 180.0)
+    np.testing.assert_allclose(depths_mm(nikkor.camera.prescription, points), front_mm + 180.0, rtol=1e-12)
 
 
 def test_new_poses_stand_around_a_fisheye_and_face_it(nikkor):

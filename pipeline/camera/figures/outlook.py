@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
+from pipeline.camera.pupil.from_stop import depths_mm, is_steep, pupil_fan
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.rays import front_grid, traced
@@ -69,7 +69,7 @@ def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Floa
     if len(dark):
         blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
     if array := camera.microlenses:
-        blur, _ = behind_microlenses_px(camera, array, points[:, 2])
+        blur, _ = behind_microlenses_px(camera, array, depths_mm(camera.prescription, points))
     fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
     wide = np.flatnonzero(blur >= widest_blur_px(camera))
     fate[wide] = Fate.BLURRED

@@ -104,3 +104,10 @@ def is_steep(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) 
     fan = pupil_fan(prescription)
     ahead_mm = points_mm[:, 2] - fan.z_mm[0]
     return ahead_mm * np.tan(WIDE_RAD) < np.hypot(points_mm[:, 0], points_mm[:, 1])
+
+
+def depths_mm(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
+    """Vision z of points, or of steep ones that of a point on the axis as far from the first vertex, (n,)."""
+    front = np.array([0.0, 0.0, pupil_fan(prescription).z_mm[0]])
+    along = front[2] + np.linalg.norm(points_mm - front, axis=1)
+    return np.where(is_steep(prescription, points_mm), along, points_mm[:, 2])
