@@ -103,6 +103,11 @@ picture: $(STAMP)
 	$(BIN)/pipeline build examples/10_fisheye/dataset.usda
 	$(BIN)/python docs/picture.py examples/10_fisheye/picture.png \
 		build/10_fisheye/frames/0001/Rig.Camera --zoom 2
+	$(BIN)/pipeline build examples/12_best_poses/dataset.usda
+	$(BIN)/pipeline new dataset build/first.usda --rig examples/12_best_poses/rig.usda \
+		--target targets/charuco_8x5.usda --poses 6 --fit
+	$(BIN)/pipeline build build/first.usda
+	$(BIN)/python examples/12_best_poses/draw.py build/12_best_poses build/first
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

@@ -215,6 +215,7 @@ _VERBS = (
     (USE, "report", after.report),
     (USE, "export", after.export),
     (USE, "fit", after.fit),
+    (USE, "inform", after.inform),
     (CARE, "doctor", doctor),
     (CARE, "plugin-path", plugin_path),
 )

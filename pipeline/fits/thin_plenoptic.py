@@ -39,7 +39,7 @@ _EVERY, _POINTS = 137, (10, 40, 160)
 """Step through the rays of the field that choose scene points, and points at each distance [1]: a prime, so that they
 lie all over the image; more points where few positions are in full light.
 """
-_FULL = 0.9
+FULL = 0.9
 """Hit fraction from which a position counts as in full light [1]."""
 _LEAST_ROWS = 100
 """Fewest positions that are fitted: twelve parameters are determined many times."""
@@ -85,7 +85,7 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
     for count in _POINTS:
         points = _scene_points(camera, count)
         images = camera.project(points)
-        is_full = images.hit_fraction >= _FULL
+        is_full = images.hit_fraction >= FULL
         if is_full.sum() >= _LEAST_ROWS:
             break
     else:
@@ -97,11 +97,8 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
     vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in images.microlens.tolist()]]
     seen, wanted = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
 
-    origin, pitch_mm = camera.rig.tracer.pixels_at(np.zeros((1, 2))), camera.camera.sensor.pitch_mm
-
     def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
-        places_mm = positions_mm(p, seen[rows], vertices[rows]) - p[7:9]  # on the sensor, which is shifted
-        return np.asarray(origin - places_mm / pitch_mm - wanted[rows])  # as `Tracer.pixels_at`, analytic
+        return on_sensor_px(camera, p, seen[rows], vertices[rows]) - wanted[rows]
 
     ranges = np.array([(-np.inf, 0.0 if name in ("a0", "a1", "a2") else np.nan, np.inf) for name in PARAMETERS])
     parameters = least(lambda p: off(p).ravel(), _start(camera), ranges)
@@ -111,6 +108,12 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
         dim_px=off(parameters, ~is_full),
         points=len(points),
     )
+
+
+def on_sensor_px(camera: ReadyCamera, p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) -> np.ndarray:
+    """Image positions of points (n, 3) through microlenses (n, 2), as `Tracer.pixels_at`, analytic, (n, 2)."""
+    places_mm = positions_mm(p, points_mm, vertices_mm) - p[7:9]  # on the sensor, which is shifted
+    return np.asarray(camera.rig.tracer.pixels_at(np.zeros((1, 2))) - places_mm / camera.camera.sensor.pitch_mm)
 
 
 def positions_mm(p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pipeline.app.authoring.best import best_of
 from pipeline.app.authoring.poses import (
     NOISE_PX,
     PLENOPTIC_SHARES,
@@ -112,6 +113,8 @@ def new_dataset(
     plan = _plan(out, rig, target, camera)
     dataset = _read(out, plan)
     fields, poses = _filled(_fields(dataset, wish), tell)
+    if wish.of > 1:
+        poses = best_of(fields, poses, wish.count, tell)
     if wish.fit:
         board: Any = fields[0].target
         values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
@@ -170,7 +173,7 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
             fields = [dataclasses.replace(field, target=target) for field in fields]
             for pose in poses_that_fill(fields, room=(True,) if fit else (True, False)):
                 poses.append(pose)
-                tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
+                tell(f"pose {len(poses)} of {first.wish.of * first.wish.count}: {_comment(pose)}")
             break
         except (UsageError, TargetError) as error:
             if share == shares[-1]:

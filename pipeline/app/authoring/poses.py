@@ -29,6 +29,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.errors import UsageError
+from pipeline.fits.information import Information, View
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.targets.target import AnyTarget
@@ -70,6 +71,7 @@ class Wish:
     `most_tilt_deg` is between the target and the image plane, `least_seen` a share of its points. `blur_px` is a
     diameter by the paraxial depth of field, by default 3, and behind microlenses the camera's circle of confusion: in a
     micro-image of a dozen pixels 3 leave nothing of a pattern. `fit` says whether the target was scaled.
+    Each pose is chosen `of` so many that are found.
     """
 
     count: int
@@ -78,6 +80,7 @@ class Wish:
     least_seen: float = 1.0
     blur_px: float | None = None
     fit: bool = False
+    of: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,7 +235,7 @@ def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (Tru
     the target is too large to be seen, wherever it stands.
     """
     wish = fields[0].wish
-    for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.count)):
+    for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.of * wish.count)):
         ways = itertools.product(room, _TRIES)
         tries = (_tried(fields, index % len(fields), numbers, (*way, roomy)) for roomy, way in ways)
         pose = next(filter(None, tries), None)
@@ -267,30 +270,19 @@ def _uncertainty(
 ) -> Uncertainty | None:
     """Uncertainty of a calibration of a pinhole with one focal length and k1; None where the points are too few.
 
-    A view is pinhole_from_target, and the points that are seen, target frame [mm]. Parameters are f, the principal
-    point and k1, and those of each pose a turn and a shift. With J the derivatives of all image positions, the inverse
-    of J^T J / sigma^2 bounds their covariance (Cramér and Rao), and a least-squares fit reaches that bound where its
-    residuals are small. Poses are eliminated one by one.
+    A view is pinhole_from_target, and the points that are seen, target frame [mm].
     """
-    information = np.zeros((4, 4))
-    for pinhole_from_target, points_mm in views:
-        turned = points_mm @ pinhole_from_target[:3, :3].T
-        place = turned + pinhole_from_target[:3, 3]
-        u, (x, y, z), nil, unit = place[:, :2] / place[:, 2:], turned.T, np.zeros(len(place)), np.eye(2)
-        r2 = np.sum(u**2, axis=1)[:, None, None]
-        bent = principal_distance_px * ((1 + k1 * r2) * unit + 2 * k1 * u[:, :, None] * u[:, None, :])
-        shift = bent @ np.dstack([np.tile(unit, (len(u), 1, 1)), -u[:, :, None]]) / place[:, 2, None, None]
-        turn = shift @ np.array([[nil, z, -y], [-z, nil, x], [y, -x, nil]]).transpose(2, 0, 1)
-        of_pose = np.dstack([turn, shift]).reshape(-1, 6)
-        of_f, of_k1 = u * (1 + k1 * r2[:, 0]), principal_distance_px * u * r2[:, 0]
-        shared = np.column_stack([of_f.ravel(), np.tile(unit, (len(u), 1)), of_k1.ravel()])
-        left = shared - of_pose @ np.linalg.lstsq(of_pose, shared, rcond=None)[0]
-        information += left.T @ left
-    size = np.sqrt(np.diag(information))  # the columns differ by many powers of ten
-    if not (size > 0).all() or np.linalg.matrix_rank(scaled := information / np.outer(size, size)) < 4:
-        return None
-    f_px, x_px, y_px, _ = (NOISE_PX * np.sqrt(np.diag(np.linalg.inv(scaled))) / size).tolist()
-    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px))
+    values = np.array([principal_distance_px, 0.0, 0.0, k1])
+    posed = [View(pose, points, np.zeros((len(points), 0)), np.zeros((len(points), 2))) for pose, points in views]
+    known = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
+    f_px, x_px, y_px, _ = known.deviations.tolist()
+    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if known.rank == 4 else None
+
+
+def _simple(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Projection by one focal length, a centre and k1."""
+    u = points[:, :2] / points[:, 2:]
+    return np.asarray(p[0] * (1 + p[3] * (u * u).sum(axis=1))[:, None] * u + p[1:3])
 
 
 def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: tuple[float, ...]) -> BoardPose | None:

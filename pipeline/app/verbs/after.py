@@ -1,4 +1,4 @@
-"""The verbs after a build: `pipeline export`, `fit` and `report`."""
+"""The verbs after a build: `pipeline export`, `fit`, `inform` and `report`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -158,6 +158,40 @@ def fit(
         if path is not None:
             write(path)
             note(f"wrote {path}")
+
+
+def inform(
+    out: BuiltFolder,
+    camera: Annotated[
+        str | None, typer.Argument(metavar="CAMERA", help="Name of the camera, if there are several.")
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option("--model", "-m", metavar="NAME", help="Of `fit --list`; by default brown, or a thin lens."),
+    ] = None,
+    noise: Annotated[
+        float, typer.Option(metavar="PX", help="Error of detected corners along x and y, one sigma.", min=1e-6, max=100)
+    ] = 0.05,
+    plot: Annotated[
+        Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw what is known of projections over the image.")
+    ] = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+) -> None:
+    """Say what the corners of a build tell a calibration: its parameters, their deviations, and what is undetermined.
+
+    And how well the calibrated model then projects, over the image and at several distances. docs/information.md.
+    """
+    from pipeline.app.informing import document, draw, page
+    from pipeline.app.informing import inform as informed
+    from pipeline.files.jsonfile import json_bytes
+
+    require_suffix(plot, ".svg")  # before anything is computed
+    known = informed(out, camera, model, noise, tuple(allow_root or ()))
+    say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
+    if plot is not None:
+        draw(known, plot)
+        note(f"wrote {plot}")
 
 
 def report(

@@ -38,16 +38,21 @@ def dataset(
     ] = None,
     seed: Annotated[int, _option("S", "Other poses of the same kind.", min=0)] = 1,
     fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
+    best: Annotated[
+        int | None, _option("N", "Instead of --poses: the N of many that tell a calibration most.", min=2, max=100)
+    ] = None,
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
 
     It says how well a calibration by them will know the camera, and what limits that. The same command writes the same
     file. It is a text to go on from: every pose has a comment.
     """
+    from pipeline.app.authoring.best import CANDIDATES
     from pipeline.app.authoring.new_dataset import new_dataset
     from pipeline.app.authoring.poses import Wish
 
-    wish = Wish(count=poses, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit)
+    count, of = (poses, 1) if best is None else (best, CANDIDATES)
+    wish = Wish(count=count, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit, of=of)
     _end(out, new_dataset(out, rig, target, wish, camera, note))
 
 

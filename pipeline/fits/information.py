@@ -1,0 +1,201 @@
+"""What the views of a data set tell about a camera: Fisher information of a model's parameters, with all poses unknown.
+
+With J the derivatives of all image positions by all unknowns and sigma the noise of each coordinate, J^T J / sigma^2
+is the information, and its inverse the least covariance of any unbiased estimate (Cramér and Rao), which least squares
+reach where residuals are small. Poses are eliminated view by view: their blocks do not touch each other.
+
+A projection is predicted as mrcal predicts it: a point is kept at its place before every target, the poses of all views
+carry it back to the camera, and the mean of where they do is projected. So what the poses can take over, as a turn of
+the camera, is no uncertainty of the projection (mrcal, "Projection uncertainty", the mean of points in the camera's
+frame).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pipeline.frames import apply
+from pipeline.records.shapes import Float64
+
+_IMAGINARY = 1e-30
+"""Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""
+_NOTHING = 1e-13
+"""Share of the largest eigenvalue below which a direction of scaled parameters is undetermined [1]: roundings of sums
+of some thousand squares are 1e-15 of it."""
+_APART = 1e-3
+"""Part of a parameter in an undetermined direction above which it is undetermined itself [1]."""
+_STEPS, _SETTLED = 30, 1e-10
+"""Most steps of Gauss and Newton, and the relative change of the sum of squares that ends them [1]."""
+_POSE = 6
+"""Unknowns of a pose: a turn and a shift."""
+
+Project = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Image positions (n, 2) by parameters (m,), points in the frame of the model (n, 3), and the rows' own numbers (n, k),
+of which plenoptic models have the vertices of microlenses; analytic in the first two."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Points of a target that are seen in a frame."""
+
+    model_from_target: np.ndarray  # (4, 4) [mm]
+    points_mm: Float64[np.ndarray, "n 3"]  # target frame
+    of_rows: Float64[np.ndarray, "n k"]  # numbers of the rows that the model wants besides
+    x_px: Float64[np.ndarray, "n 2"]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A view's part of the information at a noise of 1 px."""
+
+    own: np.ndarray  # (m, m), of the parameters alone
+    mixed: np.ndarray  # (m, 6)
+    pose: np.ndarray  # (6, 6)
+    pull: np.ndarray  # (m + 6,), J^T times the residuals
+
+
+@dataclass(frozen=True, slots=True)
+class Information:
+    """Information about the parameters of a model, at values that fit the views."""
+
+    names: tuple[str, ...]
+    parameters: np.ndarray  # (m,)
+    views: tuple[View, ...]  # with the poses that fit
+    residual_px: np.ndarray  # (n, 2), of all rows
+    noise_px: float
+    matrix: np.ndarray  # (m, m), with all poses unknown
+    project: Project
+    blocks: tuple[Block, ...]  # of the views
+
+    @classmethod
+    def of(cls, names: Sequence[str], project: Project, p: np.ndarray, views: Sequence[View], noise_px: float) -> Self:
+        """The information at given values and poses."""
+        blocks, residuals = zip(*(_block(project, p, view) for view in views), strict=True)
+        matrix, _ = _without_poses(blocks)
+        off = np.concatenate(residuals)
+        return cls(tuple(names), p, tuple(views), off, noise_px, matrix / noise_px**2, project, blocks)
+
+    def only(self, views: Sequence[int]) -> "Information":
+        """That of some of the views."""
+        blocks, chosen = [self.blocks[i] for i in views], tuple(self.views[i] for i in views)
+        matrix = _without_poses(blocks)[0] / self.noise_px**2
+        return replace(self, views=chosen, matrix=matrix, blocks=tuple(blocks))
+
+    @property
+    def rank(self) -> int:
+        """Number of directions of the parameters that the views determine."""
+        return int((self._scaled[1] > 0).sum())
+
+    @property
+    def gauge(self) -> np.ndarray:
+        """Directions that they do not, (m - rank, m), each of length 1 in parameters over their own deviations."""
+        _, values, vectors = self._scaled
+        return vectors[:, values == 0].T
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Least covariance of the parameters, (m, m); undetermined directions are left out."""
+        size, values, vectors = self._scaled
+        known = vectors[:, values > 0]
+        return (known / values[values > 0]) @ known.T / np.outer(size, size)
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of the parameters, (m,); infinite of what is undetermined."""
+        is_open = (np.abs(self.gauge) > _APART).any(axis=0)
+        return np.where(is_open, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def _scaled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Sizes of the parameters' own information, known poses given, and eigenvalues and vectors of the matrix over
+        them; an eigenvalue of nothing is 0.
+        """
+        own = sum(np.diag(block.own) for block in self.blocks) / self.noise_px**2
+        size = np.sqrt(np.maximum(own, np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
+        return size, np.where(values > _NOTHING * values.max(), values, 0.0), vectors
+
+    def of_projections(self, points_mm: Float64[np.ndarray, "n 3"], of_rows: Float64[np.ndarray, "n k"]) -> np.ndarray:
+        """Covariance of the projections of points in the frame of the model, (n, 2, 2) [px^2]; infinite where the views
+        do not determine them.
+        """
+        by_own, by_point = derivatives(self.project, self.parameters, points_mm, of_rows)
+        of_poses = np.zeros((len(points_mm), 2, 2))
+        share = 1 / len(self.views)
+        for view, block in zip(self.views, self.blocks, strict=True):
+            by_pose = share * _by_pose(by_point, points_mm, view.model_from_target[:3, 3])
+            known = np.linalg.pinv(block.pose)
+            by_own = by_own - by_pose @ known @ block.mixed.T
+            of_poses += by_pose @ known @ by_pose.transpose(0, 2, 1)
+        result = by_own @ self.covariance @ by_own.transpose(0, 2, 1) + self.noise_px**2 * of_poses
+        size, values, _ = self._scaled
+        least = ((by_own @ (self.gauge / size).T) ** 2).sum(axis=(1, 2)) / (_NOTHING * values.max())
+        result[least > np.trace(result, axis1=1, axis2=2)] = np.inf
+        return result
+
+
+def information(
+    names: Sequence[str], project: Project, start: np.ndarray, views: Sequence[View], noise_px: float
+) -> Information:
+    """Fit a model and all poses to the rows of views, by Gauss and Newton, and take the information there."""
+    known, last = Information.of(names, project, start, views, noise_px), np.inf
+    for _ in range(_STEPS):
+        total = float((known.residual_px**2).sum())
+        if last - total <= _SETTLED * total:
+            break
+        _, pull = _without_poses(known.blocks)
+        by, last = -known.covariance @ pull / noise_px**2, total
+        moved = [_moved(view, block, by) for view, block in zip(known.views, known.blocks, strict=True)]
+        known = Information.of(names, project, known.parameters + by, moved, noise_px)
+    return known
+
+
+def _block(project: Project, p: np.ndarray, view: View) -> tuple[Block, np.ndarray]:
+    """A view's part, and its residuals (n, 2)."""
+    place = apply(view.model_from_target, view.points_mm)
+    by_own, by_point = derivatives(project, p, place, view.of_rows)
+    residual = project(p, place, view.of_rows) - view.x_px
+    own = by_own.reshape(-1, len(p))
+    pose = _by_pose(by_point, place, view.model_from_target[:3, 3]).reshape(-1, _POSE)
+    pull = np.concatenate([own, pose], axis=1).T @ residual.ravel()
+    return Block(own.T @ own, own.T @ pose, pose.T @ pose, pull), residual
+
+
+def _without_poses(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
+    """Information about the parameters alone, (m, m), and their pull, (m,), with all poses eliminated."""
+    m = len(blocks[0].own)
+    matrix, pull = np.zeros((m, m)), np.zeros(m)
+    for block in blocks:
+        known = np.linalg.pinv(block.pose)
+        matrix += block.own - block.mixed @ known @ block.mixed.T
+        pull += block.pull[:m] - block.mixed @ known @ block.pull[m:]
+    return (matrix + matrix.T) / 2, pull
+
+
+def _moved(view: View, block: Block, by: np.ndarray) -> View:
+    """The view at the pose that fits best to parameters that have moved."""
+    turn, shift = np.split(-np.linalg.pinv(block.pose) @ (block.pull[len(by) :] + block.mixed.T @ by), 2)
+    pose = view.model_from_target.copy()
+    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ pose[:3, :3]
+    pose[:3, 3] += shift
+    return replace(view, model_from_target=pose)
+
+
+def derivatives(
+    project: Project, p: np.ndarray, points: np.ndarray, of_rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of projections by parameters (n, 2, m) and by points (n, 2, 3), by complex steps."""
+    h = 1j * _IMAGINARY
+    by_own = [project(p + h * axis, points, of_rows).imag for axis in np.eye(len(p))]
+    by_point = [project(p.astype(complex), points + h * axis, of_rows).imag for axis in np.eye(3)]
+    return np.stack(by_own, axis=-1) / _IMAGINARY, np.stack(by_point, axis=-1) / _IMAGINARY
+
+
+def _by_pose(by_point: np.ndarray, points: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """Derivatives by a small turn [rad] of the target about its origin and a shift [mm], (n, 2, 6)."""
+    (x, y, z), nil = (points - pivot).T, np.zeros(len(points))
+    turned = np.array([[nil, z, -y], [-z, nil, x], [y, -x, nil]]).transpose(2, 0, 1)
+    return np.concatenate([by_point @ turned, by_point], axis=2)

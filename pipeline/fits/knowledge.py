@@ -1,0 +1,130 @@
+"""What a build tells a calibration: the views of a camera, a named model at them, and what it then predicts where."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.fits.field import FieldRays, FitError, field_rays
+from pipeline.fits.fitting import CENTRE, MODELS, Model, fitted, rms
+from pipeline.fits.information import Information, Project, View, information
+from pipeline.fits.result import THIN_LENS
+from pipeline.fits.thin_plenoptic import FULL, PARAMETERS, on_sensor_px, thin_plenoptic
+from pipeline.results.output import Output
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.results.records import BuiltCamera
+from pipeline.spelling import did_you_mean
+
+_LEAST_POINTS = 4
+"""Fewest points of a view: three leave its pose nearly open."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Standard deviation of projections over the image at one distance: the longer axis of the ellipse, (n,) [px]."""
+
+    z_mm: float
+    x_px: np.ndarray  # (n, 2)
+    deviation_px: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Knowledge:
+    """What a data set tells about a camera through a model."""
+
+    camera: str
+    model: str
+    size_px: tuple[int, int]
+    information: Information
+    predictions: tuple[Prediction, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """What the model leaves of the exact rows: no noise."""
+        return rms(self.information.residual_px)
+
+
+def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: str, noise_px: float) -> Knowledge:
+    """Fit a model and all poses to the rows of a build, and say what they tell.
+
+    Raises FitError: there is no such model, it cannot stand for the camera, or too few points are seen.
+    """
+    names = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
+    if model not in names or camera.is_plenoptic != (model == THIN_LENS):
+        fitting = [THIN_LENS] if camera.is_plenoptic else list(MODELS)
+        hint = did_you_mean(model, fitting) or f"models for it: {', '.join(fitting)}"
+        raise FitError(f"{camera.name} has no model {model!r}", hint=hint)
+    field = field_rays(ready)
+    if model == THIN_LENS:
+        parameters: tuple[str, ...] = PARAMETERS
+        start, project, centre = thin_plenoptic(ready).parameters, _thin(ready), np.zeros(3)
+    else:
+        fit = fitted(field, model)
+        centre, start = np.split(fit.parameters, [len(CENTRE)])
+        project, parameters = of_model(fit.model), fit.model.parameters[len(CENTRE) :]
+
+    views = views_of(output, camera, ready, centre)
+    if sum(2 * len(view.x_px) for view in views) < len(parameters) + 6 * len(views):
+        raise FitError(f"{camera.name} sees too few points for {model} and {len(views)} poses")
+    known = information(parameters, project, start, views, noise_px)
+    distances = (field.planes_mm[0], *field.between_mm[2:3], field.planes_mm[1], 10 * field.planes_mm[1])
+    predictions = tuple(_predicted(known, field, ready, centre, z_mm) for z_mm in distances)
+    return Knowledge(
+        camera=camera.name, model=model, size_px=camera.size_px, information=known, predictions=predictions
+    )
+
+
+def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm: np.ndarray) -> list[View]:
+    """The views of a camera, one for each target in each frame that shows enough points of it."""
+    lattice, views = ready.rig.tracer.lattice, []
+    axial = [] if lattice is None else zip(lattice.k.tolist(), lattice.l.tolist(), strict=True)
+    row_of = {pair: row for row, pair in enumerate(axial)}
+    for view in camera.views:
+        rows = view.correspondences
+        if lattice is not None:
+            rows = rows[rows.hit_fraction >= FULL]
+        for name, pose in view.poses.camera_from_target.items():
+            seen = rows[rows.target == name]
+            if len(np.unique(seen.point_id)) < _LEAST_POINTS:
+                continue
+            vertices = np.zeros((len(seen), 0))
+            if lattice is not None:
+                pairs = zip(seen.microlens_k.tolist(), seen.microlens_l.tolist(), strict=True)
+                vertices = ready.rig.tracer.vertices_mm[[row_of[pair] for pair in pairs]]
+            moved = pose.copy()
+            moved[:3, 3] -= centre_mm
+            x_px = np.stack([seen.x_px, seen.y_px], axis=1).astype(float)
+            views.append(View(moved, output.targets[name].points_mm[seen.point_id], vertices, x_px))
+    if not views:
+        raise FitError(f"{camera.name} sees nothing that tells about it", hint="a view needs four points of a target")
+    return views
+
+
+def of_model(model: Model) -> Project:
+    """The projection of a model of a pinhole, whose rows have no numbers of their own."""
+
+    def project(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+        return model.project(p, points)
+
+    return project
+
+
+def _thin(camera: ReadyCamera) -> Project:
+    def project(p: np.ndarray, points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        return on_sensor_px(camera, p, points, vertices)
+
+    return project
+
+
+def _predicted(
+    known: Information, field: FieldRays, ready: ReadyCamera, centre_mm: np.ndarray, z_mm: float
+) -> Prediction:
+    """Of points on rays of the main lens all over the image; behind microlenses through that of the image position."""
+    points, of_rows = field.points(z_mm) - centre_mm, np.zeros((len(field.x_px), 0))
+    tracer = ready.rig.tracer
+    if tracer.lattice is not None:
+        places = tracer.positions_mm(*field.x_px.T)
+        of_rows = tracer.vertices_mm[ready.rig.microlens_at(places)]
+    covariance = known.of_projections(points, of_rows)
+    is_open = ~np.isfinite(covariance).all(axis=(1, 2))
+    largest = np.linalg.eigvalsh(np.where(is_open[:, None, None], 0.0, covariance))[:, -1]
+    return Prediction(z_mm=z_mm, x_px=field.x_px, deviation_px=np.where(is_open, np.inf, np.sqrt(largest)))
