@@ -32,8 +32,8 @@ from pipeline.files.exr import (
     write_exr,
 )
 
-Rows = Callable[[int, int], dict[str, np.ndarray]]
-"""First and end row to channels (rows, w)."""
+Rows = Callable[[int, int], np.ndarray]
+"""First and end row to pixels (rows, w, channels), or (rows, w) of one channel."""
 _BAND_PX = 1 << 20
 """Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
 wider than 8,192 pixels is one row of tiles."""
@@ -117,11 +117,11 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
     rows = TILE_PX * max(1, _BAND_PX // (TILE_PX * width))
     for first in range(0, height, rows):
         end = min(first + rows, height)
-        pixels = {name: np.ascontiguousarray(v, np.float32) for name, v in part.rows(first, end).items()}
-        band = Part(name=part.name, channels=pixels)
-        if band.shape != (end - first, width) or pixels.keys() != set(part.channels):
-            raise ValueError(f'part "{part.name}": rows {first} to {end} are {band.shape}, {sorted(pixels)}')
-        yield first, band
+        pixels = np.atleast_3d(part.rows(first, end))
+        if pixels.shape != (end - first, width, len(part.channels)):
+            raise ValueError(f'part "{part.name}": rows {first} to {end} are {pixels.shape}')
+        planes = (np.ascontiguousarray(plane, np.float32) for plane in np.moveaxis(pixels, -1, 0))
+        yield first, Part(name=part.name, channels=dict(zip(part.channels, planes, strict=True)))
 
 
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:

@@ -139,9 +139,9 @@ def first_order(params: CameraLabels, inputs: Inputs, out: Path) -> None:
 
 
 def _times(shutter: Shutter, size_px: tuple[int, int]) -> BandedPart:
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+    def rows(first: int, end: int) -> np.ndarray:
         y, x = np.mgrid[first:end, : size_px[0]].reshape(2, -1).astype(float)
-        return {"Y": shutter.middle_s(np.stack([x, y], axis=1), size_px).reshape(end - first, -1)}
+        return shutter.middle_s(np.stack([x, y], axis=1), size_px).reshape(end - first, -1)
 
     content = "middle of the exposure of each pixel, after the time code of the frame [s]"
     return BandedPart(name="time", shape=size_px[::-1], channels=("Y",), rows=rows, attributes={"content": content})

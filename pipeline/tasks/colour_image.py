@@ -28,12 +28,6 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
     name = params.name
     images = [ExrWindows(inputs[f"channel{i}"][f"{name}.exr"]) for i in range(len(params.channels))]
     letters = [letter_of(channel.name) for channel in params.channels]
-
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        bands = [image.rows(name, first, end)["Y"] for image in images]
-        return dict(zip(letters, bands, strict=True))
-
-    shape = images[0].headers[name].shape
     attributes: dict[str, str | float | int] = {
         "content": "relative irradiance of each channel: 1 is a white scene on the axis",
         **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},
@@ -41,14 +35,17 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
     for letter, image in zip(letters, images, strict=True):
         if "noise" in (texts := image.headers[name].texts):
             attributes[f"noise_{letter}"] = float(texts["noise"])
-    attributes.update(_traced_by(images[0], name))
     if params.colorimetry is not None:
         text = "of the sensor, not of Rec. 709: chromaticities hold the matrix to XYZ that is best for a ColorChecker"
         attributes["colours"] = f"{text} in {params.colorimetry.illuminant}"
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
-    part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
+    part = _part(name, images, name, letters, attributes)
     write_bands(out / f"{name}.exr", [part])
-    write_png(out / f"{name}.png", in_bands(shape[0], lambda first, end: picture(rows(first, end))))
+
+    def preview(first: int, end: int) -> np.ndarray:
+        return picture(dict(zip(letters, np.moveaxis(part.rows(first, end), -1, 0), strict=True)))
+
+    write_png(out / f"{name}.png", in_bands(part.shape[0], preview))
     if params.is_spectral:
         _write_spectral(out / SPECTRAL, images, params)
 
@@ -60,26 +57,26 @@ def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -
     """
     wavelengths = [repr(channel.wavelengths_nm[0]).replace(".", ",") for channel in params.channels]
     names = [f"T.{wavelength}nm" for wavelength in wavelengths]
-
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        bands = [image.rows(params.name, first, end)["Y"] for image in images]
-        return dict(zip(names, bands, strict=True))
-
     attributes: dict[str, str | float | int] = {
         "spectralLayoutVersion": "1.0",
         "content": "relative irradiance at each wavelength: 1 is a white scene on the axis in the same light",
-        **_traced_by(images[0], params.name),
     }
-    shape = images[0].headers[params.name].shape
-    write_bands(
-        path, [BandedPart(name="spectral", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)]
+    write_bands(path, [_part("spectral", images, params.name, names, attributes)])
+
+
+def _part(
+    name: str, images: list[ExrWindows], of: str, channels: list[str], attributes: dict[str, str | float | int]
+) -> BandedPart:
+    """The images of all channels, each the part `of` its file, as one part; it says what traced the rays, too."""
+    header = images[0].headers[of]
+
+    def rows(first: int, end: int) -> np.ndarray:
+        return np.stack([image.rows(of, first, end)["Y"] for image in images], axis=-1)
+
+    traced = {"rays": header.texts["rays"]} if "rays" in header.texts else {}  # by a device: the same one for all
+    return BandedPart(
+        name=name, shape=header.shape, channels=tuple(channels), rows=rows, attributes={**attributes, **traced}
     )
-
-
-def _traced_by(image: ExrWindows, name: str) -> dict[str, str]:
-    """The attribute that says what traced the rays, if a device did: the same one for all channels."""
-    texts = image.headers[name].texts
-    return {"rays": texts["rays"]} if "rays" in texts else {}
 
 
 def picture(channels: dict[str, np.ndarray]) -> np.ndarray:

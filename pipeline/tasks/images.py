@@ -115,11 +115,7 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
 
 def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
     """A part of a file with one channel, (h, w)."""
-
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        return {"Y": pixels[first:end]}
-
-    height, width = pixels.shape
+    (height, width), rows = pixels.shape, lambda first, end: pixels[first:end]
     return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
 
 

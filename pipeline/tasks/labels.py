@@ -79,18 +79,17 @@ def labels(params: Labels, inputs: Inputs, out: Path) -> None:
     stacked = StackedRows([inputs[f"tile{number}"][_ROWS] for number in range(params.tiles)])
     names = Asked(asked.tokens, asked.targets, dict.fromkeys(asked.mattes, np.zeros(0))).channels
 
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        return dict(zip(names, np.moveaxis(stacked.rows(first, end), 2, 0), strict=True))
-
     def whole(channels: Sequence[str]) -> dict[str, np.ndarray]:
-        bands = [rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
-        return {name: np.concatenate([band[name] for band in bands]) for name in channels if name in names}
+        here = [(name, names.index(name)) for name in channels if name in names]
+        bands = [stacked.rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
+        return {name: np.concatenate([band[..., column] for band in bands]) for name, column in here}
 
     attributes = {"content": "what pixels see, by their light: docs/labels.md", **images.labels_of(params.exposure)}
     for matte, of_things in asked.mattes.items():
         attributes |= attributes_of(matte, list(of_things))
     height, width, _ = stacked.shape
-    part = BandedPart(name="labels", shape=(height, width), channels=tuple(names), rows=rows, attributes=attributes)
+    shape, rows = (height, width), stacked.rows
+    part = BandedPart(name="labels", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)
     write_bands(out / LABELS, [part])
     write_png(out / PREVIEW, preview(whole(SHOWN)))
     if asked.targets:

@@ -37,21 +37,9 @@ def run(params: Positions, inputs: Inputs, out: Path) -> None:
     for plane in params.planes:
         wanted = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
         pose = np.array(plane.vision_from_target)
-        rows = functools.partial(_rows, rig, pose, params.sampling, wanted)
+        rows = functools.partial(position_image, rig, pose, params.sampling, wanted)
         parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
-
-
-def _rows(
-    rig: Rig,
-    vision_from_target: np.ndarray,
-    sampling: Sampling,
-    wanted: list[Tile] | None,
-    first: int,
-    end: int,
-) -> dict[str, np.ndarray]:
-    pixels = position_image(rig, vision_from_target, sampling, wanted, (first, end))
-    return {"X": pixels[..., 0], "Y": pixels[..., 1]}
 
 
 def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
@@ -70,7 +58,7 @@ def position_image(
     vision_from_target: np.ndarray,
     sampling: Sampling,
     wanted: list[Tile] | None = None,
-    rows: tuple[int, int] | None = None,
+    *rows: int,
 ) -> np.ndarray:
     """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted.
 

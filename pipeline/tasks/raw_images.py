@@ -164,9 +164,9 @@ def fixed_pattern(params: PatternMaps, inputs: Inputs, out: Path) -> None:
     """Differences from pixel to pixel of the sensor of a camera: fixed_pattern.exr."""
     width = params.shape[1]
 
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+    def rows(first: int, end: int) -> np.ndarray:
         maps = read_out.fixed_pattern(params.spread, params.camera, (first, 0), (end - first, width))
-        return {name: getattr(maps, name) for name in _CHANNELS}
+        return np.stack([getattr(maps, name) for name in _CHANNELS], axis=-1)
 
     attributes: dict[str, str | float | int] = {
         "content": "DSNU dark_e [e-], PRNU response [1, 0: dead], further dark current hot_e_per_s [e-/s]",

@@ -1,7 +1,6 @@
 """Tasks `rays` and `rays_tile`: J_near, J_far, second moments, hit fraction and error of a camera; in bands of rows."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
-from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.exr_bands import BandedPart, Rows, write_bands
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches, tracer_alone
 from pipeline.tasks.params.cameras import JoinedRays, RaysTile
@@ -60,8 +59,6 @@ def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float)
 
 Attributes = dict[str, str | float | int]
 """What the header of a part says."""
-Pixels = Callable[[int, int], np.ndarray]
-"""Function of the first and the end row that returns rows of a part, (rows, w, channels)."""
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
@@ -89,7 +86,7 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
         low, high = max(first - 1, 0), min(end + 1, bundles.shape[0])  # differences reach one row beyond a band
         return error_of(bundles.rows(low, high), cells.rows(low, high), k)[first - low : end - low]
 
-    def columns(some: slice) -> Pixels:
+    def columns(some: slice) -> Rows:
         return lambda first, end: bundles.rows(first, end)[..., some]
 
     fine, whole = bundles.shape[:2], covariance.shape[:2]
@@ -108,11 +105,8 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
 
 
 def _part(
-    name: str, channels: tuple[str, ...], shape: tuple[int, ...], pixels: Pixels, attributes: Attributes
+    name: str, channels: tuple[str, ...], shape: tuple[int, ...], rows: Rows, attributes: Attributes
 ) -> BandedPart:
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        return dict(zip(channels, np.moveaxis(pixels(first, end), -1, 0), strict=True))
-
     return BandedPart(name=name, shape=(shape[0], shape[1]), channels=channels, rows=rows, attributes=attributes)
 
 

@@ -25,8 +25,8 @@ def parts() -> list[Part]:
 
 
 def banded(part: Part) -> BandedPart:
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
-        return {name: pixels[first:end] for name, pixels in part.channels.items()}
+    def rows(first: int, end: int) -> np.ndarray:
+        return np.stack([pixels[first:end] for pixels in part.channels.values()], axis=-1)
 
     return BandedPart(
         name=part.name, shape=part.shape, channels=tuple(part.channels), rows=rows, attributes=part.attributes
@@ -60,7 +60,7 @@ def test_windows_hold_what_was_written(tmp_path: Path, rows: tuple[int, int]) ->
 
 
 def test_a_part_that_gives_other_rows_than_it_was_asked_for_is_an_error(tmp_path: Path) -> None:
-    part = BandedPart(name="j", shape=(9, 4), channels=("X",), rows=lambda a, b: {"X": np.zeros((b - a, 5))})
+    part = BandedPart(name="j", shape=(9, 4), channels=("X",), rows=lambda a, b: np.zeros((b - a, 5)))
     with pytest.raises(ValueError, match="rows 0 to 9"):
         write_bands(tmp_path / "x", [part])
     assert not list(tmp_path.glob("*.band"))

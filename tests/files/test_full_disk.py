@@ -21,7 +21,7 @@ from pipeline.files.tiff import write_tiff
 
 NOISE = np.random.default_rng(1).random((64, 64))
 
-BANDED = BandedPart(name="a", shape=NOISE.shape, channels=("Y",), rows=lambda first, end: {"Y": NOISE[first:end]})
+BANDED = BandedPart(name="a", shape=NOISE.shape, channels=("Y",), rows=lambda first, end: NOISE[first:end])
 WRITERS = {
     "bands": lambda path: write_bands(path, [BANDED]),
     "exr": lambda path: write_exr(path, [Part(name="a", channels={"Y": NOISE})]),

@@ -19,8 +19,6 @@ from pipeline.cli import app
 from pipeline.files.exr import read_exr
 
 RAYS = {"rays_tile", "rays"}
-ONCE = {"focus", "parts", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
-"""Tasks that a camera has one of, if it has rays."""
 TRUTH = {"truth", "certificate"}
 """Truth and what judges it."""
 

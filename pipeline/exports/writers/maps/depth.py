@@ -35,10 +35,8 @@ def write(material: Material, folder: Path) -> None:
                 write_bands(folder / camera.name / f"{frame:04d}.depth.exr", [part])
 
 
-def _rows(
-    camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, first: int, end: int
-) -> dict[str, np.ndarray]:
+def _rows(camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, first: int, end: int) -> np.ndarray:
     """Vision z of the first surfaces that the rays of rows of pixels meet, in the unit of the format."""
     origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
     z_mm = origin[:, 2] + scene.distance_mm(frame, camera.name, origin, direction) * direction[:, 2]
-    return {"Z": z_mm.reshape(end - first, -1) * camera.rays.convention.scale}
+    return z_mm.reshape(end - first, -1) * camera.rays.convention.scale

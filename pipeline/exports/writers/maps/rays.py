@@ -56,12 +56,12 @@ def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: Tra
     if pixels.microlenses is not None:
         names = (*names, "microlens.k", "microlens.l")
 
-    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+    def rows(first: int, end: int) -> np.ndarray:
         band = slice(first, end)
         columns = [_vector(camera, pixels.rays[band], name) for name in _VECTORS]
         if pixels.microlenses is not None:
             columns.append(pixels.microlenses[band])
-        return dict(zip(names, np.moveaxis(np.concatenate(columns, axis=-1), -1, 0), strict=True))
+        return np.concatenate(columns, axis=-1)
 
     shape, attributes = pixels.rays.shape[:2], about(material, camera)
     write_bands(path, [BandedPart(name="rays", shape=shape, channels=names, rows=rows, attributes=attributes)])

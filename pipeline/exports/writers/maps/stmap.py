@@ -73,9 +73,9 @@ def _part(
     return BandedPart(name=name, shape=camera.size_px[::-1], channels=channels, rows=rows, attributes=about)
 
 
-def _times(camera: ExportCamera, shutter: Shutter, there: There, first: int, end: int) -> dict[str, np.ndarray]:
+def _times(camera: ExportCamera, shutter: Shutter, there: There, first: int, end: int) -> np.ndarray:
     """Rows of the middle of the exposure [s] of what each pixel shows; NaN where that is nothing."""
-    return {"Y": shutter.middle_s(there(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)}
+    return shutter.middle_s(there(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)
 
 
 def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
@@ -84,11 +84,10 @@ def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
     return np.stack([x, y], axis=1).astype(float)
 
 
-def _rows(camera: ExportCamera, there: There, first: int, end: int) -> dict[str, np.ndarray]:
+def _rows(camera: ExportCamera, there: There, first: int, end: int) -> np.ndarray:
     """Rows of a map: s and t of where each pixel looks."""
     places = camera.rays.positions(there(_pixels(camera, first, end)))
-    s, t = np.where(np.isnan(places), _NOWHERE, places).T.reshape(2, end - first, -1)
-    return {"R": s, "G": t}
+    return np.where(np.isnan(places), _NOWHERE, places).reshape(end - first, -1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
