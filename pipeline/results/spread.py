@@ -11,6 +11,8 @@ from pipeline.results.output import Output
 
 _KEY = ("frame", "target", "point_id", "microlens_k", "microlens_l")
 """Columns that tell which point a row is of, and which microlens sees it."""
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+"""Coefficients of OpenCV; those that a fit leaves out are 0, as the tilt of a sensor that stands upright."""
 _SAME = 1e-9
 """Standard deviation, over the size of the mean or 1, below which figures are the same: they come from fits."""
 
@@ -45,9 +47,10 @@ class Figures:
 
 
 def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
-    """Focal length, sensor, pupils and the equivalent pinhole with its distortion; those that each member has."""
+    """Focal length, sensor, pupils, equivalent pinhole with its distortion: those that each member has, not 0 in all."""
     of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
-    names = tuple(name for name in of_each[0] if all(of.get(name) is not None for of in of_each))
+    whole = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
+    names = tuple(name for name in whole if any(of[name] for of in of_each))
     values = np.array([[of[name] for name in names] for of in of_each], np.float64)
     mean, deviation = values[1:].mean(axis=0), values[1:].std(axis=0, ddof=1)
     differs = deviation > _SAME * np.maximum(1, abs(mean))
@@ -68,8 +71,8 @@ def _figures_of(record: Json) -> dict[str, float | None]:
         "principal_point_x_px": x_px,
         "principal_point_y_px": y_px,
     }
-    names = ("k1", "k2", "p1", "p2", "k3")
-    figures_of |= dict(zip(names, fit.get("distortion") or (None,) * len(names), strict=True))
+    if stated := fit.get("distortion"):
+        figures_of |= {**dict.fromkeys(_COEFFICIENTS, 0.0), **dict(zip(_COEFFICIENTS, stated, strict=False))}
     return {name: value if isinstance(value, float) else None for name, value in figures_of.items()}
 
 

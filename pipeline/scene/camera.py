@@ -31,6 +31,7 @@ from pipeline.scene.sensor import (
     read_sensor,
 )
 from pipeline.scene.shutters import check_shutter, read_shutter
+from pipeline.scene.temperature import mount_growth
 from pipeline.scene.usd.poses import camera_name, frame_numbers
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
 from pipeline.scene.usd.values import at_code, need, read, read_once, target, target_paths
@@ -168,12 +169,13 @@ def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         "far_mm": read(prim, "plen:camera:far"),
         "weight": need(prim, "plen:camera:weight"),
     }
+    longer = mount_growth(lens)
     focus_mm, match_stop = read(prim, _FOCUS), need(prim, _MATCH) != "none"
     if focus_mm is None and not match_stop:
-        return Camera(sensor_distance_mm=need(prim, _SENSOR), **parts)
+        return Camera(sensor_distance_mm=need(prim, _SENSOR) * longer, **parts)
     groups = need(prim, _GROUPS)
     return FocusRequest(
-        sensor_distance_mm=need(prim, _SENSOR) if focus_mm is None or groups else None,
+        sensor_distance_mm=need(prim, _SENSOR) * longer if focus_mm is None or groups else None,
         focus_distance_mm=focus_mm,
         focus_type=read(prim, _TYPE),
         focus_groups=groups,

@@ -14,9 +14,10 @@ from pxr import Sdf, Usd
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass import row
-from pipeline.optics.glass.medium import GlassError, Medium
+from pipeline.optics.glass.medium import GlassError, Medium, Melt
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
+from pipeline.scene.temperature import expanded, warmed
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
 
@@ -73,12 +74,11 @@ def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
 def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
     """The prescription of a PlenLens at a wavelength, by default that of its printed indices."""
     prims = ordered_surfaces(lens)
-    bent = zip(
-        prims, indices(lens, need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm), strict=True
-    )
+    behind = indices(lens, need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm)
+    shapes = expanded(lens, prims, [read_surface(prim) for prim in prims])
     groups = [_read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
     return Prescription(
-        surfaces=tuple(replace(read_surface(prim), index=index) for prim, index in bent),
+        surfaces=tuple(replace(surface, index=index) for surface, index in zip(shapes, behind, strict=True)),
         groups=tuple(sorted(groups, key=lambda group: group.first)),
     )
 
@@ -141,19 +141,25 @@ def knows_one_wavelength(lens: Usd.Prim) -> bool:
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
     """The medium behind a surface; GlassError if its glass is unknown or contradicts the printed index."""
     has_index = surface.GetAttribute("plen:index").HasAuthoredValue()
-    return row.medium(
+    nominal = row.medium(
         glass=need(surface, "plen:glass"),
         index=need(surface, "plen:index") if has_index else None,
         abbe=read(surface, "plen:abbe"),
         wavelength_nm=need(lens, "plen:wavelength"),
     )
+    offset = need(surface, "plen:indexOffset")
+    return replace(nominal, dispersion=Melt(nominal.dispersion, offset)) if offset else nominal
 
 
 def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
     """Index behind each surface at a wavelength, or as printed; GlassError if a glass is not known there."""
-    if not uses_catalogue(lens):
-        return tuple(need(prim, "plen:index") for prim in ordered_surfaces(lens))
-    return tuple(medium_behind(prim, lens).index(wavelength_nm) + 0.0 for prim in ordered_surfaces(lens))
+    prims = ordered_surfaces(lens)
+    if uses_catalogue(lens):
+        cold = [medium_behind(prim, lens).index(wavelength_nm) for prim in prims]
+    else:
+        cold = [need(prim, "plen:index") + need(prim, "plen:indexOffset") for prim in prims]
+    warm = zip(prims, cold, strict=True)
+    return tuple(warmed(lens, prim, index, wavelength_nm) + 0.0 for prim, index in warm)
 
 
 def index_source(lens: Usd.Prim) -> str:

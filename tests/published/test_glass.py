@@ -13,6 +13,8 @@ import pytest
 from tolerances import CODEV_INDEX, PRINTED_5_INDEX, PRINTED_ABBE, STATED_INDEX
 
 from pipeline.optics.glass.catalogue import catalogue, find
+from pipeline.optics.glass.fluids import vacuum_index_of_air
+from pipeline.optics.glass.thermal import thermal
 
 LISTING = json.loads((Path(__file__).parent / "codev_double_gauss.json").read_text(encoding="utf-8"))
 
@@ -49,3 +51,23 @@ def test_indices_are_those_of_a_commercial_program(name: str) -> None:
     # Rounding: half a unit of the last digit of both listed indices, from whose difference V was computed.
     rounding = 2 * 0.5e-6 / (blue - red)
     assert (yellow - 1) / (blue - red) == pytest.approx(listed["Vd"], rel=rounding, abs=0)
+
+
+@pytest.mark.parametrize(
+    ("from_c", "to_c", "relative", "absolute"),
+    [
+        (-40.0, -20.0, (2.4, 2.9, 3.3), (0.3, 0.8, 1.2)),
+        (20.0, 40.0, (2.4, 3.0, 3.5), (1.1, 1.6, 2.1)),
+        (60.0, 80.0, (2.5, 3.1, 3.7), (1.5, 2.1, 2.7)),
+    ],
+)
+def test_n_bk7_changes_with_its_temperature_as_its_data_sheet_prints(from_c, to_c, relative, absolute) -> None:
+    """Schott, data sheet N-BK7 of 2014: 1e-6 / K in air and in vacuum, at 1060 nm and the lines e and g, in tenths."""
+    glass, of = find("schott:N-BK7"), thermal("schott:N-BK7")
+    for wavelength_um, in_air, in_vacuum in zip((1.06, 0.546074, 0.4358343), relative, absolute, strict=True):
+        before, after = (
+            of.index(glass.dispersion.index(wavelength_um), wavelength_um, 20.0, c) for c in (from_c, to_c)
+        )
+        airs = [vacuum_index_of_air(wavelength_um, celsius) for celsius in (from_c, to_c)]
+        assert abs((after - before) / (to_c - from_c) * 1e6 - in_air) < 0.06
+        assert abs((after * airs[1] - before * airs[0]) / (to_c - from_c) * 1e6 - in_vacuum) < 0.06

@@ -537,6 +537,25 @@ METHOD = {
     ],
 }
 
+HEATED = {
+    (LENS, "plen:temperature"): 30.0,
+    (LENS, "plen:mountExpansion"): 23.6,
+    **{(f"A/Lens/{name}", f"plen:{what}"): 5.0 for name in ("S1", "S3", "S8") for what in ("indexSlope", "expansion")},
+}
+"""The catalogue has no constants of three of the glasses of the lens."""
+TEMPERATURE = {
+    "plen:temperature": [Case(LENS, 31.0, CAMERA, given=HEATED)],
+    "plen:prescriptionTemperature": [Case(LENS, 21.0, CAMERA, given=HEATED)],
+    "plen:mountExpansion": [Case(LENS, 10.0, CAMERA, given=HEATED)],
+    "plen:indexSlope": [Case(GLASS, 2.0, CAMERA, given=HEATED), Case(GLASS, 2.0)],
+    "plen:expansion": [Case(GLASS, 8.0, CAMERA, given=HEATED), Case(GLASS, 8.0)],
+    "plen:indexOffset": [
+        Case(GLASS, 1e-4, CAMERA),
+        Case(GLASS, 1e-4, CAMERA, given=CATALOGUE),
+        Case(OUTER, 1e-4, CAMERA, given=PORTED),
+    ],
+}
+
 TRUNCATED: dict[tuple[str, str], Any] = {("Tolerance", "plen:tolerance:distribution"): "truncated"}
 TOLERANCES = {  # they decide which cameras `pipeline ensemble` draws, and nothing of a build
     "plen:tolerance:of": [Case("Tolerance", ["A/Lens/S1.plen:thickness"])],
@@ -572,4 +591,5 @@ CASES: dict[str, list[Case]] = {
     **CAMERAS,
     **METHOD,
     **TOLERANCES,
+    **TEMPERATURE,
 }

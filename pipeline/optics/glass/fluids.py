@@ -19,24 +19,27 @@ _WATER_NM, _WATER_C, _SALINITY = (400.0, 700.0), (0.0, 30.0), (0.0, 43.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """Dry air of a temperature and pressure (Birch and Downs 1994, Metrologia 31, 315); a vacuum at 0 kPa."""
+    """Dry air of a temperature and pressure (Metrologia 31, 315); a vacuum at 0 kPa."""
 
     temperature_c: float
     pressure_kpa: float
 
     def index(self, wavelength_um: float) -> float:
         """Refractive index relative to measured air [1]."""
-        square = 1.0 / wavelength_um**2  # wavelengths in air differ from those in vacuum by 3e-4, and the index by 1e-9
-        standard = 8342.54 + 2406147.0 / (130.0 - square) + 15998.0 / (38.9 - square)
-
-        def refractivity(temperature_c: float, pressure_kpa: float) -> float:
-            pressure_pa = 1e3 * pressure_kpa
-            density = 1.0 + 1e-8 * (0.601 - 0.00972 * temperature_c) * pressure_pa
-            return 1e-8 * standard * pressure_pa / 96095.43 * density / (1.0 + 0.003661 * temperature_c)
-
-        return (1.0 + refractivity(self.temperature_c, self.pressure_kpa)) / (
-            1.0 + refractivity(_MEASURED_C, _MEASURED_KPA)
+        there, measured = (
+            vacuum_index_of_air(wavelength_um, *condition)
+            for condition in ((self.temperature_c, self.pressure_kpa), (_MEASURED_C, _MEASURED_KPA))
         )
+        return there / measured
+
+
+def vacuum_index_of_air(wavelength_um: float, temperature_c: float, pressure_kpa: float = _MEASURED_KPA) -> float:
+    """Refractive index of dry air relative to vacuum [1], at a wavelength in air (Birch and Downs 1994)."""
+    square = 1.0 / wavelength_um**2  # wavelengths in air differ from those in vacuum by 3e-4, and the index by 1e-9
+    standard = 8342.54 + 2406147.0 / (130.0 - square) + 15998.0 / (38.9 - square)
+    pressure_pa = 1e3 * pressure_kpa
+    density = 1.0 + 1e-8 * (0.601 - 0.00972 * temperature_c) * pressure_pa
+    return 1.0 + 1e-8 * standard * pressure_pa / 96095.43 * density / (1.0 + 0.003661 * temperature_c)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

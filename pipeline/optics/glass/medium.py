@@ -124,6 +124,17 @@ def _between_f_and_c(k: int) -> float:
     return F_UM**-k - C_UM**-k
 
 
+@dataclass(frozen=True, slots=True)
+class Melt:
+    """A melt whose index is off that of its glass, by the same at all wavelengths."""
+
+    glass: Dispersion
+    offset: float
+
+    def index(self, wavelength_um: float) -> float:
+        return self.glass.index(wavelength_um) + self.offset
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
     """A transparent medium behind a surface."""

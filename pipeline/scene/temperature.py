@@ -1,0 +1,95 @@
+"""A lens at another temperature than its prescription: indices of its glasses, and lengths of glass and mount.
+
+Elements keep their shapes, larger or smaller. A surface goes with the glass behind it, or else with that before it;
+what has none goes with the mount, and so do gaps of air, from vertex to vertex.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pxr import Usd
+
+from pipeline.optics.glass.catalogue import find
+from pipeline.optics.glass.fluids import AIR, VACUUM
+from pipeline.optics.glass.medium import GlassError
+from pipeline.optics.glass.thermal import Thermal, thermal
+from pipeline.optics.prescription import Surface
+from pipeline.scene.usd.values import UnreadableValue, need, read
+
+_PER_K = 1e-6
+"""Unit of expansions and slopes in stages [1/K]."""
+
+
+def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float) -> float:
+    """The index behind a surface as warm as its lens, where it is `index` at the temperature of the prescription."""
+    from_c, to_c = _temperatures_c(lens)
+    if from_c == to_c or index == 1:
+        return index
+    slope = read(surface, "plen:indexSlope")
+    if slope is not None:
+        return float(index + slope * _PER_K * (to_c - from_c))
+    return _thermal(surface).index(index, wavelength_nm / 1000.0, from_c, to_c)
+
+
+def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surface]) -> list[Surface]:
+    """Surfaces of a lens, as prescribed, with their lengths as warm as it; their indices are left."""
+    from_c, to_c = _temperatures_c(lens)
+    if from_c == to_c:
+        return list(surfaces)
+    growths = [1 + _expansion_per_k(prim) * (to_c - from_c) if _is_glass(prim) else None for prim in prims]
+    warm, before = list[Surface](), None
+    for surface, behind in zip(surfaces, growths, strict=True):
+        gap = behind or mount_growth(lens)
+        warm.append(_larger(surface, behind or before or gap, gap))
+        before = behind
+    return warm
+
+
+def mount_growth(lens: Usd.Prim) -> float:
+    """Ratio of lengths of what holds a lens and the sensor to those at the temperature of the prescription."""
+    from_c, to_c = _temperatures_c(lens)
+    return 1.0 if from_c == to_c else float(1 + need(lens, "plen:mountExpansion") * _PER_K * (to_c - from_c))
+
+
+def _temperatures_c(lens: Usd.Prim) -> tuple[float, float]:
+    """Temperatures of the prescription of a lens and of the lens."""
+    from_c = need(lens, "plen:prescriptionTemperature")
+    to_c = read(lens, "plen:temperature")
+    return from_c, from_c if to_c is None else to_c
+
+
+def _is_glass(prim: Usd.Prim) -> bool:
+    """Whether there is glass behind a surface, by its name or by a printed index."""
+    name = need(prim, "plen:glass")
+    return name not in (AIR, VACUUM) if name else need(prim, "plen:index") != 1
+
+
+def _expansion_per_k(prim: Usd.Prim) -> float:
+    stated = read(prim, "plen:expansion")
+    return _thermal(prim).expansion_per_k if stated is None else stated * _PER_K
+
+
+def _thermal(prim: Usd.Prim) -> Thermal:
+    name = need(prim, "plen:glass")
+    try:
+        if not name:
+            hint = "write plen:indexSlope and plen:expansion, or its plen:glass"
+            raise GlassError("nothing is known of how a glass without name changes with its temperature", hint=hint)
+        return thermal(find(name).label)
+    except GlassError as error:
+        raise UnreadableValue(error.what, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
+
+
+def _larger(surface: Surface, growth: float, gap: float) -> Surface:
+    """A surface with all lengths larger, and its thickness by a ratio of its own; a_p r^p has the unit of a length."""
+    widths = surface.half_widths_mm
+    return replace(
+        surface,
+        radius_mm=surface.radius_mm * growth,
+        thickness_mm=surface.thickness_mm * gap,
+        semi_diameter_mm=surface.semi_diameter_mm * growth,
+        inner_semi_diameter_mm=surface.inner_semi_diameter_mm * growth,
+        half_widths_mm=widths and (widths[0] * growth, widths[1] * growth),
+        even_coefficients=tuple(a * growth ** (-1 - 2 * i) for i, a in enumerate(surface.even_coefficients)),
+        odd_coefficients=tuple(a * growth ** (-2 - 2 * i) for i, a in enumerate(surface.odd_coefficients)),
+    )

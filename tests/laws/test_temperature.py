@@ -1,0 +1,106 @@
+"""Claim: a warm lens is the prescribed one with other indices and larger lengths, and nothing else.
+
+Judged by scaling, by the focal length of a thin lens in closed form, and by the tasks of a lens that is not warm.
+"""
+
+from pathlib import Path
+
+import pytest
+from stage_text import tiny_text
+
+from pipeline.app.build import project
+from pipeline.camera.parts.camera import Camera
+from pipeline.optics.first_order import first_order
+from pipeline.scene.load import load
+
+GLASSES = ("S1", "S3", "S4", "S7", "S8", "S10")
+ALUMINIUM = 23.6
+
+
+def over(name: str, *lines: str) -> str:
+    return "\n".join([f'over "{name}"', "{", *(f"uniform double plen:{line}" for line in lines), "}", ""])
+
+
+def stage(folder: Path, celsius: float | None, *overs: str, mount: float = ALUMINIUM) -> Path:
+    path, sensor = folder / f"at_{celsius}.usda", '        over "Sensor"\n'
+    lines = [] if celsius is None else [f"double plen:temperature = {celsius}"]
+    lines += [] if celsius is None else [f"uniform double plen:mountExpansion = {mount}"]
+    lens = "\n".join(['over "Lens"', "{", *lines, *overs, "}", ""])
+    path.write_text(tiny_text("conventional", (sensor, lens + sensor)), encoding="utf-8")
+    return path
+
+
+def camera(path: Path) -> Camera:
+    loaded = load(path)
+    assert not loaded.errors, loaded.errors
+    return loaded.cameras[0].camera
+
+
+def known(slope: float, expansion: float) -> list[str]:
+    return [over(name, f"indexSlope = {slope}", f"expansion = {expansion}") for name in GLASSES]
+
+
+def test_a_lens_at_the_temperature_of_its_prescription_has_the_tasks_of_one_without(tmp_path):
+    plain, same, warm = (project(stage(tmp_path, celsius, *known(2.0, 7.0))).graph for celsius in (None, 20.0, 20.001))
+    assert {name: plain[name] for name in plain} == {name: same[name] for name in same}
+    assert any(plain[name] != warm[name] for name in plain)
+
+
+def test_what_expands_alike_is_the_same_camera_larger(tmp_path):
+    """The microscope of similar triangles: all lengths of the lens, and the distance of the sensor."""
+    cold, warm = (camera(stage(tmp_path, celsius, *known(0.0, 23.6))) for celsius in (20.0, 70.0))
+    growth = 1 + 23.6e-6 * 50
+    lengths = [first_order(of.prescription) for of in (cold, warm)]
+    assert lengths[1].efl_mm == pytest.approx(growth * lengths[0].efl_mm, rel=1e-13)
+    assert lengths[1].bfd_mm == pytest.approx(growth * lengths[0].bfd_mm, rel=1e-13)
+    assert warm.sensor_distance_mm == pytest.approx(growth * cold.sensor_distance_mm, rel=1e-15)
+    for before, after in zip(cold.prescription.surfaces, warm.prescription.surfaces, strict=True):
+        assert after.index == before.index
+        assert after.semi_diameter_mm == pytest.approx(growth * before.semi_diameter_mm, rel=1e-15)
+
+
+def test_the_cell_of_a_surface_decides_with_what_it_expands(tmp_path):
+    """Glass behind a surface, else before it; the stop and gaps of air go with the mount."""
+    cold, warm = (camera(stage(tmp_path, celsius, *known(0.0, 7.0))) for celsius in (20.0, 70.0))
+    pairs = list(zip(cold.prescription.surfaces, warm.prescription.surfaces, strict=True))
+    glass, mount = 1 + 7e-6 * 50, 1 + ALUMINIUM * 1e-6 * 50
+    for (before, after), radius, thickness in (
+        (pairs[0], glass, glass),  # S1: the front of an element
+        (pairs[1], glass, mount),  # S2: its back, and air behind it
+        (pairs[5], mount, mount),  # Stop
+    ):
+        assert after.semi_diameter_mm / before.semi_diameter_mm == pytest.approx(radius, rel=1e-15)
+        assert after.thickness_mm / before.thickness_mm == pytest.approx(thickness, rel=1e-15)
+
+
+def test_a_thin_lens_changes_its_focal_length_as_in_closed_form(tmp_path):
+    """f (1 + a dT) / (1 + b dT / (n - 1)), by the thermal constant of optics: all glass but one element is air here."""
+    no_glass = 'uniform string plen:glass = ""\n}\n'
+    others = ("S3", "S4", "S5", *GLASSES[3:], "S9", "S11")
+    air = [over(name, "index = 1", "radius = inf").replace("}\n", no_glass) for name in others]
+    small = "semiDiameter = 0.01"
+    element = (
+        over("S1", "indexSlope = 3", "expansion = 7", "thickness = 2e-6", small),
+        over("S2", "radius = -160", small),
+    )
+    cold, warm = (first_order(camera(stage(tmp_path, c, *element, *air)).prescription) for c in (20.0, 70.0))
+    expected = (1 + 7e-6 * 50) / (1 + 3e-6 * 50 / 0.67)
+    assert warm.efl_mm / cold.efl_mm == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("source", ["printed", "catalogue"])
+def test_a_melt_is_off_its_glass_by_what_is_stated(tmp_path, source):
+    """Beyond 5e-4, too, to which a printed index is compared with the catalogue: a melt is another number."""
+    token = f'uniform token plen:indexSource = "{source}"'
+    cold, melt = (camera(stage(tmp_path, None, token, *overs)) for overs in ([], [over("S1", "indexOffset = 0.001")]))
+    indices = [[surface.index for surface in of.prescription.surfaces] for of in (cold, melt)]
+    assert indices[1][0] - indices[0][0] == pytest.approx(1e-3, rel=1e-9)
+    assert indices[1][1:] == indices[0][1:]
+
+
+def test_a_glass_of_which_nothing_is_known_is_refused(tmp_path):
+    """hikari:BAF10 has no constants in the table."""
+    errors = load(stage(tmp_path, 30.0)).errors
+    assert {(problem.code, problem.at) for problem in errors} == {
+        ("unknown-thermal", "/TinyConventional/Rig/Lens/S1.plen:glass")
+    }
