@@ -103,6 +103,8 @@ picture: $(STAMP)
 	$(BIN)/pipeline build examples/10_fisheye/dataset.usda
 	$(BIN)/python docs/picture.py examples/10_fisheye/picture.png \
 		build/10_fisheye/frames/0001/Rig.Camera --zoom 2
+	$(BIN)/pipeline ensemble examples/11_as_built/dataset.usda --count 60
+	$(BIN)/python examples/11_as_built/picture.py build/11_as_built.ensemble
 	$(BIN)/pipeline build examples/12_best_poses/dataset.usda
 	$(BIN)/pipeline new dataset build/first.usda --rig examples/12_best_poses/rig.usda \
 		--target targets/charuco_8x5.usda --poses 6 --fit

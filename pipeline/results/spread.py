@@ -47,7 +47,7 @@ class Figures:
 
 
 def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
-    """Focal length, sensor, pupils, equivalent pinhole with its distortion: those that each member has, not 0 in all."""
+    """Focal length, sensor, pupils, equivalent pinhole and distortion: those that each member has, not 0 in all."""
     of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
     whole = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
     names = tuple(name for name in whole if any(of[name] for of in of_each))
