@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from pipeline.app.verbs import after, building, planning
-from pipeline.app.verbs.authoring import imports, library, new
+from pipeline.app.verbs.authoring import designs, imports, library, new
 from pipeline.app.verbs.care import cache, doctor
 from pipeline.app.verbs.terminal import (
     CHECKING,
@@ -222,6 +222,7 @@ _VERBS = (
 for _panel, _name, _verb in _VERBS:
     app.command(_name, cls=Verb, rich_help_panel=_panel)(_verb)
 app.add_typer(new, name="new", rich_help_panel=WRITE)
+app.add_typer(designs, name="design", rich_help_panel=WRITE)
 app.add_typer(imports, name="import", rich_help_panel=WRITE)
 app.add_typer(cache, name="cache", rich_help_panel=CARE)
 

@@ -24,7 +24,7 @@ NAMES = ("README", "CONTRIBUTING", "CONVENTIONS", "docs/**/*", *(f"{folder}/**/*
 PAGES = sorted(page for name in (*NAMES, "schemas/*", "benchmarks/*") for page in ROOT.glob(f"{name}.md"))
 TOUR = ROOT / "docs/tour.md"
 HOW_TOS = [TOUR, *sorted((ROOT / "docs/how_to").glob("*.md"))]
-RUN = {"check", "new", "target", "import", "library", "show"}
+RUN = {"check", "new", "design", "target", "import", "library", "show"}
 """Verbs of the how-tos that take no build: they run as they are written, in the order of the page."""
 ENDS_A_COMMAND = {"|", "||", "&", "&&", ";", ">", "<"}
 

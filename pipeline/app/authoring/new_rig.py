@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.app.stages import asset_path, located, require_free, sound, write_whole
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
 from pipeline.scene.load import Loaded
@@ -13,7 +14,8 @@ from pipeline.scene.usd.problems import StageError
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigWish:
     """Demands on a rig. `lens`, `sensor` and `microlenses` are stages, files or names of the library; a number in place
-    of a lens is the focal length of an ideal thin one [mm], for a lens whose prescription nobody knows.
+    of a lens is the focal length of an ideal thin one [mm], for a lens whose prescription nobody knows. A thin array in
+    place of a file is written into the rig. `origin` says who writes it.
     """
 
     sensor: Path
@@ -21,10 +23,12 @@ class RigWish:
     focus_mm: float | None
     sensor_distance_mm: float | None
     f_number: float | None = None
-    microlenses: Path | None = None
+    microlenses: Path | MicrolensArray | None = None
     microlens_distance_mm: float | None = None
     near_mm: float | None = None
     far_mm: float | None = None
+    circle_of_confusion_px: float | None = None
+    origin: str = "Written by pipeline new rig"
 
 
 _AS_OPTIONS = {
@@ -102,16 +106,17 @@ def _text(out: Path, wish: RigWish, lens: str) -> str:
         camera = "        # The sensor moves to where this distance is sharp;"
         camera += " plen:camera:sensorDistance would say where it stands.\n"
         camera += f"        uniform double plen:camera:focusDistance = {wish.focus_mm:g}\n"
-    for name, value_mm in (("near", wish.near_mm), ("far", wish.far_mm)):
-        camera += "" if value_mm is None else f"        uniform double plen:camera:{name} = {value_mm:.9g}\n"
+    numbers = {"near": wish.near_mm, "far": wish.far_mm, "circleOfConfusion": wish.circle_of_confusion_px}
+    for name, value in numbers.items():
+        camera += "" if value is None else f"        uniform double plen:camera:{name} = {value:.9g}\n"
     if wish.microlenses is not None:
-        array = _part("Microlenses", asset_path(wish.microlenses, out), "")
+        array = _array(wish.microlenses, out)
         camera += "        rel plen:camera:microlenses = </Rig/Microlenses>\n"
-        camera += f"        uniform double plen:camera:microlensDistance = {wish.microlens_distance_mm:g}\n"
+        camera += f"        uniform double plen:camera:microlensDistance = {wish.microlens_distance_mm:.9g}\n"
     return f"""#usda 1.0
 (
     defaultPrim = "Rig"
-    doc = "{doc} Written by pipeline new rig; edit it as you like."
+    doc = "{doc} {wish.origin}; edit it as you like."
     metersPerUnit = 0.001
     timeCodesPerSecond = 24
     upAxis = "Y"
@@ -132,6 +137,25 @@ def Xform "Rig" (
 {lens}
 {_part("Sensor", asset_path(wish.sensor, out), "")}{array and chr(10)}{array}}}
 """
+
+
+_THIN_ARRAY = """    def PlenMicrolensArray "Microlenses"
+    {{
+        uniform double[] plen:focalLengths = [{focal}]
+        uniform double plen:height = {height:.9g}
+        uniform token plen:layout = "{layout}"
+        uniform double plen:pitch = {pitch:.9g}
+        uniform double plen:width = {width:.9g}
+    }}
+"""
+
+
+def _array(array: Path | MicrolensArray, out: Path) -> str:
+    if isinstance(array, Path):
+        return _part("Microlenses", asset_path(array, out), "")
+    focal = ", ".join(f"{length_mm:.9g}" for length_mm in array.focal_lengths_mm)
+    sizes = {"height": array.height_mm, "width": array.width_mm, "pitch": array.pitch_mm}
+    return _THIN_ARRAY.format(focal=focal, layout=array.layout, **sizes)
 
 
 def _part(name: str, path: str, inside: str) -> str:

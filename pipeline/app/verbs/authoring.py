@@ -1,4 +1,6 @@
-"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `import lens` and `import camera`."""
+"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `design plenoptic`, `import lens` and
+`import camera`.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +12,7 @@ from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_j
 from pipeline.errors import Exit, UsageError
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
+designs = new_family(help="Compute cameras from what they shall do, and judge them by real rays.")
 imports = new_family(help="Turn files of other programs into stages.")
 
 NewFile = Annotated[Path, typer.Argument(metavar="OUT.usda", help="The new file.")]
@@ -73,12 +76,8 @@ def rig(
     """Write a rig of a lens and a sensor, focused at a distance."""
     from pipeline.app.authoring.new_rig import RigWish, new_rig
 
-    either = focal_length if lens is None else lens
-    if either is None or (lens is not None and focal_length is not None):
-        hint = "give --lens or, where nobody knows the prescription, --focal-length"
-        raise UsageError("a rig has one lens", hint=hint)
     wish = RigWish(
-        lens=either,
+        lens=_lens(lens, focal_length),
         sensor=sensor,
         focus_mm=focus,
         sensor_distance_mm=sensor_distance,
@@ -89,6 +88,71 @@ def rig(
         far_mm=far,
     )
     _end(out, new_rig(out, wish))
+
+
+@designs.command("plenoptic", cls=Verb)
+def plenoptic(
+    out: NewFile,
+    sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
+    lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
+    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3)] = None,
+    near: Annotated[float | None, _option("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
+    far: Annotated[float | None, _option("MM", "Its far end; inf.", min=0)] = None,
+    magnification: Annotated[
+        float | None, _option("M", "Instead of a range: of the main lens, in its middle.", min=1e-6)
+    ] = None,
+    types: Annotated[int | None, _option("N", "Focal lengths of the microlenses, 1 or 3; else 3.")] = None,
+    unfocused: Annotated[
+        bool, typer.Option("--unfocused", help="Microlenses at their focal length, of one type: plenoptic 1.0.")
+    ] = False,
+    micro_image: Annotated[float, _option("PX", "Diameter of micro-images.", min=2)] = 20.0,
+    layout: Annotated[
+        Literal["hexagonal", "hexagonal-columns", "square"], _option("LAYOUT", "Of the microlenses.")
+    ] = "hexagonal",
+    f_number: Annotated[
+        float | None, _option("N", "Of the main lens; else what matches the microlenses.", min=1e-3)
+    ] = None,
+    virtual_depth: Annotated[float | None, _option("V", "The least one; else 2.", min=1)] = None,
+    blur: Annotated[float, _option("PX", "Largest blur that counts as sharp.", min=0.01)] = 1.0,
+    as_json: Json = False,
+) -> None:
+    """Write a plenoptic rig for a depth of field or a magnification, and print what real rays make of it.
+
+    The page has the depth of field of each type, lateral and depth resolution, micro-images over the field, distances
+    of refocusing and viewpoints of views. Formulas design, rays judge.
+    """
+    from pipeline.app.authoring.new_plenoptic import new_plenoptic
+    from pipeline.camera.figures.plenoptic_design import PlenopticWish
+    from pipeline.report.plenoptic_design import page, plain
+
+    wish = PlenopticWish(
+        near_mm=near,
+        far_mm=far,
+        magnification=magnification,
+        types=types or (1 if unfocused else 3),
+        unfocused=unfocused,
+        image_px=micro_image,
+        layout=layout,
+        f_number=f_number,
+        virtual_depth=virtual_depth,
+        blur_px=blur,
+    )
+    rig = new_plenoptic(out, _lens(lens, focal_length), sensor, wish)
+    note(*rig.loaded.problems)
+    if as_json:
+        say_json(plain(rig.design, rig.judgement))
+    else:
+        say(*page(rig.design, rig.judgement))
+    note(f"wrote {out}")
+
+
+def _lens(lens: Path | None, focal_length: float | None) -> Path | float:
+    """The lens of a rig, or the focal length of a thin one."""
+    either = focal_length if lens is None else lens
+    if either is None or (lens is not None and focal_length is not None):
+        hint = "give --lens or, where nobody knows the prescription, --focal-length"
+        raise UsageError("a rig has one lens", hint=hint)
+    return either
 
 
 def _end(out: Path, loaded: Any) -> None:

@@ -55,11 +55,16 @@ class MicroLight:
     light_mm: Float64[np.ndarray, "n directions"]
 
 
-def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:
-    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them."""
+def micro_light(
+    tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1, rows: Int64[np.ndarray, "n"] | None = None
+) -> MicroLight:
+    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them, or of some
+    rows of the lattice, ascending.
+    """
     if tracer.camera.microlenses is None:
         raise CameraError("a conventional camera has no micro-images")
-    rows = np.array_split(reaching(tracer, images), tiles)[tile]
+    if rows is None:
+        rows = np.array_split(reaching(tracer, images), tiles)[tile]
     shift, limit = _motion(tracer, images, rows)
     lit = limit > 0
     rows, shift, limit = rows[lit], shift[lit], limit[lit]

@@ -1,0 +1,68 @@
+"""A new plenoptic rig, designed from what is known of it and judged by real rays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.app.authoring.new_rig import RigWish, new_rig
+from pipeline.app.stages import located, require_free, sound
+from pipeline.camera.figures.plenoptic_design import PlenopticDesign, PlenopticWish, designed
+from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.errors import UsageError
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.results.opening import ready
+from pipeline.results.plenoptic_judgement import Judgement, judged
+from pipeline.scene.load import Loaded, sensor_figures
+
+
+@dataclass(frozen=True)
+class NewPlenoptic:
+    """A written rig, what was designed, and what real rays say of it."""
+
+    loaded: Loaded
+    design: PlenopticDesign
+    judgement: Judgement
+
+
+def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWish) -> NewPlenoptic:
+    """Design a rig, write it, and judge what was written.
+
+    `lens` and `sensor` as in `RigWish`. UsageError if no camera meets the demands; else errors as of `new_rig`.
+    """
+    require_free(out)
+    figures = sensor_figures(located(sensor))
+    plane = Sensor(width_px=figures["width_px"], height_px=figures["height_px"], pitch_mm=figures["pitch_mm"])
+    try:
+        design = designed(_prescription(lens, wish), plane, wish)
+    except CameraError as error:  # what was typed cannot be
+        raise UsageError(error.what, hint=error.hint) from None
+    array = design.camera.microlenses
+    assert array is not None
+    near_mm, far_mm = design.camera.near_mm, design.camera.far_mm
+    rig = RigWish(
+        lens=lens,
+        sensor=sensor,
+        focus_mm=None,
+        sensor_distance_mm=design.camera.sensor_distance_mm,
+        f_number=design.f_number,
+        microlenses=array,
+        microlens_distance_mm=array.distance_mm,
+        near_mm=near_mm,
+        far_mm=far_mm,
+        circle_of_confusion_px=None if wish.blur_px == 1 else wish.blur_px,
+        origin="Written by pipeline design plenoptic",
+    )
+    loaded = new_rig(out, rig)
+    return NewPlenoptic(loaded, design, judged(ready(out), design.range_mm))
+
+
+def _prescription(lens: Path | float, wish: PlenopticWish) -> Prescription:
+    if isinstance(lens, float):
+        if wish.f_number is None and wish.magnification is not None:
+            raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
+        semi_mm = lens / (1.0 if wish.f_number is None else wish.f_number) / 2
+        return Prescription(surfaces=(Surface(focal_length_mm=lens, semi_diameter_mm=semi_mm, is_stop=True),))
+    loaded = sound(located(lens))
+    if loaded.lens is None:
+        raise UsageError(f"{lens} is no lens", hint="a stage whose default prim is a PlenLens")
+    return loaded.lens.prescription

@@ -1,0 +1,114 @@
+"""A designed plenoptic camera and its judgement as a page for a terminal."""
+
+import math
+from collections.abc import Sequence
+
+from pipeline.camera.figures.plenoptic_design import PlenopticDesign
+from pipeline.files.jsonfile import Json
+from pipeline.results.plenoptic_judgement import Judgement
+
+
+def plain(design: PlenopticDesign, judgement: Judgement) -> Json:
+    """Plain values of what was designed, promised and seen."""
+    array, camera = design.camera.microlenses, design.camera
+    assert array is not None
+    parts = {
+        "sensor_distance_mm": camera.sensor_distance_mm,
+        "microlens_distance_mm": array.distance_mm,
+        "pitch_mm": array.pitch_mm,
+        "layout": array.layout,
+        "focal_lengths_mm": list(array.focal_lengths_mm),
+        "f_number": design.f_number,
+        "stop_diameter_mm": 2 * camera.prescription.stop.semi_diameter_mm,
+    }
+    promised = {
+        "depth_of_field_mm": [list(ends) for ends in design.depth_of_field_mm],
+        "virtual_depths": None if design.virtual_depths is None else list(design.virtual_depths),
+        "micro_image_gap_px": design.gap_px,
+    }
+    return {"design": parts, "promised": promised, "judged": judgement.to_plain()}
+
+
+def page(design: PlenopticDesign, judgement: Judgement) -> list[str]:
+    """Lines of the page; distances count from the aperture stop, + towards the scene."""
+    array, camera = design.camera.microlenses, design.camera
+    assert array is not None
+    focal = ", ".join(f"{length:.5g}" for length in array.focal_lengths_mm)
+    lines = [
+        "designed by formulas",
+        f"  sensor {camera.sensor_distance_mm:.4f} mm behind the stop,"
+        f" microlenses {array.distance_mm:.4f} mm before it",
+        f"  {array.layout} microlenses {array.pitch_mm:.5g} mm apart, focal lengths {focal} mm",
+        f"  F/{design.f_number:.4g}, a stop of {2 * camera.prescription.stop.semi_diameter_mm:.4f} mm;"
+        f" {design.gap_px:.2f} px between micro-images of {array.pitch_mm / camera.sensor.pitch_mm:.4g} px",
+    ]
+    if design.virtual_depths is not None:
+        lines.append("  virtual depth {:.3f} at the far end, {:.3f} at the near one".format(*design.virtual_depths))
+    lines += ["", "judged by real rays; distances [mm] count from the aperture stop", ""]
+    if judgement.depths:
+        lines += [*_ranges(design, judgement), "", *_depths(judgement), ""]
+    else:
+        lines += ["views of one pixel are sharp from {} to {} mm, by formula".format(*map(_mm, design.range_mm)), ""]
+    return [*lines, *_field(judgement), "", *_views(judgement)]
+
+
+def _ranges(design: PlenopticDesign, judgement: Judgement) -> list[str]:
+    rows: list[tuple[str, ...]] = [("type", "sharp from", "to", "by formula", "to")]
+    for kind, (seen, meant) in enumerate(zip(judgement.depth_of_field_mm, design.depth_of_field_mm, strict=True)):
+        rows.append((str(kind), *map(_mm, seen), *map(_mm, meant)))
+    confusion = f"blur of at most {design.camera.circle_of_confusion_px:g} px on the axis"
+    return [f"depth of field of each type: {confusion}", *_table(rows)]
+
+
+def _depths(judgement: Judgement) -> list[str]:
+    kinds = range(len(judgement.depth_of_field_mm))
+    rows: list[tuple[str, ...]] = [("z", "micro-images", "lateral mm", "depth mm", *(f"blur {kind}" for kind in kinds))]
+    for row in judgement.depths:
+        blurs = ("-" if blur is None else f"{blur:+.2f}" for blur in row.blur_px)
+        rows.append((_mm(row.z_mm), str(row.micro_images), _short(row.lateral_mm), _short(row.depth_mm), *blurs))
+    head = "a point on the axis: what one pixel spans or blurs, and how far it moves for one pixel of disparity"
+    return [head, *_table(rows)]
+
+
+def _field(judgement: Judgement) -> list[str]:
+    rows = [("from axis", "least px", "most px", "gap px", "pupil seen")]
+    for row in judgement.field:
+        least, most = row.across_px
+        rows.append(
+            (f"{row.from_axis_mm:.2f}", f"{least:.3f}", f"{most:.3f}", f"{row.gap_px:+.3f}", f"{row.light:.3f}")
+        )
+    return ["micro-images over the field: diameters, gap to the next, pupil that is not vignetted", *_table(rows)]
+
+
+def _views(judgement: Judgement) -> list[str]:
+    rows = [("z", "shift", "by formula", "lateral mm", "depth mm")]
+    for row in judgement.views:
+        cells = _mm(row.z_mm), f"{row.shift:+.4f}", _mm(row.formula_mm), _short(row.lateral_mm), _short(row.depth_mm)
+        rows.append(cells)
+    places = [("view px", "x", "y", "z", "rms")]
+    for point in judgement.viewpoints:
+        x, y, z = point.place_mm
+        places.append((f"{point.view_px:.4g}", f"{x:+.3f}", f"{y:+.3f}", f"{z:+.3f}", f"{point.rms_mm:.4f}"))
+    return [
+        "refocusing: microlenses per pixel of view that make z sharp, and where a formula with the exit pupil puts it",
+        *_table(rows),
+        "",
+        f"viewpoints of views; the entrance pupil is at {judgement.entrance_pupil_mm:+.3f} mm",
+        *_table(places),
+    ]
+
+
+def _mm(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return "infinity" if math.isinf(value) else f"{value:.2f}"
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Right-aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]

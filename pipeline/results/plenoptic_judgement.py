@@ -1,0 +1,249 @@
+"""A plenoptic camera judged by real rays: sharpness and resolution over depth, micro-images over the field, views.
+
+Distances are vision z [mm]. A view takes from every micro-image the pixel at the same place against its centre; views
+move by so many microlenses per pixel, see `camera.figures.plenoptic_design`.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.figures.plenoptic_design import refocused_mm
+from pipeline.camera.micro_images.light import micro_light
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.optics.first_order import first_order
+from pipeline.records.shapes import Float64
+from pipeline.results.ready_camera import ReadyCamera
+from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+
+_ACCURACY_PX = 1e-4
+"""Error that positions may have [px]: far less than is printed."""
+_SHARES = np.linspace(-0.25, 1.25, 25)
+"""Places in the range, even in 1 / z, at which blur is asked: a little beyond its ends, where real rays may end it."""
+_EVERY, _INSIDE = 2, slice(4, 21)
+"""Of these the ones that are listed: nine from end to end."""
+_DEEPEST = 10.0
+"""Far end over the near one that is judged at most [1]: a range may end at infinity."""
+_STEP = 1e-4
+"""Step of points over their distance [1]."""
+_NEAR_AXIS = 4.0
+"""Distance from the axis within which microlenses are asked for views [pitches]: field curvature is nothing there."""
+_FIELDS = np.linspace(0.0, 0.97, 6)
+"""Shares of the way to the corner at which micro-images are judged: at the last one no edge of the array is near."""
+_VIEWS = (0.0, 0.15, 0.3)
+"""Views whose places are asked, over the diameter of a micro-image [1]: in its middle, and well inside of its edge."""
+_WIDENING = {"hexagonal": math.sqrt(10) / 3, "hexagonal-columns": math.sqrt(10) / 3, "square": 2 / math.sqrt(3)}
+"""Diameter 2 sqrt(2 tr) of the disc with the second moments of a cell, over its width across flats [1]: a circle of
+confusion counts the latter."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRow:
+    z_mm: float
+    micro_images: int  # of a point about the axis
+    blur_px: tuple[float | None, ...]  # per type, across flats; negative before best focus; None: not seen
+    lateral_mm: float | None  # object that one pixel spans, or its blur, of the type that sees it best
+    depth_mm: float | None  # way along the axis that moves the outermost micro-images by one pixel to each other
+
+
+@dataclass(frozen=True, slots=True)
+class ViewRow:
+    """Views of what lies at a distance."""
+
+    z_mm: float
+    shift: float  # microlenses per pixel by which views move
+    formula_mm: float  # the distance at which this shift is sharp by the formula with the exit pupil
+    lateral_mm: float  # object that one microlens spans, or one pixel of it
+    depth_mm: float  # way along the axis that moves outermost views by one microlens to each other
+
+
+@dataclass(frozen=True, slots=True)
+class Viewpoint:
+    view_px: float
+    place_mm: tuple[float, float, float]  # nearest to all rays of the view, vision frame
+    rms_mm: float  # distance of the rays from there
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRow:
+    from_axis_mm: float
+    across_px: tuple[float, float]  # least and greatest diameter, of the light through the vertex
+    gap_px: float  # from the widest of them to the next micro-image; negative: they overlap
+    light: float  # area of the pupil that is seen, over that in the middle
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """`depths` and `depth_of_field_mm` (per type; None: not met in the range) are empty for an unfocused camera."""
+
+    depth_of_field_mm: tuple[tuple[float | None, float | None], ...]
+    depths: tuple[DepthRow, ...]
+    field: tuple[FieldRow, ...]
+    views: tuple[ViewRow, ...]
+    viewpoints: tuple[Viewpoint, ...]
+    entrance_pupil_mm: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """Plain values."""
+        return dataclasses.asdict(self)
+
+
+def judged(ready: ReadyCamera, range_mm: tuple[float, float]) -> Judgement:
+    """Judge a camera over a range of distances; CameraError for one without microlenses."""
+    array, images = ready.camera.microlenses, ready.rig.images
+    if array is None or images is None:
+        raise CameraError("a conventional camera has no micro-images")
+    near, far = range_mm[0], min(range_mm[1], _DEEPEST * range_mm[0])
+    first = -float(ready.camera.prescription.vertices_from_stop_mm[0])
+    z_mm = 1 / (1 / near + _SHARES * (1 / far - 1 / near))
+    is_focused = any(length != array.distance_mm for length in array.focal_lengths_mm)
+    depths, ends = _over_depth(ready, z_mm[z_mm > first]) if is_focused else ([], ())
+    listed = z_mm[_INSIDE][::_EVERY]
+    return Judgement(
+        depth_of_field_mm=ends,
+        depths=tuple(row for row in depths if row.z_mm in listed),
+        field=tuple(_over_field(ready)),
+        views=tuple(_views(ready, listed)),
+        viewpoints=tuple(_viewpoint(ready, share * array.pitch_mm / ready.camera.sensor.pitch_mm) for share in _VIEWS),
+        entrance_pupil_mm=first_order(ready.camera.prescription).entrance_pupil.z_mm,
+    )
+
+
+def _over_depth(
+    ready: ReadyCamera, z_mm: Float64[np.ndarray, "n"]
+) -> tuple[list[DepthRow], tuple[tuple[float | None, float | None], ...]]:
+    """Rows, and per type the range within which points blur to the circle of confusion.
+
+    Points lie on the ray of the micro-image centre of the middle microlens of each type, which sees them whatever their
+    distance; that of type 0 is about the axis.
+    """
+    array, (x_mm, y_mm, own) = ready.camera.microlenses, zip(*ready.rig.middles, strict=True)
+    assert array is not None
+    centre_px = ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm]))
+    rays, kinds = ready.rays(*centre_px.T, accuracy_px=_ACCURACY_PX), len(own)
+    planes = np.zeros((len(z_mm), kinds, 3, 4, 3))  # a point, one beside it, one behind it
+    planes[..., 1:, :] = np.diag([1.0, -1.0, -1.0])
+    planes[..., 0, :] = np.stack([rays.at_distance(z) for z in z_mm])[:, :, None]
+    planes[:, :, 1, 0, 0] += _STEP * z_mm[:, None]
+    planes[:, :, 2, 0, 2] += _STEP * z_mm[:, None]
+    flat = planes.reshape(-1, 4, 3)
+    guess, _ = guesses(ready.rig, flat)
+    kind = guess.point // 3 % kinds
+    asked = (kind == 0) | (guess.cell == np.array(own)[kind])
+    guess = Guess(guess.point[asked], guess.cell[asked], guess.x_px[asked])
+    rows = solve(ready.rig, guess, flat, _ACCURACY_PX, ready.min_hit_fraction)
+    cells, column = np.unique(rows.solutions.cell, return_inverse=True)
+    x_px, blur_px = np.full((len(flat), len(cells), 2), np.nan), np.full((len(flat), len(cells)), np.nan)
+    x_px[rows.solutions.point, column] = rows.solutions.xy_px
+    blur_px[rows.solutions.point, column] = 2 * rows.rho_px / _WIDENING[array.layout]
+    x_px, types = x_px.reshape(len(z_mm), kinds, 3, -1, 2), np.arange(kinds)
+    here = np.searchsorted(cells, own)
+    own_px = blur_px.reshape(len(z_mm), kinds, 3, -1)[:, types, 0, here]
+    px_per_mm = np.hypot(*np.moveaxis(x_px[:, types, 1, here] - x_px[:, types, 0, here], -1, 0)) / (
+        _STEP * z_mm[:, None]
+    )
+    listed = []
+    for z, at, blurs, scales in zip(z_mm, x_px[:, 0], own_px, px_per_mm, strict=True):
+        rates = (at[2] - at[0])[np.isfinite(at[[0, 2]]).all(axis=(0, 2))] / (_STEP * z)
+        fastest = np.hypot(*np.moveaxis(rates[:, None] - rates, -1, 0)).max(initial=0.0)
+        lateral = np.maximum(1.0, np.abs(blurs)) / scales
+        listed.append(
+            DepthRow(
+                z_mm=float(z),
+                micro_images=int(np.isfinite(at[0, :, 0]).sum()),
+                blur_px=tuple(float(blur) if np.isfinite(blur) else None for blur in blurs),
+                lateral_mm=float(np.nanmin(lateral)) if np.isfinite(lateral).any() else None,
+                depth_mm=float(1 / fastest) if fastest > 0 else None,
+            )
+        )
+    confusion = ready.camera.circle_of_confusion_px
+    return listed, tuple(
+        (_where(ready.camera, z_mm, blur, -confusion), _where(ready.camera, z_mm, blur, confusion)) for blur in own_px.T
+    )
+
+
+def _where(camera: Camera, z_mm: np.ndarray, blur_px: np.ndarray, wanted_px: float) -> float | None:
+    """Distance at which a blur, which grows with it, has a value; None: not among these.
+
+    Between these blur is linear in the vergence at the array, as it is near the axis.
+    """
+    lens, known, array = first_order(camera.prescription), np.isfinite(blur_px), camera.microlenses
+    assert array is not None
+    array_mm = array.distance_mm - camera.sensor_distance_mm
+    blur, vergence = blur_px[known], [1 / (array_mm - lens.image_mm(z)) for z in z_mm[known]]
+    if not len(blur) or not blur.min() <= wanted_px <= blur.max():
+        return None
+    return lens.object_mm(array_mm - 1 / float(np.interp(wanted_px, blur, vergence)))
+
+
+def _over_field(ready: ReadyCamera) -> list[FieldRow]:
+    tracer, images = ready.rig.tracer, ready.rig.images
+    assert images is not None
+    pitch_mm, centres = tracer.camera.sensor.pitch_mm, images.centre_mm
+    places = _FIELDS[:, None] * tracer.camera.sensor.farthest_corner_mm
+    rows = np.unique(images.nearby.nearest(places)[1][:, 0])
+    light = micro_light(tracer, images, rows=rows)
+    reach = light.pupil_mm
+    across = (reach + np.roll(reach, reach.shape[1] // 2, axis=1)) / pitch_mm
+    away_px = images.nearby.nearest(centres[light.rows], 2)[0][:, 1] / pitch_mm
+    from_axis = np.hypot(*centres[light.rows].T)
+    full = light.pupil_area_mm2[np.argmin(from_axis)]
+    listed = [
+        FieldRow(
+            from_axis_mm=float(from_axis[i]),
+            across_px=(float(across[i].min()), float(across[i].max())),
+            gap_px=float(away_px[i] - across[i].max()),
+            light=float(light.pupil_area_mm2[i] / full),
+        )
+        for i in np.argsort(from_axis)
+    ]
+    return [row for row in listed if math.isfinite(row.gap_px)]
+
+
+def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
+    """Rays of the views a quarter of a micro-image off the middle, behind microlenses near the axis, as the linear
+    function a X + b v of microlens and view that they are there: those of one point move by X = - b / a per view."""
+    camera, images = ready.camera, ready.rig.images
+    array = camera.microlenses
+    assert array is not None and images is not None
+    vertex_mm = ready.rig.tracer.vertices_mm
+    rows = np.flatnonzero(np.hypot(*vertex_mm.T) < _NEAR_AXIS * array.pitch_mm)
+    diameter_px = array.pitch_mm / camera.sensor.pitch_mm
+    views = diameter_px / 4 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    places = (ready.rig.tracer.pixels_at(images.centre_mm[rows])[:, None] + views).reshape(-1, 2)
+    microlens = np.repeat(-vertex_mm[rows] / array.pitch_mm, len(views), axis=0)  # turned by 180 degrees, as the image
+    rays = ready.rays(*places.T, accuracy_px=_ACCURACY_PX)
+    lit = np.isfinite(rays.direction).all(axis=1)
+    terms = np.stack([microlens[lit].ravel(), np.tile(views, (len(rows), 1))[lit].ravel()], axis=1)
+
+    def moved(z: float) -> tuple[float, float]:
+        a, b = np.linalg.lstsq(terms, rays.at_distance(z)[lit, :2].ravel(), rcond=None)[0]
+        return float(a), float(b)
+
+    listed, lens = [], first_order(camera.prescription)
+    for z in z_mm.tolist():
+        (a, b), (a_behind, b_behind) = moved(z), moved((1 + _STEP) * z)
+        rate = abs(b_behind / a_behind - b / a) / (_STEP * z)
+        formula_mm = refocused_mm(lens, camera, -b / a)
+        listed.append(ViewRow(z, -b / a, formula_mm, max(abs(a), abs(b)), 1 / (rate * diameter_px)))
+    return listed
+
+
+def _viewpoint(ready: ReadyCamera, view_px: float) -> Viewpoint:
+    images, size = ready.rig.images, np.array(ready.size_px)
+    assert images is not None
+    centre_px = ready.rig.tracer.pixels_at(images.centre_mm)
+    inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
+    few = centre_px[inside][:: max(1, int(inside.sum()) // 200)]
+    rays = ready.rays(few[:, 0] + view_px, few[:, 1], accuracy_px=_ACCURACY_PX)
+    lit = np.isfinite(rays.direction).all(axis=1)
+    along, origin = rays.direction[lit], rays.origin_mm[lit]
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    place = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin))
+    off = np.einsum("nij,nj->ni", across, origin - place)
+    x, y, z = place.tolist()
+    return Viewpoint(view_px, (x, y, z), float(np.sqrt((off**2).sum(axis=1).mean())))
