@@ -6,11 +6,10 @@ library_lenses.json holds what the sources state and what another program comput
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from published.library import ROOT, path_of, prescription
+from published.library import ROOT, optic_of, path_of, prescription
 from pxr import Sdf
 from tolerances import NOMINAL_EFL, PRINTED_4_MM, PRINTED_BFD_MM
 
@@ -69,32 +68,8 @@ def test_every_lens_of_the_library_has_the_focal_lengths_that_optiland_computes(
     pytest.importorskip("optiland")
     wrong = {}
     for name, lens in LENSES.items():
-        paraxial = _optic(name).paraxial
+        paraxial = optic_of(prescription(name)).paraxial
         found = {"efl_mm": float(np.ravel(paraxial.f2())[0]), "bfd_mm": float(np.ravel(paraxial.F2())[0])}
         if any(abs(found[key] - lens["independent"][key]) > PRINTED_4_MM for key in found):
             wrong[name] = found
     assert not wrong
-
-
-def _optic(name: str) -> Any:
-    """A lens of the library as optiland's, for an object at infinity; its image surface is the last vertex."""
-    from optiland.materials import IdealMaterial
-    from optiland.optic import Optic
-
-    optic = Optic()
-    optic.surfaces.add(index=0, thickness=np.inf)
-    surfaces = prescription(name).surfaces
-    for number, surface in enumerate(surfaces, start=1):
-        optic.surfaces.add(
-            index=number,
-            radius=1 / surface.curvature_per_mm if surface.curvature_per_mm else np.inf,
-            thickness=surface.thickness_mm if number < len(surfaces) else 0.0,
-            material=IdealMaterial(n=surface.index),
-            is_stop=surface.is_stop,
-        )
-    optic.surfaces.add(index=len(surfaces) + 1)
-    optic.set_aperture("EPD", 1.0)
-    optic.fields.set_type("angle")
-    optic.fields.add(y=0)
-    optic.wavelengths.add(value=0.5876, is_primary=True)
-    return optic
