@@ -31,6 +31,7 @@ from pipeline.optics.crossing import (
     turned_ideally,
 )
 from pipeline.optics.cylinders import through_cylinder
+from pipeline.optics.reliefs import through_relief
 
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
@@ -80,7 +81,7 @@ def trace_packet(table, packet, count):
             motion = motion_of_row(row, column.ENTRY)
             for i in range(count):
                 put(packet, i, entered(motion, ray_of(packet, i)))
-        if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0 or row[column.CYLINDER] > 0.0:
+        if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0 or row[column.FORM] != 0.0:
             _through_rest(row, packet, count)
         elif row[column.CURVATURE] == 0.0:
             _through_plane(row, packet, count)
@@ -109,11 +110,14 @@ def _through_plane(row, packet, count):
 
 @inline
 def _through_rest(row, packet, count):
-    """Move rays to an ideal thin lens, a conic, an asphere or a cylinder and bend them."""
+    """Move rays to an ideal thin lens, a conic, an asphere, a cylinder or a relief and bend them."""
     vertex = row[column.VERTEX]
     for i in range(count):
         put_point(packet, i, to_vertex_plane(vertex, ray_of(packet, i)))
-    if row[column.CYLINDER] > 0.0:
+    if row[column.FORM] == column.RELIEF:
+        for i in range(count):
+            put(packet, i, through_relief(row, row[column.INDEX_RATIO], ray_of(packet, i)))
+    elif row[column.FORM] == column.CYLINDER:
         shape, mu = shape_of(row), row[column.INDEX_RATIO]
         for i in range(count):
             put(packet, i, through_cylinder(shape, mu, ray_of(packet, i)))

@@ -3,8 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pipeline.errors import PipelineError
 from pipeline.records.declared import settle
+from pipeline.records.shapes import Float64
 
 UPRIGHT_DEG = 90.0
 """Tilt from which on a surface no longer faces the light [deg]."""
@@ -12,8 +15,73 @@ _HEIGHTS = 64
 """Equal parts of a semi-diameter at whose ends the gap of two surfaces is taken: sags are smooth between them."""
 
 
+_LEAST_HEIGHTS = 4
+"""Fewest heights along an axis of a relief: those of a cubic."""
+
+
 class PrescriptionError(PipelineError):
     """A lens that cannot exist, or cannot be traced."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relief:
+    """Sags on an even grid about the vertex, between which they are a bicubic spline that no grid line shows.
+
+    - `heights_mm`: rows along x, from the least y of the lens frame on; at least four rows of four.
+    - `spacing_mm`: distance of neighbours along x and y.
+    """
+
+    heights_mm: tuple[tuple[float, ...], ...]
+    spacing_mm: float
+
+    def __post_init__(self) -> None:
+        settle(self, PrescriptionError, finite=("heights_mm",))
+        columns = {len(row) for row in self.heights_mm}
+        if len(columns) != 1 or min(*columns, len(self.heights_mm)) < _LEAST_HEIGHTS or not self.spacing_mm > 0:
+            raise PrescriptionError(
+                f"a relief has {len(self.heights_mm)} rows of {sorted(columns)} heights, {self.spacing_mm} mm apart",
+                hint="at least four rows of four, all of the same length",
+                code="heights",
+            )
+
+    @property
+    def half_widths_mm(self) -> tuple[float, float]:
+        """Reach of the grid along x and y."""
+        rows, columns = len(self.heights_mm), len(self.heights_mm[0])
+        return (columns - 1) / 2 * self.spacing_mm, (rows - 1) / 2 * self.spacing_mm
+
+    @property
+    def spline(self) -> np.ndarray:
+        """Coefficients of its B-splines, one more on each side, (rows + 2, columns + 2): of the spline whose third
+        derivative does not jump at the lines next to the edges, so that cubic surfaces are met exactly.
+        """
+        heights = np.array(self.heights_mm)
+        for _ in range(2):  # along y, then along x
+            count = len(heights)
+            rules = np.zeros((count + 2, count + 2))
+            for line in range(count):
+                rules[line, line : line + 3] = 1 / 6, 4 / 6, 1 / 6
+            rules[count, :5] = rules[count + 1, -5:] = 1, -4, 6, -4, 1
+            heights = np.linalg.solve(rules, np.vstack([heights, np.zeros((2, heights.shape[1]))])).T
+        return heights
+
+
+def relief_at(
+    spline: Float64[np.ndarray, "rows columns"], spacing_mm: float, point_mm: Float64[np.ndarray, "n 2"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heights of a spline's coefficients (rows, columns) at points (n, 2), and slopes along x and y, (n,) each; NaN
+    beyond the grid.
+    """
+    from scipy.interpolate import BSpline  # few lenses have a relief
+
+    def along(axis: int, order: int) -> np.ndarray:
+        count = spline.shape[1 - axis]
+        basis = BSpline(np.arange(-2, count + 2), np.eye(count), 3, extrapolate=False)
+        return np.asarray(basis(point_mm[:, axis] / spacing_mm + (count - 1) / 2, nu=order))
+
+    x, y, by_x, by_y = along(0, 0), along(1, 0), along(0, 1) / spacing_mm, along(1, 1) / spacing_mm
+    height, of_x, of_y = (np.einsum("ni,ij,nj->n", up, spline, across) for up, across in ((y, x), (y, by_x), (by_y, x)))
+    return height, of_x, of_y
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +109,7 @@ class Surface:
       distorts its image (see `optics.brown`); empty: it does not.
     - `image_distance_mm`: behind that lens, of the plane whose image is distorted.
     - `decentre_mm`: distance of the vertex from the axis along x and y of the lens frame, or of its group.
+    - `relief`: sags instead of a radius; first-order figures count a plane.
     - `is_cylinder`: whether it is curved along y alone: its sag is that of the height along y. No coefficients.
     - `tilt_deg`: turn about the vertex: first about x, then about y as it has been turned, right-handed.
     """
@@ -63,6 +132,7 @@ class Surface:
     decentre_mm: tuple[float, float] = (0.0, 0.0)
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     is_cylinder: bool = False
+    relief: Relief | None = None
 
     def __post_init__(self) -> None:
         coefficients = "conic", "even_coefficients", "odd_coefficients"
@@ -93,6 +163,8 @@ class Surface:
             raise PrescriptionError(f"a rectangular aperture has half widths {self.half_widths_mm} mm")
         if self.blades and self.blades < 3:
             raise PrescriptionError(f"a polygonal aperture has {self.blades} blades")
+        if self.relief is not None:
+            self._check_relief(self.relief)
         if self.is_cylinder and any(self.even_coefficients + self.odd_coefficients):
             raise PrescriptionError(
                 "a cylinder has coefficients", hint="its profile is a circle or a conic", code="shape"
@@ -108,6 +180,18 @@ class Surface:
                 code="ideal-lens",
             )
         _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
+
+    def _check_relief(self, relief: Relief) -> None:
+        if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.is_cylinder:
+            hint = "write the whole sag into the heights"
+            raise PrescriptionError("a surface has heights and another shape", hint=hint, code="heights")
+        if self.semi_diameter_mm > min(relief.half_widths_mm):
+            width, height = relief.half_widths_mm
+            raise PrescriptionError(
+                f"semi-diameter {self.semi_diameter_mm} mm reaches beyond its heights, {width} x {height} mm each way",
+                hint="state heights up to its edge, or a smaller aperture",
+                code="heights",
+            )
 
     def _check_ideal(self) -> None:
         if self.focal_length_mm == 0 or not math.isfinite(self.focal_length_mm or math.nan):
@@ -171,9 +255,11 @@ class Surface:
         return tuple((math.cos(angle), math.sin(angle), distance) for angle, distance in edges)
 
     def sag_mm(self, height_mm: float) -> float:
-        """Depth of the surface at a height above the axis, from its vertex [mm]."""
+        """Depth of the surface at a height above the axis, of a relief along y, from its vertex [mm]."""
         c = self.curvature_per_mm
         base = c * height_mm**2 / (1.0 + math.sqrt(1.0 - (1.0 + self.conic) * (c * height_mm) ** 2))
+        if self.relief is not None:
+            return float(relief_at(self.relief.spline, self.relief.spacing_mm, np.array([[0.0, height_mm]]))[0][0])
         even = sum(a * height_mm ** (2 * i + 2) for i, a in enumerate(self.even_coefficients))
         odd = sum(a * height_mm ** (2 * i + 3) for i, a in enumerate(self.odd_coefficients))
         return base + even + odd
@@ -269,7 +355,7 @@ class Prescription:
         """Whether all surfaces are round, and no surface and no group stands off its place."""
         parts: tuple[Surface | Group, ...] = (*self.surfaces, *self.groups)
         rolls = (group.roll_deg for group in self.groups)
-        if any(surface.is_cylinder for surface in self.surfaces):
+        if any(surface.is_cylinder or surface.relief for surface in self.surfaces):
             return False
         return not any((*(value for part in parts for value in (*part.decentre_mm, *part.tilt_deg)), *rolls))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.frames import apply, inverse
 from pipeline.optics import table as column
+from pipeline.optics.prescription import relief_at
 from pipeline.optics.table import motion_of
 from pipeline.records.shapes import Float64
 
@@ -80,12 +81,14 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
     """From the vertex plane to the surface, and refracted there by Snell's law in vectors."""
     # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
     # normal.
-    c, bulge, mu = row[column.CURVATURE], 1.0 + row[column.CONIC], row[column.INDEX_RATIO]
-    curved, dz = np.array([1.0 - row[column.CYLINDER], 1.0]), direction[:, 2]
+    is_relief, is_cylinder = row[column.FORM] == column.RELIEF, float(row[column.FORM] == column.CYLINDER)
+    bulge = 1.0 if is_relief else 1.0 + row[column.CONIC]
+    c, mu = row[column.CURVATURE], row[column.INDEX_RATIO]
+    curved, dz = np.array([1.0 - is_cylinder, 1.0]), direction[:, 2]
     across, squared = (np.sum(curved * start[:, :2] * part[:, :2], axis=1) for part in (direction, start))
-    length = 1.0 - row[column.CYLINDER] * direction[:, 0] ** 2
+    length = 1.0 - is_cylinder * direction[:, 0] ** 2
     f, g = c * squared, dz - c * across
-    path = f / (g + np.sqrt(g * g - c * (length + row[column.CONIC] * dz * dz) * f))
+    path = f / (g + np.sqrt(g * g - c * (length + (bulge - 1.0) * dz * dz) * f))
     for _ in range(_STEPS if row[column.TERMS] else 0):
         value, normal = _surface(row, c, bulge, start + path[:, None] * direction)
         path = path - value / np.sum(normal * direction, axis=1)
@@ -100,7 +103,12 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
 
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """F at points and its gradient there."""
-    curved = 1.0 - row[column.CYLINDER]
+    if row[column.FORM] == column.RELIEF:
+        columns, rows = int(row[column.RELIEF_COLUMNS]), int(row[column.RELIEF_ROWS])
+        spline = row[column.COEFFICIENTS :][: rows * columns].reshape(rows, columns)
+        height, by_x, by_y = relief_at(spline, row[column.RELIEF_SPACING], point[:, :2])
+        return point[:, 2] - row[column.VERTEX] - height, np.column_stack([-by_x, -by_y, np.ones(len(point))])
+    curved = 1.0 - float(row[column.FORM] == column.CYLINDER)
     r2 = curved * point[:, 0] ** 2 + point[:, 1] ** 2
     coefficients = row[column.COEFFICIENTS : column.COEFFICIENTS + int(row[column.TERMS])]
     v, share = (np.sqrt(r2), 0.5) if row[column.ODD] else (r2, 1.0)

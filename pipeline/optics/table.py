@@ -33,13 +33,13 @@ from pipeline.records.shapes import Float64
     FIRST_EDGE,
     POSE,
     ENTRY,
-    CYLINDER,
+    FORM,
 ) = range(13)
 """Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
 number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
 straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
 its place, 0 for a surface in it, and of the twelve by which rays enter: the same, unless they come from a tilted
-sensor; 1 for a cylinder, which is straight along x. Zeros behind the first four make a circle of a centred sphere. An
+sensor; its form, one of those below. Zeros behind the first four make a circle of a centred sphere. An
 edge takes three columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows
 of its matrix."""
 IDEAL = -1.0
@@ -49,6 +49,11 @@ TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
 and k1, k2, p1, p2, k3, see `optics.brown`."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
+REVOLVED, CYLINDER, RELIEF = range(3)
+"""Forms of surfaces: of revolution, a cylinder, which is straight along x, and a field of heights."""
+RELIEF_COLUMNS, RELIEF_ROWS, RELIEF_SPACING = CONIC, TERMS, ODD
+"""Columns of a relief, which is no conic and has no polynomial: numbers of its coefficients along x and y, and their
+distance [mm]. They are those of its B-splines, rows along x, from the least y on [mm]."""
 COEFFICIENTS = 13
 """First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
@@ -152,7 +157,7 @@ def motion_of(row: Float64[np.ndarray, "n"], place: int = POSE) -> np.ndarray:
 
 def is_centred(table: Float64[np.ndarray, "surfaces columns"]) -> bool:
     """Whether all surfaces are round and in place: the lens is symmetric about its axis, apertures left aside."""
-    return not table[:, [POSE, CYLINDER]].any()
+    return not table[:, [POSE, FORM]].any()
 
 
 def enclosing(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
@@ -188,7 +193,15 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
     """One surface; `sign` is that of the frame's z against the lens frame's."""
     coefficients, odd = _polynomial(surface)
     terms: float = max(len(coefficients), LOW_TERMS) if coefficients else 0
-    if surface.focal_length_mm is not None:
+    third = float(odd)
+    conic, form = 0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0, REVOLVED
+    if surface.is_cylinder and surface.curvature_per_mm != 0:
+        form = CYLINDER
+    if surface.relief is not None:
+        spline = surface.relief.spline[:: int(sign)]  # the vision frame has y down
+        (rows, columns), coefficients, form = spline.shape, spline.ravel().tolist(), RELIEF
+        conic, terms, third = float(columns), float(rows), surface.relief.spacing_mm
+    elif surface.focal_length_mm is not None:
         coefficients = [sign * value for value in _ideal(surface, sign)]  # without the sign that they get below
         distorting = TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
         terms = distorting if surface.distortion else IDEAL
@@ -201,15 +214,15 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         sign * surface.curvature_per_mm + 0.0,
         index_ratio,
         surface.semi_diameter_mm**2,
-        0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0,
+        conic,
         terms,
-        float(odd),
+        third,
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
         COEFFICIENTS + len(coefficients),
         0.0,
         0.0,
-        float(surface.is_cylinder and surface.curvature_per_mm != 0),
+        float(form),
         *(sign * a + 0.0 for a in coefficients),
         *edges,
     ]

@@ -15,7 +15,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import GlassError, Medium, Melt
-from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface, gaps_mm
+from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Relief, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.temperature import expanded, warmed
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
@@ -34,7 +34,12 @@ digits.
 """
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
-_BLAMED = {"shape": "plen:cylindrical", "ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
+_BLAMED = {
+    "heights": "plen:heights",
+    "shape": "plen:cylindrical",
+    "ideal-lens": "plen:focalLength",
+    "aperture-value": "plen:innerSemiDiameter",
+}
 """The attribute to mend, by the code of an error of a surface; other errors concern the whole surface."""
 _THIN = 1 / 200
 """Ratio of rim thickness to diameter of an element below which there is a warning; the thinnest of the published
@@ -116,6 +121,7 @@ def read_surface(prim: Usd.Prim) -> Surface:
         is_stop=need(prim, "plen:isStop"),
         conic=need(prim, "plen:conic"),
         is_cylinder=need(prim, "plen:cylindrical"),
+        relief=_read_relief(prim),
         even_coefficients=need(prim, "plen:evenCoefficients"),
         odd_coefficients=need(prim, "plen:oddCoefficients"),
         focal_length_mm=read(prim, "plen:focalLength"),
@@ -124,6 +130,18 @@ def read_surface(prim: Usd.Prim) -> Surface:
         aperture_rotation_deg=need(prim, "plen:apertureRotation") if shape in ("rectangular", "polygonal") else 0.0,
         **{field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()},
     )
+
+
+def _read_relief(prim: Usd.Prim) -> Relief | None:
+    """The heights of a surface; None: it has none."""
+    heights, columns = need(prim, "plen:heights"), need(prim, "plen:heightColumns")
+    if not heights:
+        return None
+    if len(heights) % columns:
+        message = f'"plen:heights" has {len(heights)} entries, which are no rows of {columns} ("plen:heightColumns")'
+        raise UnreadableValue(message, prim.GetAttribute("plen:heights"), code="heights")
+    rows = tuple(tuple(heights[first : first + columns]) for first in range(0, len(heights), columns))
+    return Relief(heights_mm=rows, spacing_mm=need(prim, "plen:heightSpacing"))
 
 
 def uses_catalogue(lens: Usd.Prim) -> bool:

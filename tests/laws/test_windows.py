@@ -125,6 +125,23 @@ def test_a_cylinder_about_the_pupil_is_a_flat_port_in_every_plane_of_its_axis(tm
         assert np.abs(expected + (np.array(camera.sensor.size_px) - 1) / 2 - [x, y]).max() < 1e-9
 
 
+def test_a_pane_by_heights_is_the_pane_whose_heights_they_are(tmp_path, common_store):
+    """The outer face turned about x: heights are those of its plane, in the lens frame with y up."""
+    turned = window(-100.0).replace("double plen:radius", "double2 plen:tilt = (4, 0)\ndouble plen:radius", 1)
+    spacing, count = 14.0, 9
+    y = (np.arange(count) - (count - 1) / 2) * spacing
+    heights = [float(np.tan(np.radians(4)) * v) for v in y for _ in y]
+    field = f"uniform double[] plen:heights = {heights}\nuniform int plen:heightColumns = {count}\n"
+    field += f"uniform double plen:heightSpacing = {spacing}\n"
+    uneven = window(-100.0).replace("double plen:radius", f"{field}double plen:radius", 1)
+    by_tilt, by_heights, plain = (
+        table(stage(tmp_path, name, pane, dataset=WATER), common_store)
+        for name, pane in (("turned", turned), ("uneven", uneven), ("plain", window(-100.0)))
+    )
+    assert np.abs(by_heights - by_tilt).max() < 1e-9
+    assert np.abs(by_tilt - plain).max() > 1
+
+
 def test_a_turned_pane_in_the_world_bends_rays_by_snells_law_in_vectors(tmp_path, common_store):
     """The ray of each row's position, traced from the pinhole outwards, meets the row's point under water."""
     file = stage(tmp_path, "pane", window(-200.0, turn="(9, -7, 0)"), fixed=False, dataset=WATER)

@@ -55,6 +55,10 @@ STARS, SIEMENS, EDGE, LINES, MESH = "More/Stars", "More/Siemens", "More/Edge", "
 
 PORT, OUTER = "A/Camera/Port", "A/Camera/Port/Outer"
 PORTED: dict[tuple[str, str], Any] = {(A, "plen:camera:windows"): [PORT]}
+UNEVEN = PORTED | {
+    (OUTER, f"plen:{name}"): value
+    for name, value in (("heights", [0.0] * 63 + [0.01]), ("heightColumns", 8), ("heightSpacing", 60.0))
+}
 NO_GLASS: dict[tuple[str, str], Any] = {(OUTER, "plen:glass"): None}
 POLYGON = {(STOP, "plen:apertureShape"): "polygonal", (STOP, "plen:blades"): 6}
 FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDistance"): None}
@@ -170,6 +174,9 @@ MAIN_LENS = {
     ],
     "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
     "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | {(OUTER, "plen:radius"): 500.0})],
+    "plen:heights": [Case(OUTER, [0.01] + [0.0] * 63, CAMERA, given=UNEVEN)],
+    "plen:heightColumns": [Case(OUTER, 4, CAMERA, given=UNEVEN)],
+    "plen:heightSpacing": [Case(OUTER, 61.0, CAMERA, given=UNEVEN)],
     "plen:conic": [Case(GLASS, -0.1, CAMERA)],
     "plen:evenCoefficients": [Case(GLASS, [1e-9], CAMERA)],
     "plen:oddCoefficients": [Case(GLASS, [1e-9], CAMERA)],

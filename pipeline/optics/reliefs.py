@@ -1,0 +1,113 @@
+"""Reliefs: surfaces whose sag is a field of heights, a bicubic spline. Functions of one ray, inlined into kernels.
+
+A relief is nearly flat: from the vertex plane Newton's method on t d_z = h(x, y) doubles its digits with each step, and
+a ray that is not there after `_STEPS` has missed it. The spline is a sum of B-splines on an even grid, 16 of which are
+not zero at a point; beyond the grid it goes on as at its edge, where no aperture reaches.
+"""
+
+import math
+from typing import NamedTuple
+
+from pipeline.jit.decorators import inline
+from pipeline.optics.crossing import Ray
+from pipeline.optics.table import (
+    COEFFICIENTS,
+    RELIEF_COLUMNS,
+    RELIEF_ROWS,
+    RELIEF_SPACING,
+    SEMI_DIAMETER_SQUARED,
+    VERTEX,
+)
+
+_STEPS = 7
+"""Steps of Newton's method: five are enough where slopes stay below 1."""
+_RESIDUAL_MM = 1e-9
+"""A ray that ends farther from a relief than this has missed it."""
+
+
+class Height(NamedTuple):
+    """Height of a relief at a point [mm], and its slopes along x and y."""
+
+    mm: float
+    by_x: float
+    by_y: float
+
+
+@inline
+def through_relief(row, mu, ray):
+    """The ray moved from the vertex plane to the relief, and refracted there."""
+    t = 0.0
+    here = height_at(row, ray.x, ray.y)
+    for _ in range(_STEPS):
+        step = (here.mm - t * ray.dz) / (ray.dz - here.by_x * ray.dx - here.by_y * ray.dy)
+        t += step
+        here = height_at(row, ray.x + t * ray.dx, ray.y + t * ray.dy)
+    x, y = ray.x + t * ray.dx, ray.y + t * ray.dy
+    along = ray.dz - here.by_x * ray.dx - here.by_y * ray.dy
+    length = 1.0 + here.by_x * here.by_x + here.by_y * here.by_y
+    squared = length - mu * mu * (length - along * along)
+    bend = (math.sqrt(max(squared, 0.0)) - mu * along) / length
+    meets = (abs(here.mm - t * ray.dz) <= _RESIDUAL_MM) & (along > 0.0) & (squared >= 0.0)
+    passes = meets & (x * x + y * y <= row[SEMI_DIAMETER_SQUARED])
+    return Ray(
+        x,
+        y,
+        row[VERTEX] + t * ray.dz,
+        mu * ray.dx - bend * here.by_x,
+        mu * ray.dy - bend * here.by_y,
+        mu * ray.dz + bend,
+        ray.alive if passes else 0.0,
+    )
+
+
+@inline
+def height_at(row, x, y):
+    """Height and slopes at a point of the vertex plane."""
+    columns, rows, per_mm = int(row[RELIEF_COLUMNS]), int(row[RELIEF_ROWS]), 1.0 / row[RELIEF_SPACING]
+    # Coefficients lie one spacing beyond the heights on each side.
+    u, v = x * per_mm + 0.5 * (columns - 1), y * per_mm + 0.5 * (rows - 1)
+    i, j = _cell(u, columns), _cell(v, rows)
+    u, v = u - i, v - j
+    height, by_x, by_y = 0.0, 0.0, 0.0
+    for k in range(4):
+        first, of_row, slope = COEFFICIENTS + (j - 1 + k) * columns + i - 1, 0.0, 0.0
+        for n in range(4):
+            a = row[first + n]
+            of_row += _basis(n, u) * a
+            slope += _slope(n, u) * a
+        height += _basis(k, v) * of_row
+        by_x += _basis(k, v) * slope
+        by_y += _slope(k, v) * of_row
+    return Height(height, by_x * per_mm, by_y * per_mm)
+
+
+@inline
+def _cell(u, count):
+    """The cell of a place, or the nearest one that has four splines; of NaN the first."""
+    return int(min(u if u > 1.0 else 1.0, count - 3.0))
+
+
+@inline
+def _basis(n, t):
+    """The n-th of the four cubic B-splines on a cell, at a share of it."""
+    s = 1.0 - t
+    if n == 0:
+        return s * s * s / 6.0
+    if n == 1:
+        return (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
+    if n == 2:
+        return (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
+    return t * t * t / 6.0
+
+
+@inline
+def _slope(n, t):
+    """Its derivative."""
+    s = 1.0 - t
+    if n == 0:
+        return -0.5 * s * s
+    if n == 1:
+        return -2.0 * t + 1.5 * t * t
+    if n == 2:
+        return 2.0 * s - 1.5 * s * s
+    return 0.5 * t * t
