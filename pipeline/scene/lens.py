@@ -182,10 +182,12 @@ def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
 
 def index_source(lens: Usd.Prim) -> str:
     """Source of the indices of a lens for reports and tables, with the medium of every element."""
+    celsius = read(lens, "plen:temperature")
+    warm = "" if celsius is None else f" for {celsius:g} degrees Celsius"
     if not uses_catalogue(lens):
-        return str(need(lens, "plen:indexSource"))
+        return f"{need(lens, 'plen:indexSource')}{warm}"
     labels = [medium_behind(prim, lens).label for prim in ordered_surfaces(lens)]
-    return f"catalogue ({', '.join(label for label in labels if label != 'air')})"
+    return f"catalogue{warm} ({', '.join(label for label in labels if label != 'air')})"
 
 
 def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:

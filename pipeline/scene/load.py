@@ -22,6 +22,7 @@ from pipeline.scene.pictures import read_pictures, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.targets import read_target_entries
+from pipeline.scene.tolerances import check_effect
 from pipeline.scene.usd.opening import check_instances, open_stage
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import frame_numbers
@@ -110,6 +111,8 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     except PipelineError as error:  # nor this
         file, code = shown_path(stage.GetRootLayer().realPath), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
+    if dataset:
+        problems += check_effect(stage, set().union(*dataset.sources.values()))
     if look:
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:

@@ -4,7 +4,7 @@ An error is a function of the seed of the dataset, the member, the path of its p
 nothing else: another tolerance, or a further member, changes none that was drawn before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
@@ -116,6 +116,17 @@ def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
         if not all(map(rule.holds, ends)):
             message = f"with an error of {reach:g} <{path}> leaves its range, {rule.span}"
             yield problem(relationship, "out-of-range", message, hint="make the spread smaller")
+
+
+def check_effect(stage: Usd.Stage, taken: Set[str]) -> Iterator[Problem]:
+    """A warning about each number with a tolerance that no record of the dataset is made of; those of `taken` are."""
+    for prim in _tolerances(stage):
+        relationship = prim.GetRelationship(_OF)
+        for path in target_paths(relationship):
+            if not taken & {str(path), str(path.GetPrimPath())}:
+                message = f"no camera or target of the dataset is made of <{path}>: its tolerance has no effect"
+                hint = "the attributes of a Camera itself serve viewers; light follows those of PlenCameraAPI"
+                yield problem(relationship, "unused-tolerance", message, hint=hint, severity="warning")
 
 
 def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
