@@ -8,7 +8,7 @@ from pipeline.files.jsonfile import Json
 from pipeline.results.plenoptic_judgement import Judgement
 
 
-def plain(design: PlenopticDesign, judgement: Judgement) -> Json:
+def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> Json:
     """Plain values of what was designed, promised and seen."""
     array, camera = design.camera.microlenses, design.camera
     assert array is not None
@@ -25,11 +25,12 @@ def plain(design: PlenopticDesign, judgement: Judgement) -> Json:
         "depth_of_field_mm": [list(ends) for ends in design.depth_of_field_mm],
         "virtual_depths": None if design.virtual_depths is None else list(design.virtual_depths),
         "micro_image_gap_px": design.gap_px,
+        "airy_disc_px": design.airy_px(wavelength_nm),
     }
     return {"design": parts, "promised": promised, "judged": judgement.to_plain()}
 
 
-def page(design: PlenopticDesign, judgement: Judgement) -> list[str]:
+def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> list[str]:
     """Lines of the page; distances count from the aperture stop, + towards the scene."""
     array, camera = design.camera.microlenses, design.camera
     assert array is not None
@@ -44,6 +45,8 @@ def page(design: PlenopticDesign, judgement: Judgement) -> list[str]:
     ]
     if design.virtual_depths is not None:
         lines.append("  virtual depth {:.3f} at the far end, {:.3f} at the near one".format(*design.virtual_depths))
+    airy = f"{design.airy_px(wavelength_nm):.2f} px at {wavelength_nm:g} nm"
+    lines.append(f"  diffraction by a microlens: an Airy disc of {airy}, which no blur below includes")
     lines += ["", "judged by real rays; distances [mm] count from the aperture stop", ""]
     if judgement.depths:
         lines += [*_ranges(design, judgement), "", *_depths(judgement), ""]

@@ -1,10 +1,12 @@
 """`pipeline design` as a user meets it: a rig that passes `check`, and a page of what real rays make of it."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from pipeline.scene.load import load
 
@@ -47,6 +49,17 @@ def test_an_unfocused_rig_of_the_library_says_where_its_views_meet(run):
     assert load("r.usda", look=True).problems == []
     table = output.partition("refocusing")[2].splitlines()[2:11]
     assert [float(table[row].split()[1]) for row in (0, -1)] == pytest.approx([-1, 1], abs=0.02)
+
+
+def test_the_rig_of_the_example_is_what_its_command_writes(run):
+    page = (ROOT / "examples/13_design/README.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"    pipeline (design .*\n.*)\n", page)
+    code, output, _ = run(*command.replace("\\", "").split())
+    assert code == 0
+    assert Path("rig.usda").read_text(encoding="utf-8") == (ROOT / "examples/13_design/rig.usda").read_text("utf-8")
+    shown = re.findall(r"^    (.*\d.*)$", page.partition("## What was designed")[2].partition("## Edits")[0], re.M)
+    lines = [line.strip() for line in output.splitlines()]
+    assert len(shown) == 12 and [line for line in shown if line.strip() not in lines] == []
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.render.imaging import irradiance
 
 SENSOR = Sensor(width_px=160, height_px=120, pitch_mm=0.01)
 NEAR, FAR, FOCAL = 380.0, 480.0, 100.0
@@ -193,3 +194,33 @@ def test_what_cannot_be_is_refused_with_a_number_that_helps(others, words, mende
 def test_demands_that_contradict_each_other_are_refused(wish) -> None:
     with pytest.raises(CameraError):
         designed(thin(), SENSOR, PlenopticWish(**wish))
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_a_rendered_edge_at_the_ends_of_the_range_is_as_blurred_as_promised(kind: int) -> None:
+    """One pixel sees an edge that moves past it: the derivative has the variance 5/72 c^2 of a hexagon across flats,
+    and 1/12 of the pixel.
+    """
+    wish = PlenopticWish(**RANGE, blur_px=2.0, image_px=40.0)
+    design = designed(rigs.tronnier(), SENSOR, wish)
+    camera = focused(design.camera)
+    rig = Rig.of(Tracer(camera))
+    column, row = np.rint(rig.tracer.pixels_at(np.array([rig.middles[kind][:2]]))[0]).astype(int)
+    beams = [bundle(camera, column + step, row) for step in (-0.5, 0.0, 0.5)]
+    for end in design.depth_of_field_mm[kind]:
+        left, middle, right = (beam.mean_at(end)[0] for beam in beams)
+        edges_px, light = np.linspace(-2.5, 2.5, 21), []
+        for edge_px in edges_px:
+            edge_mm = middle + edge_px * (right - left)
+
+            def radiance(origin, direction, edge_mm=edge_mm, end=end):
+                x_mm = origin[:, 0] + (end - origin[:, 2]) * direction[:, 0] / direction[:, 2]
+                return (x_mm > edge_mm).astype(float)
+
+            light.append(irradiance(rig, 1024, radiance, (row, row + 1))[0, column])
+        spread = np.abs(np.diff(light))
+        place = (edges_px[1:] + edges_px[:-1]) / 2
+        mean = np.average(place, weights=spread)
+        variance = np.average((place - mean) ** 2, weights=spread)
+        assert np.sqrt((variance - 1 / 12) * 72 / 5) == pytest.approx(wish.blur_px, rel=0.1)

@@ -139,10 +139,11 @@ def plenoptic(
     )
     rig = new_plenoptic(out, _lens(lens, focal_length), sensor, wish)
     note(*rig.loaded.problems)
+    known = rig.design, rig.judgement, rig.loaded.cameras[0].wavelength_nm
     if as_json:
-        say_json(plain(rig.design, rig.judgement))
+        say_json(plain(*known))
     else:
-        say(*page(rig.design, rig.judgement))
+        say(*page(*known))
     note(f"wrote {out}")
 
 

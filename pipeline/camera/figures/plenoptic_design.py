@@ -76,6 +76,13 @@ class PlenopticDesign:
         nears, fars = zip(*self.depth_of_field_mm, strict=True)
         return min(nears), max(fars)
 
+    def airy_px(self, wavelength_nm: float) -> float:
+        """Diameter of the first dark ring behind a microlens, 2.44 wavelengths times its F-number B / P."""
+        array = self.camera.microlenses
+        assert array is not None
+        ring_mm = 2.44e-6 * wavelength_nm * array.distance_mm / array.pitch_mm
+        return ring_mm / self.camera.sensor.pitch_mm
+
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
