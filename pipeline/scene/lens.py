@@ -17,7 +17,7 @@ from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import GlassError, Medium, Melt
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Relief, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
-from pipeline.scene.temperature import expanded, warmed
+from pipeline.scene.temperature import expanded, temperatures_c, warmed
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
 
@@ -182,8 +182,8 @@ def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
 
 def index_source(lens: Usd.Prim) -> str:
     """Source of the indices of a lens for reports and tables, with the medium of every element."""
-    celsius = read(lens, "plen:temperature")
-    warm = "" if celsius is None else f" for {celsius:g} degrees Celsius"
+    from_c, to_c = temperatures_c(lens)
+    warm = "" if from_c == to_c else f" for {to_c:g} degrees Celsius"
     if not uses_catalogue(lens):
         return f"{need(lens, 'plen:indexSource')}{warm}"
     labels = [medium_behind(prim, lens).label for prim in ordered_surfaces(lens)]

@@ -22,7 +22,7 @@ _PER_K = 1e-6
 
 def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float) -> float:
     """The index behind a surface as warm as its lens, where it is `index` at the temperature of the prescription."""
-    from_c, to_c = _temperatures_c(lens)
+    from_c, to_c = temperatures_c(lens)
     if from_c == to_c or index == 1:
         return index
     slope = read(surface, "plen:indexSlope")
@@ -33,7 +33,7 @@ def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float
 
 def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surface]) -> list[Surface]:
     """Surfaces of a lens, as prescribed, with their lengths as warm as it; their indices are left."""
-    from_c, to_c = _temperatures_c(lens)
+    from_c, to_c = temperatures_c(lens)
     if from_c == to_c:
         return list(surfaces)
     growths = [1 + _expansion_per_k(prim) * (to_c - from_c) if _is_glass(prim) else None for prim in prims]
@@ -47,11 +47,11 @@ def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surfa
 
 def mount_growth(lens: Usd.Prim) -> float:
     """Ratio of lengths of what holds a lens and the sensor to those at the temperature of the prescription."""
-    from_c, to_c = _temperatures_c(lens)
+    from_c, to_c = temperatures_c(lens)
     return 1.0 if from_c == to_c else float(1 + need(lens, "plen:mountExpansion") * _PER_K * (to_c - from_c))
 
 
-def _temperatures_c(lens: Usd.Prim) -> tuple[float, float]:
+def temperatures_c(lens: Usd.Prim) -> tuple[float, float]:
     """Temperatures of the prescription of a lens and of the lens."""
     from_c = need(lens, "plen:prescriptionTemperature")
     to_c = read(lens, "plen:temperature")
