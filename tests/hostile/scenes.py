@@ -58,6 +58,8 @@ class Scene:
             del layer.GetPrimAtPath("/Scene/Sensor").nameChildren["Red"]
         if ("Camera", "plen:camera:microlenses") not in self.edits:
             del root.nameChildren["Array"]
+        if "Tolerance" not in self.whole:
+            del root.nameChildren["Tolerance"]
         if "Lamp" not in self.whole:
             del root.nameChildren["Lamp"]
         is_painted = any(at.startswith("Paint") for at in self.whole)
@@ -177,6 +179,7 @@ SCENES: dict[str, Scene] = {
         whole=("", "Camera", "Lens", "Lens/Front", "Lens/Stop", "Lens/Group", "Sensor", "Board", "Screen")
     ),
     "plenoptic": Scene(_PLENOPTIC, whole=("Array",)),
+    "tolerances": Scene(_of("Tolerance", tolerance__distribution="truncated"), whole=("Tolerance",)),
     "focus": Scene(
         _of("Camera", camera__focusDistance=500.0, camera__focusGroups=["Group"])
         | _of("Lens/Group", pivot=1.0, decentre=(0.1, 0.0), tilt=(0.1, 0.0))
