@@ -200,6 +200,7 @@ class Format(Convention):
     targets: Targets = Targets.ANY
     reads: frozenset[Reads] = frozenset({Reads.CORNERS})
     models: tuple[str, ...] = ()  # models of `pipeline fit` that it knows besides the pinhole, the simplest first
+    has_windshield: bool = False  # whether it knows windows before a camera beside that model
     least_cameras: int = 1  # fewest cameras, or channels of one, that it relates to each other
 
     def takes(self, is_plenoptic: bool) -> bool:

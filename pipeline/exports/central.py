@@ -28,13 +28,15 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
     Raises ExportError: none fits.
     """
     models = [] if camera.pinhole is None else [_of_pinhole(camera)]
-    if not models or models[0].rms_px > _ENOUGH_PX:
-        field = _field(camera)
-        for name in others:
-            with suppress(FitError):
-                further = _of_fit(fitted(field, name), field)
-                if not models or further.rms_px < _WORTH_IT * models[-1].rms_px:
-                    models.append(further)
+    field = None
+    for name in others:
+        if models and models[0].name == "brown" and models[0].rms_px <= _ENOUGH_PX:
+            break
+        field = field or field_of(camera)
+        with suppress(FitError):
+            further = _of_fit(fitted(field, name), field)
+            if not models or further.rms_px < _WORTH_IT * models[-1].rms_px:
+                models.append(further)
     if not models:
         raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(others)}")
     return models[-1]
@@ -68,7 +70,8 @@ def _of_fit(fit: Fit, field: FieldRays) -> CentralModel:
     )
 
 
-def _field(camera: ExportCamera) -> FieldRays:
+def field_of(camera: ExportCamera) -> FieldRays:
+    """The rays of a camera over its image; ExportError: its lens is telecentric."""
     record = camera.built.record
     if not math.isfinite(float(record["principal_distance_px"])):
         what = f"the lens of {camera.name} is telecentric, and a central model has one centre of projection"

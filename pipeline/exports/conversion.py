@@ -52,7 +52,7 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)
-    others = ("cameras", "least_cameras", "targets", "reads", "files", "models")
+    others = ("cameras", "least_cameras", "targets", "reads", "files", "models", "has_windshield")
     conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
     write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
     plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
@@ -85,10 +85,16 @@ def with_central_models(material: Material, record: Format) -> Material:
     is_needed = {camera.name: record.centre is Centre.CENTRAL or not camera.pinhole for camera in material.cameras}
     if not record.models or not any(is_needed.values()):
         return material
-    from pipeline.exports.central import central_model  # loads the tracer
+    from pipeline.exports.central import central_model  # both load the tracer
+    from pipeline.exports.windshield import windshield_model
 
     of_cameras = [camera for camera in material.cameras if is_needed[camera.name]]
-    models = {camera.name: central_model(camera, record.models) for camera in of_cameras}
+    models = {}
+    for camera in of_cameras:
+        if record.has_windshield and "windows" in camera.built.record["lens"]:
+            models[camera.name] = windshield_model(camera, ("brown", *record.models))
+        else:
+            models[camera.name] = central_model(camera, record.models)
     views = []
     for view in material.views:
         if view.camera not in models:

@@ -12,7 +12,7 @@ from pipeline.formats import Cameras, Centre, Format, Origin, Reads
 
 FORMAT = Format(
     consumer="NCore of NVIDIA: from_dict of its camera model parameters",
-    note="opencv-pinhole or opencv-fisheye",
+    note="opencv-pinhole or opencv-fisheye, behind a bivariate-windshield if there are windows",
     source="proof: nvidia-ncore 19.8.3",
     cameras=Cameras.CONVENTIONAL,
     reads=frozenset({Reads.RAYS}),
@@ -20,6 +20,7 @@ FORMAT = Format(
     origin=Origin.HALF,
     centre=Centre.CENTRAL,
     models=("fisheye", "rational"),
+    has_windshield=True,
 )
 
 _BEYOND = 1.01
@@ -30,12 +31,17 @@ def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
         kind, own = _own(camera.image_model)
+        windshield, remarks = _windshield(camera.image_model)
         write_json(
             folder / f"{camera.name}.json",
             {
-                "about": list(material.remarks),
+                "about": [*material.remarks, *remarks],
                 "camera_model_type": kind,
-                "camera_model_parameters": {**_common(camera), **own},
+                "camera_model_parameters": {
+                    **_common(camera),
+                    "external_distortion_parameters": windshield,
+                    **own,
+                },
             },
         )
 
@@ -44,10 +50,22 @@ def _common(camera: ExportCamera) -> Json:
     return {
         "resolution": list(camera.size_px),
         "shutter_type": camera.shutter_type,
-        "external_distortion_parameters": None,
         "principal_point": camera.image_model.principal_point_px,
         "focal_length": camera.image_model.focal_px,
     }
+
+
+def _windshield(model: CentralModel) -> tuple[Json | None, list[str]]:
+    """The windows before a camera, and what is said of them."""
+    if (windshield := model.windshield) is None:
+        return None, []
+    near_mm, far_mm = windshield.planes_mm
+    remark = (
+        f"points beyond the windows, at vision z = {near_mm:g} and {far_mm:g} mm, are off by {model.rms_px:.3g} px "
+        f"rms, {model.max_px:.3g} px at most; far away by {windshield.infinity_max_px:.3g} px at most"
+    )
+    kind = {"external_distortion_type": "bivariate-windshield", "reference_poly": "FORWARD"}
+    return {**kind, **windshield.polynomials}, [remark]
 
 
 def _own(model: CentralModel) -> tuple[str, Json]:
