@@ -67,6 +67,8 @@ def test_the_rig_of_the_example_is_what_its_command_writes(run):
     [
         ((*REAL, *RANGE, "--unfocused"), "px per micro-image"),
         ((*REAL, "--near", "380"), "--magnification"),
+        (("--sensor", "targets/charuco_8x5.usda", *THIN[:2], *RANGE), "PlenSensor"),
+        ((*REAL, "--near", "500", "--far", "inf", "--types", "1"), "--near farther"),
         (("--sensor", SENSOR, *RANGE), "--focal-length"),
         ((*THIN, "--magnification", "0.1"), "--f-number"),
         ((*REAL, *RANGE, "--unfocused", "--types", "3"), "--types"),

@@ -13,6 +13,7 @@ from pipeline.optics.prescription import Prescription, Surface
 from pipeline.results.opening import ready
 from pipeline.results.plenoptic_judgement import Judgement, judged
 from pipeline.scene.load import Loaded, sensor_figures
+from pipeline.scene.usd.values import UnreadableValue
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,10 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
     `lens` and `sensor` as in `RigWish`. UsageError if no camera meets the demands; else errors as of `new_rig`.
     """
     require_free(out)
-    figures = sensor_figures(located(sensor))
+    try:
+        figures = sensor_figures(located(sensor))
+    except UnreadableValue:
+        raise UsageError(f"{sensor} is no sensor", hint="a stage whose default prim is a PlenSensor") from None
     plane = Sensor(width_px=figures["width_px"], height_px=figures["height_px"], pitch_mm=figures["pitch_mm"])
     try:
         design = designed(_prescription(lens, wish), plane, wish)

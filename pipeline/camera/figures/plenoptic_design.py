@@ -103,7 +103,7 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
     if film_mm <= prescription.vertices_from_stop_mm[-1]:
         raise CameraError(
             f"the microlenses would stand {film_mm:.4g} mm behind the stop, inside the lens",
-            hint="--near farther from the lens, or a smaller --magnification",
+            hint="--near farther from the lens, a smaller --magnification, or more --types or --blur",
         )
     stop_mm = solved.pupil / abs(lens.exit_pupil.magnification)
     widest_mm = widest_stop_mm(prescription, film_mm)
