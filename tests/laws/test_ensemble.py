@@ -79,6 +79,14 @@ def test_entries_of_an_array_are_off_by_themselves_or_together(tmp_path):
     assert len(set(common.values())) == 1
 
 
+def test_an_error_is_the_same_in_all_time_samples(tmp_path):
+    path = stage(tmp_path, tolerance("Pose", "</TinyConventional/Board.xformOp:translate>", 0.1))
+    place, errors = member(path, 1)
+    poses = [[np.array(frame.world_from_target["Board"]) for frame in load(of).dataset.frames] for of in (path, place)]
+    for nominal, moved in zip(*poses, strict=True):
+        assert np.allclose((moved - nominal)[:3, 3], list(errors.values()), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("distribution", "expected"),
     [

@@ -46,6 +46,14 @@ def test_a_lens_at_the_temperature_of_its_prescription_has_the_tasks_of_one_with
     assert any(plain[name] != warm[name] for name in plain)
 
 
+def test_a_lens_that_warms_up_is_a_camera_at_each_temperature(tmp_path):
+    cold, warm = (camera(stage(tmp_path, celsius, *known(2.0, 7.0))) for celsius in (20.0, 40.0))
+    path = stage(tmp_path, 20.0, *known(2.0, 7.0))
+    text = path.read_text(encoding="utf-8").replace("temperature = 20.0", "temperature.timeSamples = { 1: 20, 2: 40 }")
+    path.write_text(text, encoding="utf-8")
+    assert [of.camera for of in load(path).dataset.cameras] == [cold, warm]
+
+
 def test_what_expands_alike_is_the_same_camera_larger(tmp_path):
     """The microscope of similar triangles: all lengths of the lens, and the distance of the sensor."""
     cold, warm = (camera(stage(tmp_path, celsius, *known(0.0, 23.6))) for celsius in (20.0, 70.0))
