@@ -13,7 +13,7 @@ from pipeline.optics.glass.catalogue import find
 from pipeline.optics.glass.fluids import AIR, VACUUM
 from pipeline.optics.glass.medium import GlassError
 from pipeline.optics.glass.thermal import Thermal, thermal
-from pipeline.optics.prescription import Surface
+from pipeline.optics.prescription import Relief, Surface
 from pipeline.scene.usd.values import UnreadableValue, need, read
 
 _PER_K = 1e-6
@@ -40,7 +40,7 @@ def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surfa
     warm, before = list[Surface](), None
     for surface, behind in zip(surfaces, growths, strict=True):
         gap = behind or mount_growth(lens)
-        warm.append(_larger(surface, behind or before or gap, gap))
+        warm.append(larger(surface, behind or before or gap, gap))
         before = behind
     return warm
 
@@ -80,16 +80,21 @@ def _thermal(prim: Usd.Prim) -> Thermal:
         raise UnreadableValue(error.what, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
 
 
-def _larger(surface: Surface, growth: float, gap: float) -> Surface:
+def larger(surface: Surface, growth: float, gap: float) -> Surface:
     """A surface with all lengths larger, and its thickness by a ratio of its own; a_p r^p has the unit of a length."""
-    widths = surface.half_widths_mm
+    widths, relief, semi_mm = surface.half_widths_mm, surface.relief, surface.semi_diameter_mm * growth
+    if relief is not None:
+        heights_mm = tuple(tuple(height * growth for height in row) for row in relief.heights_mm)
+        relief = Relief(heights_mm=heights_mm, spacing_mm=relief.spacing_mm * growth)
+        semi_mm = min(semi_mm, *relief.half_widths_mm)  # a grid as wide as the aperture, but for rounding
     return replace(
         surface,
         radius_mm=surface.radius_mm * growth,
         thickness_mm=surface.thickness_mm * gap,
-        semi_diameter_mm=surface.semi_diameter_mm * growth,
+        semi_diameter_mm=semi_mm,
         inner_semi_diameter_mm=surface.inner_semi_diameter_mm * growth,
         half_widths_mm=widths and (widths[0] * growth, widths[1] * growth),
+        relief=relief,
         even_coefficients=tuple(a * growth ** (-1 - 2 * i) for i, a in enumerate(surface.even_coefficients)),
         odd_coefficients=tuple(a * growth ** (-2 - 2 * i) for i, a in enumerate(surface.odd_coefficients)),
     )

@@ -3,16 +3,21 @@
 Judged by scaling, by the focal length of a thin lens in closed form, and by the tasks of a lens that is not warm.
 """
 
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from stage_text import tiny_text
 
 from pipeline.app.build import project
 from pipeline.camera.parts.camera import Camera
 from pipeline.optics.first_order import first_order
+from pipeline.optics.prescription import Relief, Surface
 from pipeline.scene.load import load
+from pipeline.scene.temperature import larger
 
+SHAPES = ("even_coefficients", "odd_coefficients", "relief")
 GLASSES = ("S1", "S3", "S4", "S7", "S8", "S10")
 ALUMINIUM = 23.6
 
@@ -65,6 +70,35 @@ def test_what_expands_alike_is_the_same_camera_larger(tmp_path):
     for before, after in zip(cold.prescription.surfaces, warm.prescription.surfaces, strict=True):
         assert after.index == before.index
         assert after.semi_diameter_mm == pytest.approx(growth * before.semi_diameter_mm, rel=1e-15)
+
+
+ROWS = tuple(tuple(0.01 * (i * i - 3 * j + i * j) for i in range(5)) for j in range(5))
+LEFT = {"decentre_mm", "focal_length_mm", "image_distance_mm"}
+"""Lengths that temperature leaves: errors of assembly, and those of ideal lenses."""
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"radius_mm": 20.0, "conic": -0.3},
+        {"radius_mm": -30.0, "even_coefficients": (1e-4, 2e-6, 3e-9)},
+        {"odd_coefficients": (1e-4, -2e-6)},
+        {"radius_mm": 20.0, "is_cylinder": True, "inner_semi_diameter_mm": 1.0},
+        {"half_widths_mm": (3.0, 2.0)},
+        {"relief": Relief(heights_mm=ROWS, spacing_mm=2.0)},
+    ],
+)
+def test_a_larger_surface_has_the_same_shape(shape):
+    """All of its lengths, sags included; a length that is added to surfaces has to be decided on here."""
+    surface, growth = Surface(semi_diameter_mm=4.0, thickness_mm=2.0, **shape), 1.7
+    grown = larger(surface, growth, growth)
+    for height_mm in (1.0, 2.5, 4.0):
+        assert grown.sag_mm(growth * height_mm) == pytest.approx(growth * surface.sag_mm(height_mm), rel=1e-12)
+    lengths = {field.name for field in fields(Surface) if field.name.endswith("_mm")} - LEFT
+    for name in lengths:
+        before, after = (np.array(getattr(of, name) or 0.0) for of in (surface, grown))
+        assert np.allclose(after, growth * before, rtol=1e-14)
+    assert replace(grown, **{name: getattr(surface, name) for name in (*lengths, *SHAPES)}) == surface
 
 
 def test_the_cell_of_a_surface_decides_with_what_it_expands(tmp_path):
