@@ -49,8 +49,13 @@ class Ensemble:
 
     @property
     def refuted(self) -> list[str]:
-        """A line about each that cannot show the accuracy that it claims."""
-        return [f"{name}: {certificate_lines(of)[0]}" for name, of in self.certificates.items() if failed(of)]
+        """A line about each certificate that cannot show the accuracy that is claimed."""
+        return [
+            f"{name}: {certificate_lines({camera: judged})[0]}"
+            for name, of in self.certificates.items()
+            for camera, judged in of.items()
+            if failed({camera: judged})
+        ]
 
     def to_dict(self) -> Json:
         """What ensemble.json holds."""

@@ -20,6 +20,7 @@ from pipeline.engine.options import BuildOptions
 from pipeline.results.spread import figures, rows
 from pipeline.scene.load import load
 from pipeline.scene.tolerances import Tolerance, drawn, share
+from pipeline.scene.usd.problems import StageError
 
 LENS = "/TinyConventional/Rig/Lens"
 POINTS_MM = [[x, y, 434.0] for x in (-4.0, 0.0, 3.5) for y in (-2.5, 2.0)]
@@ -166,6 +167,33 @@ def test_tolerances_may_not_leave_the_range_of_their_number(tmp_path):
         "Wide", f"<{LENS}/S1.plen:semiDiameter>", 100.0, 'uniform token plen:tolerance:distribution = "uniform"'
     )
     assert [problem.code for problem in load(stage(tmp_path, wide)).errors] == ["out-of-range"]
+
+
+def test_what_stops_an_ensemble_is_named(tmp_path):
+    """A stage without a tolerance; a member that leaves a range, before anything is built; a member that fails."""
+
+    def run(path: Path, place: Path, _: BuildOptions) -> SimpleNamespace:
+        built.append(place.name)
+        return SimpleNamespace(exit_code=int(path.stem == "member_0002"), certificate={})
+
+    built: list[str] = []
+    off = tolerance("Off", f"<{LENS}/S1.plen:semiDiameter>", 100.0)
+    for tolerances, error, said in (
+        ([], StageError, "has no tolerance"),
+        ([off], StageError, "member_0001.usda:.*semiDiameter"),
+        ([RADII], ensembles.MemberError, "member_0002"),
+    ):
+        with pytest.raises(error, match=said):
+            ensembles.ensemble(stage(tmp_path, *tolerances), tmp_path / "out", 3, BuildOptions(), run)
+    assert built == ["nominal", "member_0001", "member_0002"]
+
+
+def test_a_member_whose_certificate_fails_is_named():
+    fails = {"claim_px": 1e-3, "passed": False, "of": 0, "reason": "too far off"}
+    passes = {**fails, "passed": True}
+    certificates = {"nominal": {"A": passes, "B": passes}, "member_0001": {"A": passes, "B": fails}}
+    built = ensembles.Ensemble(out=Path(), numbers={}, certificates=certificates, figures={}, tables={})
+    assert [line.split(":")[:2] for line in built.refuted] == [["member_0001", " certificate of B"]]
 
 
 @pytest.mark.heavy
