@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from pipeline.jit.decorators import inline
+from pipeline.optics.aspheres import RESIDUAL_MM
 from pipeline.optics.crossing import Ray
 from pipeline.optics.table import (
     COEFFICIENTS,
@@ -21,8 +22,6 @@ from pipeline.optics.table import (
 
 _STEPS = 7
 """Steps of Newton's method: five are enough where slopes stay below 1."""
-_RESIDUAL_MM = 1e-9
-"""A ray that ends farther from a relief than this has missed it."""
 
 
 class Height(NamedTuple):
@@ -47,7 +46,7 @@ def through_relief(row, mu, ray):
     length = 1.0 + here.by_x * here.by_x + here.by_y * here.by_y
     squared = length - mu * mu * (length - along * along)
     bend = (math.sqrt(max(squared, 0.0)) - mu * along) / length
-    meets = (abs(here.mm - t * ray.dz) <= _RESIDUAL_MM) & (along > 0.0) & (squared >= 0.0)
+    meets = (abs(here.mm - t * ray.dz) <= RESIDUAL_MM) & (along > 0.0) & (squared >= 0.0)
     passes = meets & (x * x + y * y <= row[SEMI_DIAMETER_SQUARED])
     return Ray(
         x,
@@ -63,14 +62,15 @@ def through_relief(row, mu, ray):
 @inline
 def height_at(row, x, y):
     """Height and slopes at a point of the vertex plane."""
-    columns, rows, per_mm = int(row[RELIEF_COLUMNS]), int(row[RELIEF_ROWS]), 1.0 / row[RELIEF_SPACING]
+    columns, rows, per_mm = row[RELIEF_COLUMNS], row[RELIEF_ROWS], 1.0 / row[RELIEF_SPACING]
     # Coefficients lie one spacing beyond the heights on each side.
-    u, v = x * per_mm + 0.5 * (columns - 1), y * per_mm + 0.5 * (rows - 1)
-    i, j = _cell(u, columns), _cell(v, rows)
-    u, v = u - i, v - j
-    height, by_x, by_y = 0.0, 0.0, 0.0
+    u, v = x * per_mm + 0.5 * (columns - 1.0), y * per_mm + 0.5 * (rows - 1.0)
+    across, up = _cell(u, columns), _cell(v, rows)
+    u, v = u - across, v - up
+    height = by_x = by_y = 0.0
+    corner, width = COEFFICIENTS + (int(up) - 1) * int(columns) + int(across) - 1, int(columns)
     for k in range(4):
-        first, of_row, slope = COEFFICIENTS + (j - 1 + k) * columns + i - 1, 0.0, 0.0
+        first, of_row, slope = corner + k * width, 0.0, 0.0
         for n in range(4):
             a = row[first + n]
             of_row += _basis(n, u) * a
@@ -83,8 +83,12 @@ def height_at(row, x, y):
 
 @inline
 def _cell(u, count):
-    """The cell of a place, or the nearest one that has four splines; of NaN the first."""
-    return int(min(u if u > 1.0 else 1.0, count - 3.0))
+    """The cell of a place, or the nearest one that has four splines; of NaN the first. A whole number, but no integer:
+    in single precision these must not meet.
+    """
+    inside = u if u > 1.0 else 1.0
+    inside = inside if inside < count - 3.0 else count - 3.0
+    return inside - inside % 1.0
 
 
 @inline

@@ -1,12 +1,16 @@
 """Claim: a kernel bound anew computes in the precision that it is bound to, with its own constants."""
 
 import math
+import types
 from fractions import Fraction
 
+import numba
 import numpy as np
+import pytest
 
 from pipeline.jit.binding import Single, TypedMath, bound_anew, exact_fma
 from pipeline.jit.decorators import inline
+from pipeline.optics.kernels import SCRATCH, Packet, trace_packet
 
 THIRD = 1.0 / 3.0
 
@@ -49,3 +53,17 @@ def test_a_float32_sum_of_products_is_rounded_once() -> None:
     low, high = np.float32(1 + 2**-11), np.float32(1 + 2**-11 + 2**-23)
     assert exact - Fraction(float(low)) > Fraction(float(high)) - exact
     assert exact_fma(a, b, c) == high != np.float32(float(exact))
+
+
+@pytest.mark.heavy
+def test_the_trace_is_typed_in_single_precision_whatever_a_surface_is() -> None:
+    """Where float64 comes in, by a constant or by an integer beside float32, the types of two branches differ."""
+    single = Single(trace_packet, STILL_MM=1e-3, RESIDUAL_MM=1e-4)
+
+    def traced(table: np.ndarray, packet: Packet) -> None:
+        trace_single(table, packet, 0)
+
+    whole = types.FunctionType(traced.__code__, {**globals(), "trace_single": single})
+    compiled = numba.njit(bound_anew(whole, numba.njit, fma=numba.njit(lambda a, b, c: a * b + c)))
+    rays = [np.zeros(1, np.float32) for _ in range(8)]
+    compiled(np.zeros((1, 60), np.float32), Packet(*rays[:7], np.zeros((SCRATCH, 1), np.float32), rays[7]))
