@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.camera.bundle import Bundle, bundle_behind
 from pipeline.camera.focusing.depth_of_field import foci, middle_focus
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.files import svg
@@ -72,7 +73,10 @@ class FieldBundle:
 
 
 def field_bundles(camera: Camera) -> list[FieldBundle]:
-    """Bundles from the centre of the image to the corner that is farthest from the axis."""
+    """Bundles from the centre of the image to the corner that is farthest from the axis.
+
+    Those that leave farther from the axis than `WIDE_RAD` are left out: planes across it say nothing of them.
+    """
     tracer, sensor = Tracer(camera), camera.sensor
     middle = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
     corner = np.where(tracer.pixels_at(sensor.farthest_corner_mm[None])[0] < middle, 0.0, 2 * middle)
@@ -81,6 +85,8 @@ def field_bundles(camera: Camera) -> list[FieldBundle]:
         x_px, y_px, microlens = _nearest_light(tracer, middle + share * (corner - middle))
         shifts = ((0, 0), (-_STEP_PX, 0), (_STEP_PX, 0), (0, -_STEP_PX), (0, _STEP_PX))
         middle_bundle, *around = (bundle_behind(tracer, x_px + u, y_px + v, microlens, RAYS) for u, v in shifts)
+        if len(middle_bundle.direction) and middle_bundle.direction[:, 2].mean() < math.cos(WIDE_RAD):
+            continue
         bundles.append(FieldBundle(place, x_px, y_px, middle_bundle, (around[0], around[1], around[2], around[3])))
     return bundles
 

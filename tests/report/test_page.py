@@ -23,6 +23,7 @@ from pipeline.report.page.optics import field_curvature, transfer
 from pipeline.report.page.parts import picture_of
 from pipeline.results.records import BuiltFolder, BuiltPinhole
 from pipeline.results.spots import field_bundles, spots
+from pipeline.scene.load import open_dataset
 
 WEB = ROOT / "web"
 ASSETS = ROOT / "pipeline/report/page/assets"
@@ -159,6 +160,13 @@ def test_spots_of_an_ideal_lens_are_discs_as_wide_as_similar_triangles_say(ideal
         assert one.rms_px == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
         assert max(map(math.hypot, one.dx_px, one.dy_px)) == pytest.approx(radius_px, rel=0.02)
     assert all(line.y == (1.0,) * 26 for line in transfer(ideal, bundles).lines)
+
+
+def test_spots_end_where_planes_across_the_axis_say_nothing():
+    """A fisheye of 220 degrees: half of the way to the corner is 78 degrees off its axis, and 0.75 of it is dark."""
+    camera = open_dataset(ROOT / "examples/10_fisheye/dataset.usda").cameras[0].camera
+    steepest = [bundle.bundle.direction[:, 2].min(initial=1.0) for bundle in field_bundles(camera)]
+    assert len(steepest) < 4 and min(steepest) > math.cos(math.radians(81))
 
 
 def test_an_ideal_lens_has_no_field_curvature(ideal):
