@@ -7,15 +7,13 @@ thickness, the sensor's distance and the pitch of its pixels. The better of seve
 """
 
 import argparse
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
-from kept import keeping
+from kept import keeping, timed
 from scipy.spatial.transform import Rotation
 
 import pipeline
@@ -32,7 +30,6 @@ from pipeline.truth.rows import Solutions
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 BOARD = Checkerboard(columns=7, rows=4, square_mm=1.5)
 STEP = 1e-4
-R = TypeVar("R")
 POSE = rigid(Rotation.from_euler("xyz", (190.0, 15.0, 5.0), degrees=True).as_matrix(), np.array([0.5, -0.5, 430.0]))
 
 
@@ -88,16 +85,6 @@ EDITS: tuple[Callable[[Camera, float], Camera], ...] = (
     lambda camera, by: replace(camera, sensor_distance_mm=camera.sensor_distance_mm + by),
     lambda camera, by: replace(camera, sensor=replace(camera.sensor, pitch_mm=camera.sensor.pitch_mm + 1e-3 * by)),
 )
-
-
-def timed(job: Callable[[], R], turns: int) -> tuple[R, float]:
-    """What a job returns, and its least processor time in some turns [s]."""
-    seconds, answer = [], job()
-    for _ in range(turns):
-        start = time.process_time()
-        answer = job()
-        seconds.append(time.process_time() - start)
-    return answer, min(seconds)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,11 @@ exposed for an instant, or for half a millisecond, which takes two planes for ea
 """
 
 import argparse
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from kept import keeping
+from kept import keeping, timed
 from scipy.spatial.transform import Rotation
 
 import pipeline
@@ -76,16 +74,6 @@ def pose_at(time_s: float) -> np.ndarray:
     pose[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ Rotation.from_euler("zy", [4 * np.pi * time_s, 0.1]).as_matrix()
     pose[:3, 3] = 300 * time_s, 0.0, 434.4
     return pose
-
-
-def timed(job: Callable[[], int], turns: int) -> tuple[int, float]:
-    """What a job returns, and its least processor time in some turns [s]."""
-    seconds, answer = [], job()
-    for _ in range(turns):
-        start = time.process_time()
-        answer = job()
-        seconds.append(time.process_time() - start)
-    return answer, min(seconds)
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ class Ensemble:
         ]
 
     def to_dict(self) -> Json:
-        """What ensemble.json holds."""
+        """Content of ensemble.json."""
         verdicts = {
             name: {camera: judged["passed"] for camera, judged in of.items()} for name, of in self.certificates.items()
         }

@@ -29,7 +29,7 @@ _CLEAR, _DARK = (247, 251, 255), (8, 48, 107)
 def inform(
     out: Path, name: str | None, model: str | None, noise_px: float, allow_roots: Iterable[str | Path] = ()
 ) -> Knowledge:
-    """What the rows of a build tell about a camera; by default of OpenCV's five coefficients, or of a thin lens before
+    """Ask the rows of a build about a camera; by default of OpenCV's five coefficients, or of a thin lens before
     pinholes.
     """
     output = open_output(out)

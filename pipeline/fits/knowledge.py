@@ -29,7 +29,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Knowledge:
-    """What a data set tells about a camera through a model."""
+    """Information of a data set about a camera, and predictions by it, through a model."""
 
     camera: str
     model: str
@@ -39,7 +39,7 @@ class Knowledge:
 
     @property
     def rms_px(self) -> float:
-        """What the model leaves of the exact rows: no noise."""
+        """Root mean square of what the model leaves of the exact rows: no noise."""
         return rms(self.information.residual_px)
 
 
@@ -118,7 +118,7 @@ def _thin(camera: ReadyCamera) -> Project:
 def _predicted(
     known: Information, field: FieldRays, ready: ReadyCamera, centre_mm: np.ndarray, z_mm: float
 ) -> Prediction:
-    """Of points on rays of the main lens all over the image; behind microlenses through that of the image position."""
+    """Predict points on rays of the main lens all over the image, behind microlenses through that of each position."""
     points, of_rows = field.points(z_mm) - centre_mm, np.zeros((len(field.x_px), 0))
     tracer = ready.rig.tracer
     if tracer.lattice is not None:

@@ -14,7 +14,7 @@ Samples = dict[Usd.TimeCode, Any]
 
 
 def times_of(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
-    """Where an attribute is written: at its time samples or, without any, as a default."""
+    """Times at which an attribute is written: at its time samples or, without any, as a default."""
     samples = attribute.GetTimeSamples()
     return [Usd.TimeCode(time) for time in samples] or [Usd.TimeCode.Default()]
 

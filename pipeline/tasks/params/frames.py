@@ -141,7 +141,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariedView:
-    """What is before a camera in a frame with a number a little different; `targets` is None if they do not change."""
+    """Targets before a camera in a frame with a number a little different; `targets` is None if they do not change."""
 
     name: str
     unit: str
