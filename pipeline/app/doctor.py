@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app.progress import human
+from pipeline.engine.files import nearest_existing
 from pipeline.engine.maintenance import limit_from_environment
 from pipeline.engine.options import USUAL
 from pipeline.engine.planning.task_code import installed_version
@@ -104,7 +105,7 @@ def _store() -> Iterator[Finding]:
     elif os.access(root, os.W_OK):
         yield Finding("store", f"{root}, {human(Store().size())} of {human(limit)}")
     else:
-        mend = "new results go to a private store; name another with PIPELINE_CACHE"
+        mend = "only what it has can be delivered; name another with PIPELINE_CACHE"
         yield Finding("store", f"{root}, {human(Store().size())} of {human(limit)}, read-only", mend)
 
 
@@ -116,9 +117,7 @@ def _kernels() -> Iterator[Finding]:
 
 
 def _disk() -> Iterator[Finding]:
-    root = default_root().absolute()
-    existing = next(place for place in (root, *root.parents) if place.exists())
-    for name, place in (("disk here", Path.cwd()), ("disk of the store", existing)):
+    for name, place in (("disk here", Path.cwd()), ("disk of the store", nearest_existing(default_root()))):
         free = shutil.disk_usage(place).free
         mend = "make room: `pipeline cache gc` removes old results" if free < _LEAST_DISK else ""
         yield Finding(name, f"{human(free)} free", mend)

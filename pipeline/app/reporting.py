@@ -97,7 +97,7 @@ def _picture(project: Project, tasks: tuple[TaskRun, ...]) -> str:
     """The graph of tasks as SVG, frames collapsed."""
     states = {task.name: _DONE.get(task.state, "cached") for task in tasks}
     planned = [
-        PlannedTask(name=name, kind=project.graph[name].short_kind, state=states[name], key=None)
+        PlannedTask(name=name, kind=project.graph[name].short_kind, state=states[name])
         for name in project.graph
         if name in states
     ]

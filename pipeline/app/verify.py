@@ -18,6 +18,7 @@ from pipeline.app.build import project
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.spectrum import Channel
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.channel_names import body_and_channel
@@ -39,7 +40,7 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
-from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, InChannel, JoinedRays, Planes
+from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging import sample
 from pipeline.truth.visibility import PointBundles
@@ -203,7 +204,7 @@ def _camera(graph: TaskGraph, name: str) -> Camera:
     planes = from_plain(Planes, graph[f"planes/{body}"].params)
     camera = focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
     if channel:
-        camera = camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel)
+        camera = camera.in_light(from_plain(Channel, graph[f"channel/{name}"].params))
     if f"windows/{name}" not in graph:
         return camera
     before = from_plain(BehindWindows, graph[f"windows/{name}"].params)

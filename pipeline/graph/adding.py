@@ -41,9 +41,15 @@ def add(
 
 
 def add_tiles(
-    graph: TaskGraph, name: str, params: Sequence[Any], reads: dict[str, str], together: str | None = None
+    graph: TaskGraph,
+    name: str,
+    params: Sequence[Any],
+    reads: dict[str, str],
+    together: str | None = None,
+    *,
+    least: int = 2,
 ) -> dict[str, str]:
-    """Add tile tasks, one for each of the params; role and name of each. A single tile needs no task.
+    """Add tile tasks, one for each of the params; role and name of each. Fewer than `least` tiles need no tasks.
 
     Tiles with the same number share work with those of other calls with the same `together`. A name in `reads` that
     ends with a slash stands for tiles: each tile reads the one with its own number.
@@ -56,7 +62,7 @@ def add_tiles(
             {role: f"{source}{number:04d}" if source.endswith("/") else source for role, source in reads.items()},
             f"{together}/{number}" if together else None,
         )
-        for number, tile in enumerate(params if len(params) > 1 else [])
+        for number, tile in enumerate(params if len(params) >= least else [])
     }
 
 

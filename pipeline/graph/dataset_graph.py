@@ -118,8 +118,7 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
     """The tasks that follow the light of a camera, or of one of its channels: bundles and white images."""
     name, folder, reads = entry.full_name, f"cameras/{entry.folder}", {"camera": f"focus/{entry.name}"}
     if entry.channel is not None:
-        nameless = dataclasses.replace(entry.channel, name="")
-        reads = {"camera": add(graph, f"channel/{name}", cameras.InChannel(channel=nameless), reads)}
+        reads = {"camera": add(graph, f"channel/{name}", dataclasses.replace(entry.channel, name=""), reads)}
     if entry.delivers_rays or entry.truth.searches:
         settled = {**reads, "planes": f"planes/{entry.name}"}
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
@@ -218,16 +217,11 @@ def labels_of(entry: CameraEntry) -> cameras.CameraLabels:
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
-    bands = bundle_bands(entry.asked.sensor, entry.sampling)
-    tiles = {
-        f"tile{number}": add(
-            graph,
-            f"rays_tile/{entry.full_name}/{number:04d}",
-            cameras.RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
-            reads,
-        )
-        for number, (first, end) in enumerate(bands)
-    }
+    parts = [
+        cameras.RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px)
+        for first, end in bundle_bands(entry.asked.sensor, entry.sampling)
+    ]
+    tiles = add_tiles(graph, f"rays_tile/{entry.full_name}", parts, reads, least=1)
     params = cameras.JoinedRays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
     return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})
 

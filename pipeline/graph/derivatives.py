@@ -55,12 +55,10 @@ def _entry_in(dataset: Dataset, camera: CameraEntry, channel: int) -> CameraEntr
 
 
 def _settled(entry: CameraEntry) -> cameras.SettledCamera:
-    asked, channel, windows = cameras.AskedCamera.of(entry.asked), None, None
-    if entry.channel is not None:
-        channel = cameras.InChannel(channel=entry.channel)
+    windows = None
     if entry.windows is not None:
         windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
-    return cameras.SettledCamera(asked=asked, channel=channel, windows=windows)
+    return cameras.SettledCamera(asked=cameras.AskedCamera.of(entry.asked), channel=entry.channel, windows=windows)
 
 
 def _targets(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> tuple[frames.PlacedTarget, ...]:

@@ -259,13 +259,11 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             there = dict(zip(_paths(dataset, later), moved, strict=True))
             targets = tuple(matrix(poses[target.name]) for target in dataset.targets)
             whole = replace(whole, next_targets=targets, next_occluders=tuple(map(there.get, _paths(dataset, frame))))
-        name, tiles = f"{entry.name}/{frame.number:04d}", {}
-        for number, rows in enumerate(image_bands(entry.asked.sensor, entry.image_samples)):
-            params, reads = replace(whole, rows=rows), {"camera": seen_through(graph, entry)}
-            if whole.view.lighting:
-                reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-            tile = add(graph, f"labels_tile/{name}/{number:04d}", params, reads, f"labels/{entry.name}/{number}")
-            tiles[f"tile{number}"] = tile
+        name, reads = f"{entry.name}/{frame.number:04d}", {"camera": seen_through(graph, entry)}
+        if whole.view.lighting:
+            reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+        parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
+        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, f"labels/{entry.name}", least=1)
         joined = labels.Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
         task, outputs = add(graph, f"labels/{name}", joined, tiles), (labels.LABELS, labels.PREVIEW, labels.BOXES)
         delivered = outputs if "targets" in asked else outputs[:2]

@@ -29,7 +29,6 @@ from pipeline.tasks.params.cameras import (
     AskedCamera,
     BehindWindows,
     CameraLabels,
-    InChannel,
     Nothing,
     Planes,
     Stop,
@@ -41,9 +40,9 @@ def focus(params: AskedCamera, inputs: Inputs, out: Path) -> None:
     write_json(out / FOCUSED, to_plain(solved(params.asked)))
 
 
-def channel(params: InChannel, inputs: Inputs, out: Path) -> None:
+def channel(params: Channel, inputs: Inputs, out: Path) -> None:
     """A camera as one of its colour channels sees it: focused.json."""
-    write_json(out / FOCUSED, to_plain(focused_camera(inputs).in_light(params.channel)))
+    write_json(out / FOCUSED, to_plain(focused_camera(inputs).in_light(params)))
 
 
 def windows(params: BehindWindows, inputs: Inputs, out: Path) -> None:

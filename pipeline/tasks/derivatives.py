@@ -40,7 +40,7 @@ def _settled(parts: SettledCamera) -> Camera:
     """The camera that tasks `focus`, `channel` and `windows` make."""
     camera = solved(parts.asked.asked)
     if parts.channel is not None:
-        camera = camera.in_light(parts.channel.channel)
+        camera = camera.in_light(parts.channel)
     return camera.behind(parts.windows.windows, parts.windows.wavelength_nm) if parts.windows else camera
 
 

@@ -119,14 +119,10 @@ def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | i
     return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
 
 
-def white_tile(params: White, inputs: Inputs, out: Path) -> None:
-    """Some rows of the image of a white scene, which `white` joins and images read: two arrays."""
-    white_rows(params, inputs, out)
-
-
-def white_rows(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the white image, (h, w, wavelengths) float64, and of its part through other microlenses than that of the
-    pixel's cell; written for images."""
+def white_tile(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Some rows of the image of a white scene, (h, w, wavelengths) float64, and of its part through other microlenses
+    than that of the pixel's cell: two arrays, which `white` joins and images read.
+    """
     rig = imaged_rig(inputs, params.exposure)
     known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
     white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
@@ -160,7 +156,7 @@ def white(params: White, inputs: Inputs, out: Path) -> None:
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
-        white, foreign = white_rows(params, inputs, out)
+        white, foreign = white_tile(params, inputs, out)
     white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
     parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
     if whole is not None:
@@ -175,13 +171,8 @@ def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
     return part_of("crosstalk", share, {"content": content, "of_all_light": total})
 
 
-def image_tile(params: Image, inputs: Inputs, out: Path) -> None:
-    """Some rows of an image, for the task `image`: pixels.npy."""
-    image_tile_together([params], inputs, [out])
-
-
-def image_tile_together(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """The same rows of several frames, which share their rays."""
+def image_tile(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The same rows of the images of frames, which share their rays, for the task `image`: pixels.npy."""
     for pixels, out in zip(image_rows(params, inputs), outs, strict=True):
         write_npy(out / PIXELS, pixels)
 
@@ -290,24 +281,20 @@ def _sampled(
     return light, np.nan_to_num(colour).mean(axis=0) if params.shutter else colour[0]
 
 
-def image(params: Image, inputs: Inputs, out: Path) -> None:
-    """The image of a camera in a frame, linear and as a preview, from tiles or passes: image.exr and image.png."""
-    if params.noise is not None:
-        _write(out, _from_passes(params.noise, params.exposure, inputs), params, inputs)
-    elif params.tiles:
-        _write(out, Rendered(stacked(inputs, params.tiles, PIXELS)), params, inputs)
+def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The image of a camera in a frame, linear and as a preview: image.exr and image.png.
+
+    It is that of tiles or passes; without these, several frames share their rays.
+    """
+    first, exposure = params[0], params[0].exposure
+    if first.noise is not None:
+        images = [_from_passes(first.noise, exposure, inputs)]
+    elif first.tiles:
+        images = [Rendered(stacked(inputs, first.tiles, PIXELS))]
     else:
-        image_together([params], inputs, [out])
-
-
-def image_together(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """Images without tiles of several frames, which share their rays."""
-    for pixels, image, out in zip(image_rows(params, inputs), params, outs, strict=True):
-        _write(out, Rendered(pixels), image, inputs)
-
-
-def _write(out: Path, image: Rendered, params: Image, inputs: Inputs) -> None:
-    write_image(out, "image", image, params.exposure, tracer_alone(inputs, params.exposure.seed))
+        images = list(map(Rendered, image_rows(params, inputs)))
+    for rendered, out in zip(images, outs, strict=True):
+        write_image(out, "image", rendered, exposure, tracer_alone(inputs, exposure.seed))
 
 
 def _from_passes(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:

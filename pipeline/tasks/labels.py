@@ -29,13 +29,8 @@ _HALF = 0.5
 """Least share of a target in the light of a pixel of its box [1]."""
 
 
-def labels_tile(params: LabelsTile, inputs: Inputs, out: Path) -> None:
-    """Some rows of the labels, for the task `labels`."""
-    labels_tile_together([params], inputs, [out])
-
-
-def labels_tile_together(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """The same rows of several frames, which share their rays."""
+def labels_tile(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The same rows of the labels of frames, which share their rays, for the task `labels`."""
     rig, samples = imaged_rig(inputs, params[0].exposure), params[0].exposure.samples
 
     def seen(some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:

@@ -30,7 +30,8 @@ class Task:
     `params`: plain values, part of the key.
     `reads`: role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     `together`: tasks of one kind with the same value here have the same inputs and may run together to share work. It
-    is not part of the key, because the outputs are the same. A function `run` has a sibling `run_together` of lists.
+    is not part of the key, because the outputs are the same. A function that takes them annotates its params as a
+    `Sequence`, and is given as many folders.
     """
 
     name: str

@@ -60,14 +60,17 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTask:
-    """A task of a plan: cached, run, or maybe, if early cutoff may save it; then its key and spec are not known."""
+    """A task of a plan: cached, run, or maybe, if early cutoff may save it; then its spec is not known."""
 
     name: str
     kind: str
     state: str
-    key: str | None
     reasons: tuple[Reason, ...] = ()
     spec: Spec | None = None
+
+    @property
+    def key(self) -> str | None:
+        return self.spec.key if self.spec else None
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -139,8 +142,7 @@ def plan(
 
 
 def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -> PlannedTask:
-    key = spec.key if spec else None
-    return PlannedTask(name=task.name, kind=task.short_kind, state=state, key=key, reasons=tuple(reasons), spec=spec)
+    return PlannedTask(name=task.name, kind=task.short_kind, state=state, reasons=tuple(reasons), spec=spec)
 
 
 def _why_missing(

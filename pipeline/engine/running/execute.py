@@ -15,7 +15,7 @@ import time
 import traceback
 import typing
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -131,16 +131,14 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
-        module, name = importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run"
-        record = typing.get_type_hints(getattr(module, name)).get("params")
-        params = [
-            from_plain(record, each) if isinstance(record, type) and is_dataclass(record) else each for each in plain
-        ]
         work().news = ""
-        if count > 1:
-            getattr(module, f"{name}_together")(params, inputs, outs)
+        run = getattr(importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run")
+        record = typing.get_type_hints(run).get("params", Any)
+        if typing.get_origin(record) is Sequence:  # it takes tasks in company
+            (record,) = typing.get_args(record)
+            run([from_plain(record, each) for each in plain], inputs, outs)
         else:
-            getattr(module, name)(params[0], inputs, outs[0])
+            run(from_plain(record, plain[0]), inputs, outs[0])
         _refuse_edited_code(kind)
         store.confirm(read.values())  # the task has read the verified bytes
         made_by = Run(

@@ -19,30 +19,10 @@ from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import METHOD
 
 COLUMNS = (
-    "frame",
-    "camera",
-    "target",
-    "point_id",
-    "microlens_k",
-    "microlens_l",
-    "microlens_type",
-    "x_px",
-    "y_px",
-    "sigma_x_px",
-    "sigma_y_px",
-    "target_x_mm",
-    "target_y_mm",
-    "target_z_mm",
-    "camera_x_mm",
-    "camera_y_mm",
-    "camera_z_mm",
-    "hit_fraction",
-    "visibility",
-    "blur_xx_px2",
-    "blur_xy_px2",
-    "blur_yy_px2",
-    "rho_px",
-    "method",
+    *("frame", "camera", "target", "point_id", "microlens_k", "microlens_l", "microlens_type"),
+    *("x_px", "y_px", "sigma_x_px", "sigma_y_px"),
+    *("target_x_mm", "target_y_mm", "target_z_mm", "camera_x_mm", "camera_y_mm", "camera_z_mm"),
+    *("hit_fraction", "visibility", "blur_xx_px2", "blur_xy_px2", "blur_yy_px2", "rho_px", "method"),
 )
 
 TIME = ("t_s", "motion_xx_px2", "motion_xy_px2", "motion_yy_px2", "lines")

@@ -62,13 +62,6 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InChannel:
-    """The light of a channel; its name is left out."""
-
-    channel: Channel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BehindWindows:
     """Windows that stand before a camera, and the wavelength of its own indices."""
 
@@ -88,7 +81,7 @@ class VariedCamera:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettledCamera:
     asked: AskedCamera
-    channel: InChannel | None
+    channel: Channel | None
     windows: BehindWindows | None
 
 

@@ -3,16 +3,12 @@
 import os
 import signal
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 
 
-def run(params, inputs, out):
-    """One alone."""
-    run_together([params], inputs, [out])
-
-
-def run_together(params, inputs, outs):
-    """Several at once."""
+def run(params: Sequence[dict], inputs, outs):
+    """One or several at once."""
     names = [one["name"] for one in params]
     Path(params[0]["folder"], f"ran-{'+'.join(sorted(names))}-{uuid.uuid4().hex}").touch()
     for one, out in zip(params, outs, strict=True):
