@@ -169,10 +169,12 @@ def plenoptic(results: Results) -> list[Table]:
     return [*made, missing(results)]
 
 
+_POSITIONS = {"exact": "exact", "unmirrored": "exact, less mirrored", "noise": "noise", "own": "own corners"}
+
+
 def _calibrations(judged: Results) -> Iterator[list[str]]:
     """The residual that each prints, and what is true of it."""
-    kinds = {"exact": "exact", "unmirrored": "exact, less mirrored", "noise": "noise", "own": "own corners"}
-    for kind, positions in kinds.items():
+    for kind, positions in _POSITIONS.items():
         if kind in judged:
             one = judged[kind]
             field, depth = np.array(one["field_px"]), np.abs(one["depth_mm"])
@@ -192,6 +194,12 @@ def _parameters(judged: Results) -> Iterator[list[str]]:
         spread_ = judged.get("spread", {}).get(key)
         values = [f"{value:.6g}" for value in (true, judged["exact"]["parameters"][key])]
         yield [key, *values, NOTHING if spread_ is None else f"{spread_:.2g}"]
+
+
+def _types(judged: Results) -> Iterator[list[str]]:
+    """Microlenses whose type is right."""
+    for kind, share in judged.get("types", {}).items():
+        yield [_POSITIONS[kind], f"{100 * share:.0f} %"]
 
 
 def _centres(judged: Results) -> Iterator[list[str]]:
@@ -234,6 +242,7 @@ _ANSWERS: dict[str, tuple[str, Callable[[Results], Iterator[list[str]]]]] = {
         _calibrations,
     ),
     "Parameters": ("parameter, first order, from exact rows, spread by noise", _parameters),
+    "Types of microlenses by their focal lengths": ("positions, right", _types),
     "Centres of micro-images": (
         "found, rms px to centre, rms px to centroid, rms px to exit pupil, bias px to centroid",
         _centres,

@@ -295,3 +295,14 @@ def test_a_dark_view_has_no_viewpoint_and_no_shift():
 
     assert np.isnan(refocus.viewpoint_mm(ready, centre_px, (4.0, 0.0))[1])
     assert set(refocus.shifts(camera, 4.0)) == {None}
+
+
+def test_who_mixes_types_or_their_order_is_wrong_about_them():
+    true_mm = np.tile([1.9, 2.1, 2.3], 20)
+    swapped = np.tile([0.5, 0.7, 0.6], 20)
+    mixed = np.where(np.arange(60) < 6, np.roll(true_mm, 1), true_mm)
+    unknown = np.where(np.arange(60) < 30, np.nan, true_mm)
+
+    assert judging.types_right(0.3 * true_mm, true_mm) == judging.types_right(unknown, true_mm) == 1.0
+    assert judging.types_right(swapped, true_mm) == pytest.approx(1 / 3)
+    assert judging.types_right(mixed, true_mm) == pytest.approx(0.9)

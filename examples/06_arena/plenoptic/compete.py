@@ -18,7 +18,7 @@ import plenoptisign
 import refocus
 from cameras import Rig, write_stage
 from environments import Failed
-from judging import Answer, Calibration, centre_errors, disparity_errors, judged
+from judging import Answer, Calibration, centre_errors, disparity_errors, judged, types_right
 from task import write_task
 from truth import Model, Truth, from_opencv, read_table, truth_of
 
@@ -143,8 +143,15 @@ def libpleno_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> 
         return _calibration(truth, one, models.libpleno(camera, index, rows), models.libpleno_values(camera))
 
     kinds = {kind: calibration(answer[kind]) for kind in ("exact", "unmirrored", "own") if kind in answer}
+    focals_mm = np.array(truth.rig.focal_mm)
     true = dict(list(baseline.thin_lens_floor(truth).true.items())[:3])
+    true |= {f"f{number}_mm": value for number, value in enumerate(truth.rig.focal_mm)}
     result = judged(truth, kinds, [*map(calibration, answer["noise"])], true)
+    if len(focals_mm) > 1:
+        true_mm = focals_mm[truth.ready.rig.tracer.lattice.type]
+        result["types"] = {
+            kind: types_right(models.libpleno_focals_mm(answer[kind]["camera"], index, rows), true_mm) for kind in kinds
+        }
     if "corners" in answer:
         result["corners"] = corners_judged(answer["corners"], read_table(export / "features.csv"), table)
     return result | ({"failed": answer["failed"]} if "failed" in answer else {})

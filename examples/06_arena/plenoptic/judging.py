@@ -168,6 +168,16 @@ def centre_errors(
     return result
 
 
+def types_right(focals_mm: np.ndarray, true_mm: np.ndarray) -> float:
+    """Share of microlenses (n,) whose focal length stands among those of a program where the true one stands among the
+    true ones: who mixes two types, or calls the longer one the shorter, is wrong about both. NaN, of microlenses that
+    the program does not know, does not count.
+    """
+    known = np.isfinite(focals_mm)
+    theirs, true = (np.unique(values[known], return_inverse=True)[1] for values in (focals_mm, true_mm))
+    return float(np.mean(theirs == true))
+
+
 def disparity_errors(
     rows: Rows, true_centre_px: np.ndarray, pitch_px: float, centre_px: np.ndarray, disparity_px: np.ndarray
 ) -> dict[str, float]:

@@ -116,6 +116,15 @@ def libpleno_values(camera: dict[str, Any]) -> dict[str, float]:
     } | {f"f{n}_mm": float(value) for n, value in enumerate(np.ravel(camera["mla"]["focal_lengths"]))}
 
 
+def libpleno_focals_mm(camera: dict[str, Any], index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Focal length that an intrinsics.js gives each true microlens, by its rule of types for hexagonal rows
+    (processing/tools/lens.h); NaN where it knows none."""
+    focals_mm = np.ravel(camera["mla"]["focal_lengths"]).astype(float)
+    count, (k, l) = len(focals_mm), index.T
+    kind = (l % (count - 1) + k) % count if count > 1 else np.zeros(len(index), int)
+    return np.where(rows >= 0, focals_mm[kind[rows]], np.nan)
+
+
 def camera_from_board(pose: dict[str, Any]) -> np.ndarray:
     """A pose of libpleno, which takes the camera's frame to the board's, the other way round, (4, 4)."""
     return np.asarray(np.linalg.inv(_pose(pose)))
