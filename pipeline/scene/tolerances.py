@@ -23,6 +23,7 @@ from pipeline.scene.write.text import lay_over, text_of
 _OF = "plen:tolerance:of"
 _NORMAL = NormalDist()
 _FIELDS = ("distribution", "spread", "limit")
+_QUATERNIONS = ("quatd", "quatf", "quath")
 _BITS = 52
 """Bits of a random number: its middle is then a double that is neither 0 nor 1."""
 
@@ -103,6 +104,8 @@ def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
         if reason := _why_fixed(attribute, samples):
             message = f"<{path}> can have no tolerance: {reason}"
             hint = "name a property that holds finite numbers with a point; a plane may have a radius of 1e6"
+            if attribute and str(attribute.GetTypeName()) in _QUATERNIONS:
+                hint = "add an operation such as xformOp:rotateXYZ:asBuilt of (0, 0, 0), and name that"
             yield problem(relationship, "no-tolerance", message, hint=hint)
             continue
         for other in before:

@@ -42,6 +42,14 @@ def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, common_store):
     assert verdict.cameras["Rig.Camera"]["rows"] > 0
 
 
+def test_a_build_without_pictures_agrees(conventional_build, tmp_path, common_store):
+    """Members of ensembles have none."""
+    stage = shutil.copy(conventional_build / "dataset.usda", tmp_path / "stage.usda")
+    made(stage, tmp_path / "out", common_store, pictures=False)
+    assert not list((tmp_path / "out").rglob("*.exr"))
+    assert verify(tmp_path / "out", seed=4).agrees
+
+
 def sign(out, name):
     """Write size and digest of a file, as it is now, into the manifest."""
     data, path = (out / name).read_bytes(), out / "manifest.json"

@@ -181,12 +181,22 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             yield problem(prim.GetAttribute(name), code, message, hint=hint)
 
 
+def _existing(stage: Usd.Stage, missing: Sdf.Path, wanted: str | None) -> list[str]:
+    """Paths of what a relationship may have meant by a path to nothing: prims of the wanted type, or properties."""
+    if not missing.IsPropertyPath():
+        return [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)]
+    if prim := stage.GetPrimAtPath(missing.GetPrimPath()):
+        return [str(given.GetPath()) for given in prim.GetProperties()]
+    return [str(prim.GetPath().AppendProperty(missing.name)) for prim in stage.TraverseAll()
+            if prim.HasProperty(missing.name)]  # fmt: skip
+
+
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = _wanted_target(relationship.GetPrim(), name)
     missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
-    fitting = [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)] if missing else []
     for path in missing[:_TARGETS_NAMED]:
+        fitting = _existing(stage, path, wanted)
         is_telling = wanted not in (None, "Imageable") and fitting  # nearly all prims are imageable
         there = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if is_telling else None
         hint = did_you_mean(str(path), fitting) or there
