@@ -65,6 +65,11 @@ def even_angles(count: int) -> np.ndarray:
     return 2 * np.pi * np.arange(count) / count
 
 
+def unit_vectors(angle: Float64[np.ndarray, "..."]) -> np.ndarray:
+    """Unit vectors in directions from +x towards +y, (..., 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
 class Corners(NamedTuple):
     """Corners of regions: rows of the regions, ascending, and directions from their inner points, ascending [rad]."""
 

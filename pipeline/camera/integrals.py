@@ -58,7 +58,7 @@ class Bundles:
         x_px = np.where(self.known[:, None], self.x_px, 0.0)
         return replace(self, x_px=x_px, microlens=np.where(self.known, self.microlens, SKIP))
 
-    def only(self, rows: Bool[np.ndarray, "n"] | slice) -> "Bundles":
+    def only(self, rows: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"] | slice) -> "Bundles":
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.figures.equivalent_pinhole import IMAGINARY
 from pipeline.fits.field import FieldRays, FitError
 from pipeline.frames import on_tilted
 
@@ -187,8 +188,6 @@ MODELS = {model.name: model for model in _ALL}
 """Name -> model, in the order of `pipeline fit --list`."""
 
 
-_IMAGINARY = 1e-30
-"""Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""
 _SETTLED = 1e-15
 """Relative change of parameters or of the sum of squares that ends a fit [1]: a few roundings."""
 _WIDE = "choose a model for wide fields: --model fisheye, kannala-brandt, ftheta, eucm or double-sphere"
@@ -266,8 +265,8 @@ def least(off: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ranges: np
     from scipy.optimize import least_squares
 
     def slopes(p: np.ndarray) -> np.ndarray:
-        tilted = p + _IMAGINARY * 1j * np.eye(len(p))
-        return np.stack([off(row).imag for row in tilted], axis=1) / _IMAGINARY
+        tilted = p + IMAGINARY * 1j * np.eye(len(p))
+        return np.stack([off(row).imag for row in tilted], axis=1) / IMAGINARY
 
     low, rest, high = ranges.T
     held = np.isfinite(rest)

@@ -17,11 +17,10 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pipeline.camera.figures.equivalent_pinhole import IMAGINARY
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 
-_IMAGINARY = 1e-30
-"""Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken."""
 _NOTHING = 1e-13
 """Share of the largest eigenvalue below which a direction of scaled parameters is undetermined [1]: roundings of sums
 of some thousand squares are 1e-15 of it."""
@@ -188,10 +187,10 @@ def derivatives(
     project: Project, p: np.ndarray, points: np.ndarray, of_rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of projections by parameters (n, 2, m) and by points (n, 2, 3), by complex steps."""
-    h = 1j * _IMAGINARY
+    h = 1j * IMAGINARY
     by_own = [project(p + h * axis, points, of_rows).imag for axis in np.eye(len(p))]
     by_point = [project(p.astype(complex), points + h * axis, of_rows).imag for axis in np.eye(3)]
-    return np.stack(by_own, axis=-1) / _IMAGINARY, np.stack(by_point, axis=-1) / _IMAGINARY
+    return np.stack(by_own, axis=-1) / IMAGINARY, np.stack(by_point, axis=-1) / IMAGINARY
 
 
 def _by_pose(by_point: np.ndarray, points: np.ndarray, pivot: np.ndarray) -> np.ndarray:

@@ -76,8 +76,6 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
 def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm: np.ndarray) -> list[View]:
     """The views of a camera, one for each target in each frame that shows enough points of it."""
     lattice, views = ready.rig.tracer.lattice, []
-    axial = [] if lattice is None else zip(lattice.k.tolist(), lattice.l.tolist(), strict=True)
-    row_of = {pair: row for row, pair in enumerate(axial)}
     for view in camera.views:
         rows = view.correspondences
         if lattice is not None:
@@ -88,8 +86,7 @@ def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm:
                 continue
             vertices = np.zeros((len(seen), 0))
             if lattice is not None:
-                pairs = zip(seen.microlens_k.tolist(), seen.microlens_l.tolist(), strict=True)
-                vertices = ready.rig.tracer.vertices_mm[[row_of[pair] for pair in pairs]]
+                vertices = ready.rig.tracer.vertices_mm[lattice.rows(seen.microlens_k, seen.microlens_l)]
             moved = pose.copy()
             moved[:3, 3] -= centre_mm
             x_px = np.stack([seen.x_px, seen.y_px], axis=1).astype(float)

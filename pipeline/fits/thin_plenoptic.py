@@ -92,9 +92,8 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
         raise FitError(
             f"{is_full.sum()} positions in full light of {len(points)} points are too few to fit a thin lens"
         )
-    row_of = {pair: row for row, pair in enumerate(zip(lattice.k.tolist(), lattice.l.tolist(), strict=True))}
-    assert images.microlens is not None and images.microlens_type is not None
-    vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in images.microlens.tolist()]]
+    assert images.microlens is not None
+    vertices = camera.rig.tracer.vertices_mm[lattice.rows(*images.microlens.T)]
     seen, wanted = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
 
     def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:

@@ -92,6 +92,5 @@ def cells_of(rig: Rig, table: Table) -> np.ndarray:
     lattice = rig.tracer.lattice
     if lattice is None:
         return np.zeros(len(table.columns["x_px"]), np.int64)
-    numbers = {pair: row for row, pair in enumerate(zip(lattice.k.tolist(), lattice.l.tolist(), strict=True))}
-    k, l = (table.numbers(name).astype(int).tolist() for name in ("microlens_k", "microlens_l"))
-    return np.array([numbers[pair] for pair in zip(k, l, strict=True)], np.int64)
+    k, l = (table.numbers(name).astype(np.int64) for name in ("microlens_k", "microlens_l"))
+    return lattice.rows(k, l)

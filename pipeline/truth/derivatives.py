@@ -100,9 +100,7 @@ def _same(microlens: np.ndarray, here: Lattice | None, there: Lattice | None) ->
     """Rows in another lattice of microlenses of one; SKIP: it has none. A pitch decides how many lie on an array."""
     if here is None or there is None or (np.array_equal(here.k, there.k) and np.array_equal(here.l, there.l)):
         return microlens
-    rows = {pair: row for row, pair in enumerate(zip(there.k.tolist(), there.l.tolist(), strict=True))}
-    pairs = zip(here.k[microlens].tolist(), here.l[microlens].tolist(), strict=True)
-    return np.array([rows.get(pair, SKIP) for pair in pairs], np.int64)
+    return there.rows(here.k[microlens], here.l[microlens], SKIP)
 
 
 def _rates(

@@ -64,6 +64,11 @@ class Correspondences:
         }
         return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), **columns)
 
+    def recounted(self, **counts: int) -> "Correspondences":
+        """The same rows with further counts, behind which that of the rows comes anew."""
+        before = {name: count for name, count in self.counts.items() if name != "rows"}
+        return dataclasses.replace(self, counts={**before, **counts})
+
     def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
         """The same rows in the order of the table; `axial` holds k and l of all cells."""
         return self.only(np.lexsort((*axial[self.solutions.cell].T, self.solutions.point)))

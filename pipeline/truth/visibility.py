@@ -4,7 +4,6 @@ of it.
 J ignores obstacles: it uses all rays that leave the camera. Rows whose share is 0 do not exist.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -48,13 +47,12 @@ class PointBundles(NamedTuple):
 def seen(rows: Correspondences, share: Float64[np.ndarray, "n"]) -> tuple[Correspondences, np.ndarray]:
     """The rows that are not hidden by their visibility, with counts of the hidden ones, and their visibility, (m,)."""
     kept = share != 0  # NaN (unknown) does not mean hidden
-    counts = {name: count for name, count in rows.counts.items() if name != "rows"}
-    counts |= {
-        "dropped_hidden": int(np.sum(~kept)),
-        "partly_hidden": int(np.sum((share > 0) & (share < 1))),
-        "rows": int(np.sum(kept)),
-    }
-    return dataclasses.replace(rows.only(kept), counts=counts), share[kept]
+    seen_rows = rows.only(kept).recounted(
+        dropped_hidden=int(np.sum(~kept)),
+        partly_hidden=int(np.sum((share > 0) & (share < 1))),
+        rows=int(np.sum(kept)),
+    )
+    return seen_rows, share[kept]
 
 
 def visibility(

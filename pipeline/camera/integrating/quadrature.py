@@ -101,7 +101,7 @@ class Edges(Ways):
         owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], least)
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
-            along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            along = boundary.unit_vectors(angle)
             ways = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
             whole, rule = np.zeros(n, bool), Rule(*boundary.unit_nodes(nodes[0]))
             given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
@@ -323,7 +323,7 @@ def bundle_hits(
     owner, angle = ways.spokes(directions)
     radius, _, limit, _ = ways.find(owner, angle)
     held, _ = holds_all(ways, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
-    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = boundary.unit_vectors(angle)
     points = ways.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
     shape, hit = (n, directions, len(shares)), edge_kernels.empty_hits(n * directions * len(shares))
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)

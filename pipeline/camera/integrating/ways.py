@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.boundary import even_angles
+from pipeline.camera.boundary import even_angles, unit_vectors
 from pipeline.camera.integrating import edge_kernels, edge_search
 from pipeline.camera.integrating.edge_search import PASSES, Spokes
 from pipeline.camera.tracing.records import CameraArrays
@@ -92,7 +92,7 @@ class Ways:
     def all_over(self, rows: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Points of some regions up to their very edge, (rows, m, 2)."""
         owner, angle = np.repeat(rows, _AROUND), np.tile(even_angles(_AROUND), len(rows))
-        way = self.find(owner, angle).radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        way = self.find(owner, angle).radius[:, None] * unit_vectors(angle)
         return (self.centres[owner, None] + _OUTWARDS[:, None] * way[:, None]).reshape(len(rows), -1, 2)
 
     def nothing_beyond(

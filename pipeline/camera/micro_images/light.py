@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.boundary import unit_nodes
+from pipeline.camera.boundary import unit_nodes, unit_vectors
 from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.micro_images.pupil_images import BY_X, BY_Y, FILLED, LIGHT, RIM, SUMS, Apertures, Contours, Pencils
 from pipeline.camera.parts.errors import CameraError
@@ -92,8 +92,7 @@ def _stretch(
     centroid, area = np.full_like(middle, np.nan), np.where(lit, sums[:, FILLED], np.nan)
     centroid[lit] = middle[lit] + sums[lit, BY_X : BY_Y + 1] / sums[lit, LIGHT, None]
     # The image is the sensor frame, turned by 180 degrees about z.
-    angle = np.deg2rad(OUTLINE_DEG)
-    along = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = -unit_vectors(np.deg2rad(OUTLINE_DEG))
     unobstructed = camera._replace(table=parts[0][1])
     outer = Apertures(unobstructed, Pencils(rows, kind, points), shares)
     pupil = outer.reach(np.nan_to_num(centroid), along, limit)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, widened
+from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, unit_vectors, widened
 from pipeline.camera.integrating.edge_kernels import probe
 from pipeline.camera.integrating.edge_search import PASSES
 from pipeline.camera.tracing.acceptance import accepted_share, is_limited
@@ -177,7 +177,7 @@ class Apertures:
         lit = self._settle(owner, which, bases, limit)
         tips = _Tips(owner, which, bases, limit[owner])
         row, angle = np.repeat(np.arange(n * m), DIRECTIONS), np.tile(even_angles(DIRECTIONS), n * m)
-        radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, _circle(angle)))
+        radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, unit_vectors(angle)))
         off, is_round = _middles(radius, blocker)
         sums, rounds = np.zeros((n, SUMS)), np.repeat(lit & is_round, DIRECTIONS)
         share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
@@ -231,7 +231,7 @@ class Apertures:
         lit = self._passes(owner, which, bases)
         dark = np.flatnonzero(~lit)
         number = np.arange(_SPREAD)
-        spiral = np.sqrt(number / _SPREAD)[:, None] * _circle(number * _GOLDEN_RAD)
+        spiral = np.sqrt(number / _SPREAD)[:, None] * unit_vectors(number * _GOLDEN_RAD)
         tried = bases[dark, None] + limit[owner[dark], None, None] * spiral
         passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(which[dark], _SPREAD), tried.reshape(-1, 2))
         moved = inner_points(tried, passes.reshape(-1, _SPREAD))
@@ -245,12 +245,16 @@ class Apertures:
         passes = self._passes(tips.owner, tips.which, moved)
         tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
         even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
-        label = self._edges(tips, even[0], _circle(even[1]))[1].reshape(-1, DIRECTIONS)
-        edge_corners = corners(lambda row, angle: self._edges(tips, row, _circle(angle))[1], rows, label, _CORNER_STEPS)
+        label = self._edges(tips, even[0], unit_vectors(even[1]))[1].reshape(-1, DIRECTIONS)
+
+        def label_at(row: np.ndarray, angle: np.ndarray) -> np.ndarray:
+            return self._edges(tips, row, unit_vectors(angle))[1]
+
+        edge_corners = corners(label_at, rows, label, _CORNER_STEPS)
         row, angle, share = directions(rows, edge_corners, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
         order = np.lexsort((angle, row))
         row, angle, share = row[order], angle[order], share[order]
-        return _sectors(tips, row, angle, self._edges(tips, row, _circle(angle))[0], share)
+        return _sectors(tips, row, angle, self._edges(tips, row, unit_vectors(angle))[0], share)
 
 
 class _Tips(NamedTuple):
@@ -269,18 +273,13 @@ class _Tips(NamedTuple):
 def _sectors(tips: _Tips, row: np.ndarray, angle: np.ndarray, radius: np.ndarray, share: np.ndarray) -> Sectors:
     """Sectors at the tips of some rows (f,)."""
     owner, which, bases, _ = tips.only(row)
-    return Sectors(owner, which, bases, _circle(angle), radius, share)
-
-
-def _circle(angle: np.ndarray) -> np.ndarray:
-    """Unit vectors, (..., 2)."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return Sectors(owner, which, bases, unit_vectors(angle), radius, share)
 
 
 def _middles(radius: np.ndarray, blocker: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middles of regions (p, directions) from their bases, and whether one thing blocks all around near a middle."""
     area = np.maximum(1.5 * (radius**2).sum(axis=1), np.finfo(float).tiny)
-    off = (radius**3) @ _circle(even_angles(DIRECTIONS)) / area[:, None]
+    off = (radius**3) @ unit_vectors(even_angles(DIRECTIONS)) / area[:, None]
     same = (blocker == blocker[:, :1]).all(axis=1)
     return off, same & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
 

@@ -27,6 +27,12 @@ class Lattice:
     y_mm: Float64[np.ndarray, "n"]
     z_mm: Float64[np.ndarray, "n"]  # height above microlens (0, 0), positive towards the scene; 0 without tilt
 
+    def rows(self, k: Int64[np.ndarray, "m"], l: Int64[np.ndarray, "m"], missing: int | None = None) -> np.ndarray:
+        """Rows of microlenses by their axial indices, (m,); KeyError, or `missing`, where the array has none."""
+        row_of = {pair: row for row, pair in enumerate(zip(self.k.tolist(), self.l.tolist(), strict=True))}
+        pairs = list(zip(k.tolist(), l.tolist(), strict=True))
+        return np.array([row_of[p] if missing is None else row_of.get(p, missing) for p in pairs], np.int64)
+
 
 def lattice(array: MicrolensArray) -> Lattice:
     """All microlenses whose vertex lies in the array's rectangle [-w/2, w/2) x [-h/2, h/2) around its centre.

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.boundary import even_angles, halved, inner_points
+from pipeline.camera.boundary import even_angles, halved, inner_points, unit_vectors
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
@@ -170,8 +170,7 @@ def edges(
 
 def directions_of(count: int) -> np.ndarray:
     """Unit vectors at even angles from +x, (count, 2)."""
-    angle = even_angles(count)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return unit_vectors(even_angles(count))
 
 
 def supports(points: Float64[np.ndarray, "n m 2"]) -> np.ndarray:

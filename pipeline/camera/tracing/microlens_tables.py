@@ -8,6 +8,7 @@ sampling, with a margin measured on real rays; every ray is clipped exactly wher
 
 import numpy as np
 
+from pipeline.camera.boundary import unit_vectors
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, tilt
@@ -174,7 +175,7 @@ class _LinearMaps:
             for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
                 vertex, which, aims = rows[microlens, :2], np.full(_TRIALS, microlens), np.empty((_TRIALS, 2))
                 angle, far = rng.uniform(0, 2 * np.pi, _TRIALS), around * np.sqrt(rng.uniform(0, 1, _TRIALS))
-                starts = vertex + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+                starts = vertex + far[:, None] * unit_vectors(angle)
                 points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
                 aims_for(self.arrays, which, starts, points, aims)
                 inflation = max(inflation, float((((aims - vertex) @ normal.T) / inradius).max() - 1))

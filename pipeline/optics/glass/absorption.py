@@ -4,18 +4,16 @@ Between two entries the coefficient of absorption is linear, so the logarithm of
 that is stated for 10 mm and for 25 mm is then the same glass at every wavelength.
 """
 
-import gzip
 import math
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
+from pipeline.optics.glass.catalogue import rows_of
 from pipeline.optics.glass.medium import GlassError, Medium, OutOfRange
 
-_TABLE = Path(__file__).with_name("absorption.csv.gz")
 BAD_ABSORPTION = "internal-transmittance"
 """Code of an internal transmittance that no glass has."""
 
@@ -67,7 +65,7 @@ def measured(medium: Medium) -> Absorption | None:
     if row is None:
         hint = 'write "plen:internalTransmittanceTable" on the surface, with its source'
         raise GlassError(f"the absorption of {medium.label} is not known", hint=hint, code="unknown-absorption")
-    wavelengths_um, extinction = (np.array(text.split(), float) for text in row)
+    wavelengths_um, extinction = (np.array(text.split(), float) for text in (row["wavelengths_um"], row["k"]))
     # a = 4 pi k / wavelength, with the extinction coefficient k of the complex index (Born and Wolf, section 14.1).
     coefficients = 4 * np.pi * extinction / (1000 * wavelengths_um) * 1e6
     nm = tuple((1000 * wavelengths_um).tolist())
@@ -75,8 +73,6 @@ def measured(medium: Medium) -> Absorption | None:
 
 
 @cache
-def _rows() -> dict[str, tuple[str, str]]:
-    """Wavelengths [um] and extinction coefficients of each glass, as texts, by `vendor:name` in small letters."""
-    with gzip.open(_TABLE, "rt", encoding="utf-8") as stream:
-        rows = (line.rstrip("\n").split(",") for line in list(stream)[1:])
-        return {f"{vendor}:{glass}".casefold(): (wavelengths, k) for vendor, glass, wavelengths, k in rows}
+def _rows() -> dict[str, dict[str, str]]:
+    """Wavelengths [um] and extinction coefficients k of each glass, by `vendor:name` in small letters."""
+    return {f"{row['vendor']}:{row['glass']}".casefold(): row for row in rows_of("absorption.csv.gz")}

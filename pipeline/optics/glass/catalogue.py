@@ -14,7 +14,6 @@ from pathlib import Path
 
 from pipeline.optics.glass.medium import Dispersion, GlassError, Medium, Polynomial, Sellmeier
 
-_TABLE = Path(__file__).with_name("catalogue.csv.gz")
 _NEAR_NAMES = 4
 """Names that a hint has at most: more would not be read."""
 
@@ -88,7 +87,12 @@ def catalogue() -> tuple[Glass, ...]:
 
 @cache
 def _table() -> list[dict[str, str]]:
-    with gzip.open(_TABLE, "rt", encoding="utf-8", newline="") as stream:
+    return rows_of("catalogue.csv.gz")
+
+
+def rows_of(table: str) -> list[dict[str, str]]:
+    """Rows of a table that ships beside this module."""
+    with gzip.open(Path(__file__).with_name(table), "rt", encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 

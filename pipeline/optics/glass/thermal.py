@@ -5,16 +5,12 @@ those of the index in vacuum; the catalogue's own index is relative to air, and 
 glass's temperature.
 """
 
-import csv
-import gzip
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
+from pipeline.optics.glass.catalogue import rows_of
 from pipeline.optics.glass.fluids import vacuum_index_of_air
 from pipeline.optics.glass.medium import GlassError
-
-_TABLE = Path(__file__).with_name("thermal.csv.gz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,5 +65,4 @@ def thermal(label: str) -> Thermal:
 
 @cache
 def _rows() -> dict[str, dict[str, str]]:
-    with gzip.open(_TABLE, "rt", encoding="utf-8", newline="") as stream:
-        return {f"{row['vendor']}:{row['glass']}": row for row in csv.DictReader(stream)}
+    return {f"{row['vendor']}:{row['glass']}": row for row in rows_of("thermal.csv.gz")}

@@ -88,7 +88,7 @@ def _integrated(
     moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
     rows = np.arange(len(x_px))
     for level in range(1, LEVELS):
-        integral = integrals(rig.tracer, _some(bundles, rows), level)
+        integral = integrals(rig.tracer, bundles.only(rows), level)
         moments[rows], error[rows] = integral.moments, errors_px(px_per_mm[rows], integral)
         is_done = np.isnan(integral.moments[:, 0]) | (np.hypot(*error[rows].T) < accuracy_px)
         rows = rows[~is_done]
@@ -103,7 +103,7 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
     lacking = np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2)))
     for axis in range(2 if len(lacking) else 0):
         step = _DIFFERENCE_PX * np.eye(2)[axis]
-        some = _some(bundles, lacking)
+        some = bundles.only(lacking)
         ends = (
             integrals(rig.tracer, Bundles(some.x_px + sign * step, some.microlens, some.planes, rig.square_px), 0)
             for sign in (1, -1)
@@ -111,10 +111,6 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
         plus, minus = (integral.moments[:, :2] for integral in ends)
         jacobian[lacking, :, axis] = (plus - minus) / (2 * _DIFFERENCE_PX)
     return inverse(jacobian)
-
-
-def _some(bundles: Bundles, rows: np.ndarray) -> Bundles:
-    return Bundles(bundles.x_px[rows], bundles.microlens[rows], bundles.planes[rows], bundles.square_px)
 
 
 _APART_MM = 10.0
@@ -261,11 +257,12 @@ def with_own_bundles(
     hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
     hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
-    counts = {name: count for name, count in rows.counts.items() if name != "rows"}
-    counts["dropped_hit_fraction"] = counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept))
-    counts |= {"rays_of_bundles": bundles.rays + rays, "rows": int(kept.sum())}
-    traced = dataclasses.replace(rows, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px, counts=counts)
-    return traced.only(kept)
+    traced = dataclasses.replace(rows, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px)
+    return traced.only(kept).recounted(
+        dropped_hit_fraction=rows.counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept)),
+        rays_of_bundles=bundles.rays + rays,
+        rows=int(kept.sum()),
+    )
 
 
 def polished(
@@ -284,13 +281,12 @@ def polished(
     new = ~np.isin(everywhere.point * width + everywhere.cell, rows.point * width + rows.cell)
     added = solve(rig, everywhere.only(new), planes, *limits)
     whole = estimated.only(trusted).joined(mended).joined(added)
-    counts = {name: count for name, count in estimated.counts.items() if name != "rows"}
-    counts |= {
-        "kept": int(trusted.sum()),
-        "polished": len(mended.solutions.point),
-        "added": len(added.solutions.point),
-        "inaccurate": mended.counts["inaccurate"] + added.counts["inaccurate"],
-        "rows": len(whole.solutions.point),
-        "rays_of_direct": mended.counts["rays"] + added.counts["rays"] + rays,
-    }
-    return dataclasses.replace(whole, counts=counts).sorted_by(rig.axial)
+    counted = whole.recounted(
+        kept=int(trusted.sum()),
+        polished=len(mended.solutions.point),
+        added=len(added.solutions.point),
+        inaccurate=mended.counts["inaccurate"] + added.counts["inaccurate"],
+        rows=len(whole.solutions.point),
+        rays_of_direct=mended.counts["rays"] + added.counts["rays"] + rays,
+    )
+    return counted.sorted_by(rig.axial)

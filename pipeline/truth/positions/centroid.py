@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.boundary import unit_nodes
+from pipeline.camera.boundary import even_angles, unit_nodes, unit_vectors
 from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -85,7 +85,7 @@ def _disc_images(
     look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
         return None
-    seen = _linear(look, radius_mm * _circle(16))
+    seen = _linear(look, radius_mm * unit_vectors(even_angles(16)))
     for order, rings, directions, *disc in (_ROUGH, _FINE):
         shares, weight = unit_nodes(rings)
         for _ in range(_BOXES):
@@ -95,7 +95,7 @@ def _disc_images(
             around = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
                 return None
-            seen = _seen(around, radius_mm * _circle(64))[0]
+            seen = _seen(around, radius_mm * unit_vectors(even_angles(64)))[0]
             # The box was an estimate; polynomials hold only a little beyond it.
             if (np.abs(seen - around.x_px) <= _LARGER * half).all():
                 break
@@ -112,7 +112,7 @@ def _light_and_centroid(
     around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]
 ) -> tuple[float, np.ndarray]:
     shares, weight = unit_nodes(disc[0])
-    points = radius_mm * (shares[:, None, None] * _circle(disc[1])).reshape(-1, 2)
+    points = radius_mm * (shares[:, None, None] * unit_vectors(even_angles(disc[1]))).reshape(-1, 2)
     x, density, area = _seen(around, points)
     light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
     # Every direction of the bundle and of the disc stands for the same angle.
@@ -153,8 +153,3 @@ def _jacobian(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
         change = _fields(around, x_px + axis) - _fields(around, x_px - axis)
         columns.append(change[..., :2] / (2 * np.hypot(*axis)))
     return np.stack(columns, axis=-1)
-
-
-def _circle(count: int) -> np.ndarray:
-    angle = 2 * np.pi * np.arange(count) / count
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
