@@ -62,6 +62,15 @@ class Bundles:
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 
+    def at_nodes(self, level: int) -> tuple["Bundles", np.ndarray]:
+        """Bundles of all nodes of the squares on which rays start, (n m,), and the shares of the nodes of one, (m,)."""
+        if not self.square_px > 0:
+            return self, np.ones(1)
+        offset, share = square_nodes(SQUARE_NODES[level])
+        x_px = (self.x_px[:, None] + self.square_px * offset).reshape(-1, 2)
+        microlens, planes = (np.repeat(values, len(share), axis=0) for values in (self.microlens, self.planes))
+        return Bundles(x_px, microlens, planes), share
+
 
 @dataclass(frozen=True, slots=True)
 class Integral:
@@ -115,15 +124,12 @@ def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int 
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
     result, rays, n = [], 0, len(bundles.x_px)
     for level in levels:
-        offset, share = square_nodes(SQUARE_NODES[level])
         moments, status = np.empty((n, COLUMNS)), np.empty(n, np.int64)
-        stretch = max(1, _NODES_AT_ONCE // (len(share) * NODES[level][0] * NODES[level][1]))
+        stretch = max(1, _NODES_AT_ONCE // (SQUARE_NODES[level] ** 2 * NODES[level][0] * NODES[level][1]))
         for first in range(0, n, stretch):
             here = slice(first, first + stretch)
-            some = bundles.only(here)
-            x = (some.x_px[:, None] + bundles.square_px * offset).reshape(-1, 2)
-            behind, on = (np.repeat(values, len(share), axis=0) for values in (some.microlens, some.planes))
-            ((values, outcome),), more = _over_points(tracer, Bundles(x, behind, on), [level], levels[-1])
+            nodes, share = bundles.only(here).at_nodes(level)
+            ((values, outcome),), more = _over_points(tracer, nodes, [level], levels[-1])
             moments[here] = mixed(values.reshape(-1, len(share), COLUMNS), share)
             status[here] = _worst(outcome.reshape(-1, len(share)))
             rays += more

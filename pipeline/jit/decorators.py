@@ -25,13 +25,12 @@ from pipeline.machine.processor import level, settings_of_numba
 _LOCK = threading.RLock()
 _TOLD = "PIPELINE_KERNEL_SOURCES"
 _PACKAGE = Path(__file__).resolve().parents[1]
-_DECORATED = re.compile(rb"^@(kernel|unit|inline|buffers)$", re.MULTILINE)
+_DECORATED = re.compile(rb"^@(kernel|unit|inline)$", re.MULTILINE)
 _OPTIONS = {"nogil": True, "error_model": "numpy", "cache": True, "no_cfunc_wrapper": True}
 _OF_KIND: dict[str, dict[str, Any]] = {
     "kernel": {},
     "unit": {"no_cpython_wrapper": True},
     "inline": {"no_cpython_wrapper": True, "forceinline": True},
-    "buffers": {"no_cpython_wrapper": True},
 }
 """Options of Numba beside those for all. Python calls drivers alone; of the others, what two processes need is kept for
 the second.
@@ -177,18 +176,13 @@ def kernel(function: Any) -> Any:
 
 
 def unit(function: Any) -> Any:
-    """Compile a function that kernels call once for many rays."""
+    """Compile a function that kernels call once for many rays, or for arrays that they work in."""
     return Kernel(function, "unit")
 
 
 def inline(function: Any) -> Any:
     """Compile a function that LLVM inlines into the loops of kernels."""
     return Kernel(function, "inline")
-
-
-def buffers(function: Any) -> Any:
-    """Compile a function that makes arrays for kernels."""
-    return Kernel(function, "buffers")
 
 
 def fma(a: float, b: float, c: float) -> float:

@@ -1,4 +1,5 @@
-"""Conics and aspheres: intersection and refraction of one ray, and of a packet of them. Units: `optics.crossing`.
+"""Conics, cylinders of their profiles, and aspheres: intersection and refraction of one ray, and of a packet of them.
+Units: `optics.crossing`.
 
 The intersection with a conic is the cancellation-free root of the quadratic next to the vertex: t = F / (G + sqrt(G^2 -
 A F)) with F = c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2), after moving the ray to the vertex plane. An
@@ -141,6 +142,21 @@ def _conic_root(c, conic, squared, across, dz):
     discriminant = g * g - c * (1.0 + conic * dz * dz) * f
     root = math.sqrt(max(discriminant, 0.0))
     return f / (g + root), root, discriminant
+
+
+@inline
+def through_cylinder(shape, mu, ray):
+    """The ray moved from the vertex plane to the cylinder of a conic, straight along x, and refracted there.
+
+    Seen along x it is a ray of the plane of y and z, where it meets the profile; what it has along x goes on straight.
+    """
+    share = math.sqrt(ray.dy * ray.dy + ray.dz * ray.dz)
+    met, normal = on_conic(shape, Ray(0.0, ray.y, ray.z, 0.0, ray.dy / share, ray.dz / share, ray.alive))
+    x = ray.x + (met.z - shape.vertex) / ray.dz * ray.dx
+    alive = met.alive if x * x + met.y * met.y <= shape.limit else 0.0
+    across = Ray(0.0, met.y, met.z, ray.dx, ray.dy, ray.dz, alive)
+    behind = bent(mu, across, Normal(share * normal.along, normal.slope, normal.upright))
+    return Ray(x, behind.y, behind.z, behind.dx, behind.dy, behind.dz, behind.alive)
 
 
 @inline

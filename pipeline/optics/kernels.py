@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import buffers, inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.optics import table as column
-from pipeline.optics.aspheres import cross_asphere, shape_of
+from pipeline.optics.aspheres import cross_asphere, shape_of, through_cylinder
 from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
     bent_at_plane,
@@ -30,7 +30,6 @@ from pipeline.optics.crossing import (
     to_vertex_plane,
     turned_ideally,
 )
-from pipeline.optics.cylinders import through_cylinder
 from pipeline.optics.reliefs import through_relief
 
 PACKET = 256
@@ -57,7 +56,7 @@ class Packet(NamedTuple):
     weight: np.ndarray
 
 
-@buffers
+@unit
 def new_packet():
     return Packet(
         np.empty(PACKET),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import buffers, inline, kernel
+from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.targets.drawing import DrawingArrays, check_colour, only_checks, whiteness
 from pipeline.targets.vectors import along, column, cross, dot, local, minus, row
 
@@ -137,7 +137,7 @@ def height_into(shape, u, v, result):
             result[5] += h * wx[0][a] * wy[2][b] * per_y * per_y
 
 
-@buffers
+@unit
 def height_hit(shape, o, d, t):
     """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
     height = np.empty(6)

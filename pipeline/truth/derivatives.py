@@ -5,9 +5,11 @@ A row is the solution x of J(x, theta) = 0 on the tangent plane of its point, fr
     dx / dtheta = - (dJ / dx)^-1 dJ / dtheta.
 
 A pose, or a board, moves the plane; all else moves the rays. Nothing is solved again: J of the camera a little before
-and a little behind theta is integrated at the row's own x, with regions held (`camera.held`). The rays of both go
-through the same shares of the ways to their edges, so that the rim of what passes counts as it moves, and their central
-difference is the derivative to about 1e-9 of it.
+and a little behind theta is integrated at the row's own x, with regions held: a search of what passes ends somewhere,
+and two cameras that differ by 1e-4 of a radius would differ by that, and by the search. Here both share inner points
+and the directions of nodes, and edges are found to rounding. The rays of both go through the same shares of the ways to
+their edges, so that the rim of what passes counts as it moves, and their central difference is the derivative to about
+1e-9 of it.
 
 The covariance of a bundle on the plane has a derivative along the row, too: by theta, and by x as the row moves. The
 blur is that covariance mapped to the image by dJ / dx, whose own change is of second order: where two edges cut what
@@ -19,12 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.held import HeldBundles
-from pipeline.camera.integrals import Bundles
+from pipeline.camera.integrals import NODES, Bundles
+from pipeline.camera.integrating.quadrature import INTEGRATED, SMOOTH, regions
 from pipeline.camera.parts.lattice import Lattice
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT, mixed
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import inverse
@@ -70,7 +72,11 @@ class _Rows:
 
     def __init__(self, rig: Rig, bundles: Bundles) -> None:
         self.bundles, self._here, self.rays = bundles, rig.tracer, 0
-        self._held = HeldBundles.of(rig.tracer, bundles, _LEVEL)
+        nodes, _ = bundles.at_nodes(_LEVEL)
+        self._held = [
+            regions(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens, SMOOTH)
+            for light in rig.tracer.lights
+        ]
 
     def of(self, there: Neighbour) -> tuple[np.ndarray, np.ndarray]:
         """Those of a neighbour."""
@@ -91,8 +97,19 @@ class _Rows:
         return of_j, of_covariance
 
     def _integrated(self, tracer: Tracer, bundles: Bundles) -> tuple[np.ndarray, np.ndarray]:
-        moments, rays = self._held.moments(tracer, bundles)
-        self.rays += rays
+        nodes, share = bundles.at_nodes(_LEVEL)
+        parts = []
+        for light, held in zip(tracer.lights, self._held, strict=True):
+            positions = light.tracer.positions_mm(*nodes.x_px.T)
+            there = held.next_to(light.tracer.arrays, positions, nodes.microlens)
+            moments, status, rays = there.moments(nodes.planes, NODES[_LEVEL], is_last=False)
+            moments[status != INTEGRATED] = np.nan  # not star-shaped
+            parts.append(mixed(moments.reshape(-1, len(share), COLUMNS), share) if len(share) > 1 else moments)
+            self.rays += rays
+        if len(parts) > 1:
+            moments = mixed(np.stack(parts, axis=1), np.array([light.share for light in tracer.lights]))
+        else:
+            moments = parts[0]
         return mean_hit(moments), matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2]
 
 

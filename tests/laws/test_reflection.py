@@ -1,4 +1,6 @@
-"""Surfaces conserve light: white furnaces, reciprocity, and light that goes to and fro between plates."""
+"""Surfaces, clear coats among them, lose no light that they should not: white furnaces, facets and reciprocity, and
+light to and fro between plates.
+"""
 
 import math
 
@@ -9,7 +11,14 @@ from laws.lit import lamp, looked, matt, named, plate, scene, towards
 from laws.microfacet_walk import albedo
 from laws.rigs import facing
 from shorter import few
-from tolerances import ALL_REFLECTIONS, FURNACE, LIT_ERRORS, SAME_COLOUR
+from tolerances import (
+    ALL_REFLECTIONS,
+    COAT_OVER_METAL,
+    COAT_OVER_PLASTIC,
+    FURNACE,
+    LIT_ERRORS,
+    SAME_COLOUR,
+)
 
 from pipeline.render.lighting.records import Coat, Input, Material
 from pipeline.render.lighting.reflection import Paint, reflected, scattered, tabled_layers
@@ -61,6 +70,53 @@ def test_a_metal_returns_what_walks_on_its_facets_return(roughness, cosine):
         assert abs(found / expected - 1.0) <= ALL_REFLECTIONS, (face_on, found, error, expected)
 
 
+def coated(coat: float, roughness_of_coat: float, reflectance: float = 1.0, **base) -> Material:
+    return Material(
+        diffuse_color=Input(value=(reflectance,) * 3),
+        clearcoat=Input(value=(coat,)),
+        clearcoat_roughness=Input(value=(roughness_of_coat,)),
+        **base,
+    )
+
+
+def seen(material: Material, eye=EYES[0]) -> tuple[float, float]:
+    """Radiance of a plate below an even sky of radiance 1."""
+    return looked(scene([(plate(500.0), material)], [lamp("dome")]), ALONE, eye)
+
+
+@pytest.mark.parametrize("roughness", [0.03, 0.3, 0.8])
+@pytest.mark.parametrize(
+    "base", [{"ior": 1.0}, {"ior": 1.5, "roughness": Input(value=(0.4,))}], ids=["matt", "plastic"]
+)
+def test_white_paint_below_a_coat_is_white_in_a_furnace_as_far_as_the_base_is_rough(roughness, base):
+    """Of what goes to the paint nothing is lost; of what single facets below reflect some hundredths are."""
+    for eye in EYES:
+        found, error = seen(coated(1.0, roughness, **base), eye)
+        assert found <= 1.0 + LIT_ERRORS * error + FURNACE, (eye, found, error)
+        lost = 0.0 if base["ior"] == 1.0 else COAT_OVER_PLASTIC
+        assert found >= 1.0 - lost - LIT_ERRORS * error - FURNACE, (eye, found, error)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+def test_a_white_metal_below_a_coat_returns_no_more_than_it_gets(roughness):
+    metal = coated(1.0, 0.1, metallic=Input(value=(1.0,)), roughness=Input(value=(roughness,)))
+    for eye in EYES:
+        found, error = seen(metal, eye)
+        assert 1.0 - COAT_OVER_METAL < found <= 1.0 + LIT_ERRORS * error + FURNACE, (eye, found, error)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5])
+@pytest.mark.parametrize("cosine", [1.0, 0.6, 0.2])
+@pytest.mark.parametrize("reflectance", [0.0, 0.6])
+def test_a_coated_paint_returns_what_walks_on_the_coat_and_the_paint_below_return(roughness, cosine, reflectance):
+    """The coat returns a share, on a part of the surface, and the paint its reflectance of the rest."""
+    eye, part = (500.0 * math.tan(math.acos(cosine)), 0.0, 0.0), 0.7
+    coat = part * float(albedo(roughness, cosine, np.array([0.04]), 200_000)[0])
+    expected = coat + reflectance * (1.0 - coat)
+    found, error = seen(coated(part, roughness, reflectance, ior=1.0), eye)
+    assert abs(found - expected) <= LIT_ERRORS * error + ALL_REFLECTIONS * coat, (found, error, expected)
+
+
 def spot(reflectance: float, beyond: Material, bounces: int) -> np.ndarray:
     """Radiances of paths from a small matt spot of a wall, which sees a plate and a lamp."""
     light = lamp("sphere", (50.0, 0.0), towards((0.0, 0.0, 1.0), (150.0, 0.0, 300.0)))
@@ -101,26 +157,21 @@ def test_no_surface_returns_more_than_it_gets():
             assert 0.5 < found < 1.0 + LIT_ERRORS * error
 
 
-@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0)])
+COATED = [Paint(0.7, 0.0, 0.0, 1.0, 0.1), Paint(0.4, 0.04, 0.2, 0.6, 0.03), Paint(0.0, 0.9, 0.3, 1.0, 0.5)]
+
+
+@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0), *COATED])
 def test_reflection_is_reciprocal(paint):
-    table = tabled_layers()
-    one = np.array([0.3, 0.2, 0.0])
-    one[2] = math.sqrt(1 - one @ one)
-    other = np.array([-0.5, 0.6, 0.0])
-    other[2] = math.sqrt(1 - other @ other)
-    there, back = (
-        reflected.function(table, paint, tuple(a), tuple(b))[0] / b[2] for a, b in ((one, other), (other, one))
-    )
-    assert there > 0
-    assert there == pytest.approx(back, rel=1e-12)
+    one, other = (0.3, 0.2, math.sqrt(0.87)), (-0.5, 0.6, math.sqrt(0.39))
+    there, back = (reflected.function(tabled_layers(), paint, a, b)[0] / b[2] for a, b in ((one, other), (other, one)))
+    assert there == pytest.approx(back, rel=1e-12) and there > 0
 
 
-@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.3, 0.5, 0.6)])
+@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.3, 0.5, 0.6), *COATED])
 def test_directions_are_chosen_with_the_density_that_is_stated(paint):
     """Means over chosen directions of 1 / density count the solid angle of a part of the sky."""
-    table, generator = tabled_layers(), np.random.default_rng(1)
-    seen, total = (0.5, 0.1, math.sqrt(1 - 0.26)), []
-    for pair in generator.random((1 << 13, 2)):
+    table, seen, total = tabled_layers(), (0.5, 0.1, math.sqrt(0.74)), []
+    for pair in np.random.default_rng(1).random((1 << 13, 2)):
         lit = scattered(table, paint, seen, (pair[0], pair[1]))
         density = reflected(table, paint, seen, lit)[1]
         inside = lit[2] > 0.5 and lit[0] > 0.0

@@ -200,7 +200,7 @@ def test_clear_coats_look_alike_within_a_hundredth():
 
     Both programs mean the same where light comes and goes near the normal: farther off it Schlick's reflectance, which
     UsdPreviewSurface has, is not that of Fresnel. Below a rough coat Mitsuba's paint loses light (a third of it at a
-    roughness of 0.6); ours does not, see laws/test_coats.py.
+    roughness of 0.6); ours does not, see laws/test_reflection.py.
     """
     both = dark_room()
 

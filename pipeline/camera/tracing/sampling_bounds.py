@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.camera.parts.polygon import MAX_VERTICES, clip, fan
 from pipeline.camera.tracing import microlens_kernels as column
 from pipeline.camera.tracing.records import CameraArrays
-from pipeline.jit.decorators import buffers, inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.records.shapes import Float64
 
 NO_MICROLENS, SKIP = -1, -2
@@ -38,7 +38,7 @@ class Fan(NamedTuple):
     area: float
 
 
-@buffers
+@unit
 def new_region():
     shape = MAX_VERTICES, 2
     return Region(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES))
