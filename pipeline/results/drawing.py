@@ -1,4 +1,4 @@
-"""A camera in its vertical plane, as SVG and as a plot: lens, stop, sensor, and rays clipped as the tracer clips them.
+"""A camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
 
 Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
 upper or lower edge, whichever is farther from the axis, and at 0.7 of the way; where the edge is dark, near the rim of
@@ -8,7 +8,6 @@ from the stop, + towards the sensor, as light travels; the drawing is to scale.
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.sections import elements, profiles
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
-from pipeline.results.notebook import axes as new_axes
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 """Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
@@ -43,8 +41,6 @@ _WIDTH_PX, _MARGIN_PX = 1200, 40
 _INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
 """Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
 
-_WIDTH_IN, _HEIGHT_IN = 9.0, 4.0
-"""Size of the plot [inch]: the width of a notebook's page, and room for a lens half as high as long."""
 _GLASS, _EDGE, _DARK, _ARRAY = "#cfe3f2", "#24506e", "#111111", "#8e44ad"
 
 Points = list[svg_file.Point]
@@ -116,7 +112,7 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
         row, bulge = _row_at(camera, vertices, y), 0.12 * array.pitch_mm
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
         sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[row])}", "end")
-    sheet.line([(end, low), (end, high)], "#111111", 3)
+    sheet.line([(end, low), (end, high)], _DARK, 3)
     box = {"x": _MARGIN_PX, "y": round(top_px), "width": _WIDTH_PX - 2 * _MARGIN_PX, "height": _INSET_PX}
     return svg_file.element("svg", "", *sheet.items, "", **box)
 
@@ -305,16 +301,16 @@ def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None
     edge = prescription.stop.semi_diameter_mm
     widest = max(surface.semi_diameter_mm for surface in prescription.surfaces)
     for side in (-1, 1):
-        sheet.line([(0.0, side * edge), (0.0, side * max(1.05 * widest, 1.3 * edge))], "#111111", 3)
+        sheet.line([(0.0, side * edge), (0.0, side * max(1.05 * widest, 1.3 * edge))], _DARK, 3)
     sheet.label(0.0, half, "stop")
 
 
 def _draw_film(sheet: "_Sheet", camera: Camera, name: str) -> None:
     sensor, *array = _films(camera)
-    sheet.line(sensor, "#111111", 3)
+    sheet.line(sensor, _DARK, 3)
     sheet.label(*sensor[1], name, "start")
     for ends in array:
-        sheet.line(ends, "#8e44ad", 1.5, dashes="2 2")
+        sheet.line(ends, _ARRAY, 1.5, dashes="2 2")
         sheet.label(*ends[1], "MLA", "end")
 
 
@@ -331,35 +327,6 @@ def focus_in_words(camera: Camera, form: str = ".1f") -> str:
     """Distance of the plane in focus, of the middle microlens type."""
     distance_mm = middle_focus(camera)
     return "infinity" if math.isinf(distance_mm) else f"{distance_mm:{form}} mm before the stop"
-
-
-def plot(camera: Camera, title: str, axes: Any = None) -> Any:
-    """Plot lens, stop, sensor and rays of three object points in focus, by default on axes of a new figure.
-
-    Returns the axes: x along the axis from the stop, + towards the sensor; y upwards [mm]. UsageError if matplotlib is
-    not installed.
-    """
-    sheet = new_axes(_WIDTH_IN, _HEIGHT_IN) if axes is None else axes
-    lens, end = camera.prescription, camera.sensor_distance_mm
-    left = lens.vertices_from_stop_mm[0] - AHEAD * (end - lens.vertices_from_stop_mm[0])
-    for outline in elements(lens):
-        sheet.fill(*zip(*outline, strict=True), facecolor=_GLASS, edgecolor=_EDGE, linewidth=0.6)
-    for surface, profile in zip(lens.surfaces, profiles(lens), strict=True):
-        if not surface.is_stop:
-            sheet.plot(*zip(*profile, strict=True), color=_EDGE, linewidth=1.2)
-    for place, colour in FIELDS:
-        for ray in bundle(camera, place, left):
-            sheet.plot(*zip(*ray, strict=True), color=colour, linewidth=0.6)
-    rim = 1.05 * max(surface.semi_diameter_mm for surface in lens.surfaces)
-    edge = lens.stop.semi_diameter_mm
-    for side in (-1, 1):
-        sheet.plot([0, 0], [side * edge, side * max(rim, 1.3 * edge)], color=_DARK, linewidth=2.5)
-    sensor, *array = _films(camera)
-    sheet.plot(*zip(*sensor, strict=True), color=_DARK, linewidth=2.5)
-    for ends in array:
-        sheet.plot(*zip(*ends, strict=True), color=_ARRAY, linewidth=1.2, linestyle=":")
-    sheet.set(aspect="equal", xlabel="along the axis, from the stop [mm]", ylabel="height [mm]", title=title)
-    return sheet
 
 
 class _Sheet:
@@ -379,7 +346,7 @@ class _Sheet:
 
     def area(self, points: Points, colour: str) -> None:
         placed = [self.place(*point) for point in points]
-        self.items.append(svg_file.area(placed, fill=colour, stroke="#24506e", stroke_width=0.6))
+        self.items.append(svg_file.area(placed, fill=colour, stroke=_EDGE, stroke_width=0.6))
 
     def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
         """Write words a little above a point."""

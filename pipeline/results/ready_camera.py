@@ -214,19 +214,10 @@ class ReadyCamera:
             microlens=self.rig.axial[mean.microlens] if self.is_plenoptic else None,
         )
 
-    def plot(self, *, axes: Any = None) -> Any:
-        """Plot lens, stop, sensor and real rays of three object points in focus; returns the axes of matplotlib.
-
-        UsageError if that is not installed.
-        """
-        from pipeline.results.drawing import plot  # what only projects points needs no pictures
-
-        return plot(self.camera, self.name or "camera", axes)
-
     def spots(self) -> "SpotDiagram":
         """Trace spots from the centre to the corner of the image, in focus and at the ends of the depth of field.
 
-        A notebook shows them as a picture; `plot()` of the answer needs matplotlib.
+        A notebook shows them as a picture.
         """
         from pipeline.results.spots import spot_diagram
 
@@ -234,7 +225,7 @@ class ReadyCamera:
 
     def _repr_html_(self) -> str:
         """Key figures and the drawing with real rays, for a notebook."""
-        from pipeline.results.drawing import focus_in_words, svg
+        from pipeline.results.drawing import focus_in_words, svg  # what only projects points needs no pictures
 
         lens, sensor, array = first_order(self.camera.prescription), self.camera.sensor, self.camera.microlenses
         rows = [

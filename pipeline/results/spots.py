@@ -1,4 +1,4 @@
-"""Spots of a camera: bundles of some field positions, seen in the image, as numbers, as an SVG picture, and as a plot.
+"""Spots of a camera: bundles of some field positions, seen in the image, as numbers and as an SVG picture.
 
 A spot is the crossings of a bundle with an object plane, as displacements in the image to first order: with J(x) the
 mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)^-1 (p - J(x)).
@@ -6,7 +6,6 @@ mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.files import svg
-from pipeline.results.notebook import axes as new_axes
 
 Numbers = tuple[float | None, ...]
 
@@ -32,8 +30,6 @@ FARTHEST_MM = 1e6
 """Distance that stands for infinity: a kilometre."""
 _CELL_PX, _HEAD_PX = 150, 40
 """Edge of a spot's square in the picture, and the height of the words above it [px]."""
-_CELL_IN = 2.2
-"""Edge of a spot's axes in a plot [inch]: four of them fill the width of a page."""
 _LEAST_PX = 0.6
 """Least half width of a square [px]: the outline of the pixel is seen in it."""
 _INK, _PIXEL = "#2f7fe0", "#e8702a"
@@ -161,19 +157,6 @@ class SpotDiagram:
         parts = (value for spot in self.spots for value in (*spot.dx_px, *spot.dy_px) if value is not None)
         return 1.1 * max(_LEAST_PX, *map(abs, parts), 0.0)
 
-    def plot(self) -> Any:
-        """Plot all spots at one scale, with the square of a pixel; returns the axes, a row per distance.
-
-        UsageError if matplotlib is not installed.
-        """
-        rows, reach = self.rows, self.reach_px
-        width, height = len(rows[0]), len(rows)
-        sheets = new_axes(_CELL_IN * width, _CELL_IN * height + 0.4, rows=height, columns=width)
-        for line, row in zip(sheets, rows, strict=True):
-            for sheet, spot in zip(line, row, strict=True):
-                _plot(sheet, spot, reach)
-        return sheets
-
     def _repr_svg_(self) -> str:
         """The picture, for a notebook."""
         rows = self.rows
@@ -190,13 +173,6 @@ def spot_diagram(camera: Camera, name: str) -> SpotDiagram:
 def _words(spot: Spot) -> tuple[str, str]:
     size = "no light" if spot.rms_px is None else f"{spot.rms_px:.3g} px rms"
     return spot.place, f"{spot.distance_mm:.5g} mm: {size}"
-
-
-def _plot(sheet: Any, spot: Spot, reach_px: float) -> None:
-    sheet.plot(spot.dx_px, spot.dy_px, ".", color=_INK, markersize=2)
-    sheet.plot([-0.5, 0.5, 0.5, -0.5, -0.5], [-0.5, -0.5, 0.5, 0.5, -0.5], color=_PIXEL, linewidth=0.8)
-    sheet.set(aspect="equal", xlim=(-reach_px, reach_px), ylim=(reach_px, -reach_px))
-    sheet.set_title("\n".join(_words(spot)), fontsize=8)
 
 
 def _cell(spot: Spot, at: tuple[int, int], reach_px: float) -> list[str]:

@@ -90,20 +90,14 @@ def test_what_cannot_be_plotted_is_named(plenoptic_build, monkeypatch):
         rows.plot(1)
 
 
-def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ready_ideal):
-    """Object points are in focus: all rays of a colour end at one point, which is as far from the axis as its place."""
-    axes = ready_ideal.plot()
-    rays = [line for line in axes.lines if line.get_linewidth() == 0.6]
-    ends = {}
-    for line in rays:
-        x, y = line.get_data()
-        ends.setdefault(line.get_color(), []).append(y[-1])
-        assert x[-1] == ready_ideal.camera.sensor_distance_mm
-        assert np.abs(np.interp(0, x, y)) < 5 + 1e-9
-    heights = sorted(abs(np.mean(found)) for found in ends.values())
-    assert [len(found) for found in ends.values()] == [7, 7, 7]
-    assert max(np.ptp(found) for found in ends.values()) < 1e-9
-    np.testing.assert_allclose(heights, [0, 1.4, 2.0], atol=1e-9)
+def test_the_rays_of_an_ideal_lens_meet_on_the_sensor_and_pass_its_stop(ideal):
+    """Object points are in focus: rays of one end at one point, which is as far from the axis as its place."""
+    for field, height in ((0.0, 0.0), (0.7, 1.4), (1.0, 2.0)):
+        rays = [np.array(ray) for ray in drawing.bundle(ideal, field, -100.0)]
+        ends = np.array([ray[-1] for ray in rays])
+        assert len(rays) == 7 and np.ptp(ends, axis=0).max() < 1e-9
+        np.testing.assert_allclose(abs(ends[0]), [ideal.sensor_distance_mm, height], atol=1e-9)
+        assert max(abs(np.interp(0, *ray.T)) for ray in rays) < 5 + 1e-9
 
 
 def test_rays_of_an_ideal_lens_meet_on_a_tilted_sensor(ideal):
@@ -121,10 +115,6 @@ def test_spots_are_drawn_to_scale(ready_ideal):
     diagram = ready_ideal.spots()
     z_mm = diagram.rows[0][0].distance_mm
     radius_px = 5.0 * abs(z_mm - 500) / 500 * ready_ideal.camera.sensor_distance_mm / z_mm / 0.01
-    axes = diagram.plot()
-    x, y = np.array(axes[0, 0].lines[0].get_data())
-    assert np.hypot(x, y).max() == pytest.approx(radius_px, rel=0.02)
-    assert np.diff(axes[0, 0].get_xlim()) == pytest.approx(2 * diagram.reach_px)
     picture = diagram._repr_svg_()
     dots = re.findall(r'd="(M[^"]*)"', picture)
     first = np.array([list(map(float, pair.split(","))) for pair in re.findall(r"M([\d.,-]+)", dots[0])])
