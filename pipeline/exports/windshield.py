@@ -36,7 +36,7 @@ def windshield_model(camera: ExportCamera, others: Iterable[str]) -> CentralMode
     assert isinstance(ready, ReadyCamera)
     alone = _without_windows(ready)
     lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: alone)), others)
-    centre_mm = _nearest_to(seen)
+    centre_mm = seen.rays.nearest_point_mm
     outside = _angles(seen, centre_mm)
     inside = _angles(replace(seen, rays=alone.rays(*seen.x_px.T)), lens.centre_mm)
     forward, inverse = _polynomials(outside, inside), _polynomials(inside, outside)
@@ -68,13 +68,6 @@ def _without_windows(ready: ReadyCamera) -> ReadyCamera:
     )
     alone = replace(ready.camera, prescription=lens, spectrum=spectrum)
     return replace(ready, rig=Rig.of(Tracer(alone, ready.rig.tracer.seed), ready.rig.square_px))
-
-
-def _nearest_to(field: FieldRays) -> np.ndarray:
-    """The point with the least sum of squared distances from the rays, (3,) [mm]."""
-    way = field.rays.direction
-    across = np.eye(3) - way[:, :, None] * way[:, None, :]
-    return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, field.rays.origin_mm))
 
 
 def _angles(field: FieldRays, centre_mm: np.ndarray) -> np.ndarray:

@@ -1,10 +1,10 @@
 """A designed plenoptic camera and its judgement as a page for a terminal."""
 
 import math
-from collections.abc import Sequence
 
 from pipeline.camera.figures.plenoptic_design import PlenopticDesign
 from pipeline.files.jsonfile import Json
+from pipeline.report.text import table
 from pipeline.results.plenoptic_judgement import Judgement
 
 
@@ -56,48 +56,46 @@ def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) ->
 
 
 def _ranges(design: PlenopticDesign, judgement: Judgement) -> list[str]:
-    rows: list[tuple[str, ...]] = [("type", "sharp from", "to", "by formula", "to")]
-    for kind, (seen, meant) in enumerate(zip(judgement.depth_of_field_mm, design.depth_of_field_mm, strict=True)):
-        rows.append((str(kind), *map(_mm, seen), *map(_mm, meant)))
-    confusion = f"blur of at most {design.camera.circle_of_confusion_px:g} px on the axis"
-    return [f"depth of field of each type: {confusion}", *_table(rows)]
+    ranges = enumerate(zip(judgement.depth_of_field_mm, design.depth_of_field_mm, strict=True))
+    rows = [(str(kind), *map(_mm, (*seen, *meant))) for kind, (seen, meant) in ranges]
+    head = f"depth of field of each type: blur of at most {design.camera.circle_of_confusion_px:g} px on the axis"
+    return [head, *table(("type", "sharp from", "to", "by formula", "to"), rows)]
 
 
 def _depths(judgement: Judgement) -> list[str]:
-    kinds = range(len(judgement.depth_of_field_mm))
-    rows: list[tuple[str, ...]] = [("z", "micro-images", "lateral mm", "depth mm", *(f"blur {kind}" for kind in kinds))]
+    blurs = [f"blur {kind}" for kind in range(len(judgement.depth_of_field_mm))]
+    rows = []
     for row in judgement.depths:
-        blurs = ("-" if blur is None else f"{blur:+.2f}" for blur in row.blur_px)
-        rows.append((_mm(row.z_mm), str(row.micro_images), _short(row.lateral_mm), _short(row.depth_mm), *blurs))
+        blur_px = ("-" if blur is None else f"{blur:+.2f}" for blur in row.blur_px)
+        rows.append((_mm(row.z_mm), str(row.micro_images), _short(row.lateral_mm), _short(row.depth_mm), *blur_px))
     head = "a point on the axis: what one pixel spans or blurs, and how far it moves for one pixel of disparity"
-    return [head, *_table(rows)]
+    return [head, *table(("z", "micro-images", "lateral mm", "depth mm", *blurs), rows)]
 
 
 def _field(judgement: Judgement) -> list[str]:
-    rows = [("from axis", "least px", "most px", "gap px", "pupil seen")]
-    for row in judgement.field:
-        least, most = row.across_px
-        rows.append(
-            (f"{row.from_axis_mm:.2f}", f"{least:.3f}", f"{most:.3f}", f"{row.gap_px:+.3f}", f"{row.light:.3f}")
-        )
-    return ["micro-images over the field: diameters, gap to the next, pupil that is not vignetted", *_table(rows)]
+    rows = [
+        (f"{row.from_axis_mm:.2f}", *(f"{px:.3f}" for px in row.across_px), f"{row.gap_px:+.3f}", f"{row.light:.3f}")
+        for row in judgement.field
+    ]
+    head = "micro-images over the field: diameters, gap to the next, pupil that is not vignetted"
+    return [head, *table(("from axis", "least px", "most px", "gap px", "pupil seen"), rows)]
 
 
 def _views(judgement: Judgement) -> list[str]:
-    rows = [("z", "shift", "by formula", "lateral mm", "depth mm")]
-    for row in judgement.views:
-        cells = _mm(row.z_mm), f"{row.shift:+.4f}", _mm(row.formula_mm), _short(row.lateral_mm), _short(row.depth_mm)
-        rows.append(cells)
-    places = [("view px", "x", "y", "z", "rms")]
-    for point in judgement.viewpoints:
-        x, y, z = point.place_mm
-        places.append((f"{point.view_px:.4g}", f"{x:+.3f}", f"{y:+.3f}", f"{z:+.3f}", f"{point.rms_mm:.4f}"))
+    rows = [
+        (_mm(row.z_mm), f"{row.shift:+.4f}", _mm(row.formula_mm), _short(row.lateral_mm), _short(row.depth_mm))
+        for row in judgement.views
+    ]
+    places = [
+        (f"{point.view_px:.4g}", *(f"{place:+.3f}" for place in point.place_mm), f"{point.rms_mm:.4f}")
+        for point in judgement.viewpoints
+    ]
     return [
         "refocusing: microlenses per pixel of view that make z sharp, and where a formula with the exit pupil puts it",
-        *_table(rows),
+        *table(("z", "shift", "by formula", "lateral mm", "depth mm"), rows),
         "",
         f"viewpoints of views; the entrance pupil is at {judgement.entrance_pupil_mm:+.3f} mm",
-        *_table(places),
+        *table(("view px", "x", "y", "z", "rms"), places),
     ]
 
 
@@ -109,9 +107,3 @@ def _mm(value: float | None) -> str:
 
 def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
-
-
-def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Right-aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]

@@ -241,7 +241,7 @@ def _types(array: Json) -> Iterator[str]:
         )
         for number, kind in enumerate(array["types"])
     ]
-    return _table(columns, rows)
+    return table(columns, rows)
 
 
 def _curves(curves: FieldCurves) -> Iterator[str]:
@@ -249,13 +249,14 @@ def _curves(curves: FieldCurves) -> Iterator[str]:
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
     rows = [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", "-" if math.isnan(d) else f"{d + 0.0:.4f}") for h, a, e, d in values]
-    yield from _table(columns, rows)
+    yield from table(columns, rows)
     if curves.is_dark_in_the_corner:
         ends = f"light ends {_mm(curves.height_mm[-1])} from the axis, the image circle"
         yield f"{ends}: the corner of the sensor, {_mm(curves.corner_mm)} off, is dark"
 
 
-def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+def table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Right-aligned columns below their names."""
     widths = [max(map(len, column)) for column in zip(columns, *rows, strict=True)]
     for row in (columns, *rows):
         yield "  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))

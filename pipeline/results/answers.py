@@ -36,6 +36,7 @@ class Projected:
     `x_px`, `y_px`: (n,) float64; (0, 0) is the centre of the top-left pixel.
     `error_px`: error of the integral and what Newton's method left, along x and y, (n, 2) float64.
     `hit_fraction`: (n,) float64.
+    `rho_px`: radius of the blur, (n,) float64; positive: the point lies beyond best focus.
     `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
     `fates`: one per point.
     `t_s`: middle of the exposure of the position's line after the time code, (n,) float64; None without a shutter.
@@ -48,6 +49,7 @@ class Projected:
     y_px: np.ndarray
     error_px: np.ndarray
     hit_fraction: np.ndarray
+    rho_px: np.ndarray
     microlens: np.ndarray | None
     microlens_type: np.ndarray | None
     fates: tuple[Fate, ...]
@@ -85,6 +87,14 @@ class PixelRays:
         z_mm = number("z_mm", z_mm, CameraError)
         along = (z_mm - self.origin_mm[:, 2:]) / self.direction[:, 2:]
         return np.where(self.direction[:, 2:] > 0, self.origin_mm + along * self.direction, np.nan)
+
+    @property
+    def nearest_point_mm(self) -> np.ndarray:
+        """The point with the least sum of squared distances from those rays that light has, (3,)."""
+        is_lit = np.isfinite(self.direction).all(axis=1)
+        way, origin_mm = self.direction[is_lit], self.origin_mm[is_lit]
+        across = np.eye(3) - way[:, :, None] * way[:, None, :]
+        return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin_mm))
 
 
 @dataclass(eq=False)

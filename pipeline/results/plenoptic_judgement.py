@@ -14,11 +14,9 @@ import numpy as np
 from pipeline.camera.figures.plenoptic_design import refocused_mm
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera
-from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64
-from pipeline.results.ready_camera import ReadyCamera
-from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+from pipeline.results.ready_camera import POINT, ReadyCamera
 
 _ACCURACY_PX = 1e-4
 """Error that positions may have [px]: far less than is printed."""
@@ -28,8 +26,6 @@ _EVERY, _INSIDE = 2, slice(4, 21)
 """Of these the ones that are listed: nine from end to end."""
 _DEEPEST = 10.0
 """Far end over the near one that is judged at most [1]: a range may end at infinity."""
-_STEP = 1e-4
-"""Step of points over their distance [1]."""
 _NEAR_AXIS = 4.0
 """Distance from the axis within which microlenses are asked for views [pitches]: field curvature is nothing there."""
 _FIELDS = np.linspace(0.0, 0.97, 6)
@@ -93,10 +89,9 @@ class Judgement:
 
 
 def judged(ready: ReadyCamera, range_mm: tuple[float, float]) -> Judgement:
-    """Judge a camera over a range of distances; CameraError for one without microlenses."""
-    array, images = ready.camera.microlenses, ready.rig.images
-    if array is None or images is None:
-        raise CameraError("a conventional camera has no micro-images")
+    """Judge a plenoptic camera over a range of distances."""
+    array = ready.camera.microlenses
+    assert array is not None
     near, far = range_mm[0], min(range_mm[1], _DEEPEST * range_mm[0])
     first = -float(ready.camera.prescription.vertices_from_stop_mm[0])
     z_mm = 1 / (1 / near + _SHARES * (1 / far - 1 / near))
@@ -121,48 +116,32 @@ def _over_depth(
     Points lie on the ray of the micro-image centre of the middle microlens of each type, which sees them whatever their
     distance; that of type 0 is about the axis.
     """
-    array, (x_mm, y_mm, own) = ready.camera.microlenses, zip(*ready.rig.middles, strict=True)
-    assert array is not None
-    centre_px = ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm]))
-    rays, kinds = ready.rays(*centre_px.T, accuracy_px=_ACCURACY_PX), len(own)
-    planes = np.zeros((len(z_mm), kinds, 3, 4, 3))  # a point, one beside it, one behind it
-    planes[..., 1:, :] = np.diag([1.0, -1.0, -1.0])
-    planes[..., 0, :] = np.stack([rays.at_distance(z) for z in z_mm])[:, :, None]
-    planes[:, :, 1, 0, 0] += _STEP * z_mm[:, None]
-    planes[:, :, 2, 0, 2] += _STEP * z_mm[:, None]
-    flat = planes.reshape(-1, 4, 3)
-    guess, _ = guesses(ready.rig, flat)
-    kind = guess.point // 3 % kinds
-    asked = (kind == 0) | (guess.cell == np.array(own)[kind])
-    guess = Guess(guess.point[asked], guess.cell[asked], guess.x_px[asked])
-    rows = solve(ready.rig, guess, flat, _ACCURACY_PX, ready.min_hit_fraction)
-    cells, column = np.unique(rows.solutions.cell, return_inverse=True)
-    x_px, blur_px = np.full((len(flat), len(cells), 2), np.nan), np.full((len(flat), len(cells)), np.nan)
-    x_px[rows.solutions.point, column] = rows.solutions.xy_px
-    blur_px[rows.solutions.point, column] = 2 * rows.rho_px / _WIDENING[array.layout]
-    x_px, types = x_px.reshape(len(z_mm), kinds, 3, -1, 2), np.arange(kinds)
-    here = np.searchsorted(cells, own)
-    own_px = blur_px.reshape(len(z_mm), kinds, 3, -1)[:, types, 0, here]
-    px_per_mm = np.hypot(*np.moveaxis(x_px[:, types, 1, here] - x_px[:, types, 0, here], -1, 0)) / (
-        _STEP * z_mm[:, None]
-    )
-    listed = []
-    for z, at, blurs, scales in zip(z_mm, x_px[:, 0], own_px, px_per_mm, strict=True):
-        rates = (at[2] - at[0])[np.isfinite(at[[0, 2]]).all(axis=(0, 2))] / (_STEP * z)
-        fastest = np.hypot(*np.moveaxis(rates[:, None] - rates, -1, 0)).max(initial=0.0)
-        lateral = np.maximum(1.0, np.abs(blurs)) / scales
+    camera, (x_mm, y_mm, own) = ready.camera, zip(*ready.rig.middles, strict=True)
+    assert camera.microlenses is not None
+    rays = ready.rays(*ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm])).T, accuracy_px=_ACCURACY_PX)
+    places = np.stack([rays.at_distance(z) for z in z_mm], axis=1)
+    seen = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in places]
+    blur_px, px_per_mm = np.full((2, len(z_mm), len(own)), np.nan)
+    for kind, (rows, cell) in enumerate(zip(seen, own, strict=True)):
+        here = (rows.microlens == ready.rig.axial[cell]).all(axis=1)
+        blur_px[rows.point[here], kind] = 2 * rows.rho_px[here] / _WIDENING[camera.microlenses.layout]
+        px_per_mm[rows.point[here], kind] = np.linalg.norm(rows.derivatives[POINT][here, :, 0], axis=1)
+    lateral_mm, listed = np.maximum(1.0, np.abs(blur_px)) / px_per_mm, []
+    for i, z in enumerate(z_mm.tolist()):
+        rates = seen[0].derivatives[POINT][seen[0].point == i, :, 2]
+        fastest = np.linalg.norm(rates[:, None] - rates, axis=-1).max(initial=0.0)
         listed.append(
             DepthRow(
-                z_mm=float(z),
-                micro_images=int(np.isfinite(at[0, :, 0]).sum()),
-                blur_px=tuple(float(blur) if np.isfinite(blur) else None for blur in blurs),
-                lateral_mm=float(np.nanmin(lateral)) if np.isfinite(lateral).any() else None,
+                z_mm=z,
+                micro_images=len(rates),
+                blur_px=tuple(blur if math.isfinite(blur) else None for blur in blur_px[i].tolist()),
+                lateral_mm=float(np.nanmin(lateral_mm[i])) if np.isfinite(lateral_mm[i]).any() else None,
                 depth_mm=float(1 / fastest) if fastest > 0 else None,
             )
         )
-    confusion = ready.camera.circle_of_confusion_px
+    confusion = camera.circle_of_confusion_px
     return listed, tuple(
-        (_where(ready.camera, z_mm, blur, -confusion), _where(ready.camera, z_mm, blur, confusion)) for blur in own_px.T
+        (_where(camera, z_mm, blur, -confusion), _where(camera, z_mm, blur, confusion)) for blur in blur_px.T
     )
 
 
@@ -219,18 +198,14 @@ def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
     rays = ready.rays(*places.T, accuracy_px=_ACCURACY_PX)
     lit = np.isfinite(rays.direction).all(axis=1)
     terms = np.stack([microlens[lit].ravel(), np.tile(views, (len(rows), 1))[lit].ravel()], axis=1)
-
-    def moved(z: float) -> tuple[float, float]:
-        a, b = np.linalg.lstsq(terms, rays.at_distance(z)[lit, :2].ravel(), rcond=None)[0]
-        return float(a), float(b)
-
-    listed, lens = [], first_order(camera.prescription)
-    for z in z_mm.tolist():
-        (a, b), (a_behind, b_behind) = moved(z), moved((1 + _STEP) * z)
-        rate = abs(b_behind / a_behind - b / a) / (_STEP * z)
-        formula_mm = refocused_mm(lens, camera, -b / a)
-        listed.append(ViewRow(z, -b / a, formula_mm, max(abs(a), abs(b)), 1 / (rate * diameter_px)))
-    return listed
+    ends = np.stack([rays.at_distance(z)[lit, :2].ravel() for z in z_mm[[0, -1]]], axis=1)
+    start, end = np.linalg.lstsq(terms, ends, rcond=None)[0].T
+    slope = (end - start) / (z_mm[-1] - z_mm[0])  # rays are straight: a and b are linear in z
+    a, b = start[:, None] + slope[:, None] * (z_mm - z_mm[0])
+    rate = np.abs(slope[1] * a - slope[0] * b) / a**2  # of b / a over z
+    lens, lateral_mm, depth_mm = first_order(camera.prescription), np.maximum(abs(a), abs(b)), 1 / (rate * diameter_px)
+    columns = zip(z_mm.tolist(), (-b / a).tolist(), lateral_mm.tolist(), depth_mm.tolist(), strict=True)
+    return [ViewRow(z, shift, refocused_mm(lens, camera, shift), *others) for z, shift, *others in columns]
 
 
 def _viewpoint(ready: ReadyCamera, view_px: float) -> Viewpoint:
@@ -240,10 +215,6 @@ def _viewpoint(ready: ReadyCamera, view_px: float) -> Viewpoint:
     inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
     few = centre_px[inside][:: max(1, int(inside.sum()) // 200)]
     rays = ready.rays(few[:, 0] + view_px, few[:, 1], accuracy_px=_ACCURACY_PX)
-    lit = np.isfinite(rays.direction).all(axis=1)
-    along, origin = rays.direction[lit], rays.origin_mm[lit]
-    across = np.eye(3) - along[:, :, None] * along[:, None, :]
-    place = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin))
-    off = np.einsum("nij,nj->ni", across, origin - place)
-    x, y, z = place.tolist()
-    return Viewpoint(view_px, (x, y, z), float(np.sqrt((off**2).sum(axis=1).mean())))
+    x, y, z = (place := rays.nearest_point_mm).tolist()
+    off_mm = np.linalg.norm(np.cross(rays.direction, rays.origin_mm - place), axis=1)
+    return Viewpoint(view_px, (x, y, z), float(np.sqrt(np.nanmean(off_mm**2))))

@@ -145,6 +145,7 @@ class ReadyCamera:
             y_px=rows.solutions.y_px,
             error_px=rows.sigma_px,
             hit_fraction=rows.hit_fraction,
+            rho_px=rows.rho_px,
             microlens=None if lattice is None else self.rig.axial[cell],
             microlens_type=None if lattice is None else lattice.type[cell],
             fates=tuple(fates),

@@ -185,6 +185,8 @@ def _check(wish: PlenopticWish) -> None:
     if wish.virtual_depth is not None and (wish.unfocused or (has_range and wish.f_number is not None)):
         what = "microlenses at their focal length have" if wish.unfocused else "a range and an F-number leave"
         raise CameraError(f"{what} no virtual depth to choose", hint="leave out --virtual-depth, or --f-number")
+    if wish.unfocused and has_range and wish.f_number is not None:
+        raise CameraError("the range of an unfocused camera decides its F-number", hint="leave out --f-number")
 
 
 def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
@@ -228,17 +230,7 @@ def _unfocused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
     to_array = 2 / (1 / to_near + 1 / to_far)
     gap = to_array * (1 - to_array / to_near) / wish.image_px
-    pupil = pitch * to_array / gap
-    if wish.f_number is not None:
-        wanted, pupil = pupil, _pupil(lens, wish.f_number)
-        if pupil > wanted:
-            least = math.ceil(100 * wish.f_number * pupil / wanted) / 100
-            raise CameraError(
-                f"at F/{wish.f_number:g} views of one pixel are sharp over less than the range",
-                hint=f"--f-number {least:g} or more, a shallower range, or more pixels per micro-image",
-            )
-        gap = pitch * to_array / pupil
-    return _Solution(to_array, gap, pupil, 0.0)
+    return _Solution(to_array, gap, pitch * to_array / gap, 0.0)
 
 
 def _focal_lengths(solved: _Solution, wish: PlenopticWish) -> list[float]:
