@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -114,24 +115,24 @@ class Surface:
     - `tilt_deg`: turn about the vertex: first about x, then about y as it has been turned, right-handed.
     """
 
-    radius_mm: float = math.inf
-    thickness_mm: float = 0.0
-    semi_diameter_mm: float
-    index: float = 1.0
-    is_stop: bool = False
-    conic: float = 0.0
-    even_coefficients: tuple[float, ...] = ()
-    odd_coefficients: tuple[float, ...] = ()
-    inner_semi_diameter_mm: float = 0.0
-    half_widths_mm: tuple[float, float] | None = None
-    blades: int = 0
-    aperture_rotation_deg: float = 0.0
-    focal_length_mm: float | None = None
+    radius_mm: Annotated[float, "plen:radius"] = math.inf
+    thickness_mm: Annotated[float, "plen:thickness"] = 0.0
+    semi_diameter_mm: Annotated[float, "plen:semiDiameter"]
+    index: Annotated[float, "plen:index"] = 1.0
+    is_stop: Annotated[bool, "plen:isStop"] = False
+    conic: Annotated[float, "plen:conic"] = 0.0
+    even_coefficients: Annotated[tuple[float, ...], "plen:evenCoefficients"] = ()
+    odd_coefficients: Annotated[tuple[float, ...], "plen:oddCoefficients"] = ()
+    inner_semi_diameter_mm: Annotated[float, "plen:innerSemiDiameter"] = 0.0
+    half_widths_mm: Annotated[tuple[float, float] | None, "plen:halfWidths"] = None
+    blades: Annotated[int, "plen:blades"] = 0
+    aperture_rotation_deg: Annotated[float, "plen:apertureRotation"] = 0.0
+    focal_length_mm: Annotated[float | None, "plen:focalLength"] = None
     distortion: tuple[float, ...] = ()
     image_distance_mm: float = 1.0
-    decentre_mm: tuple[float, float] = (0.0, 0.0)
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
-    is_cylinder: bool = False
+    decentre_mm: Annotated[tuple[float, float], "plen:decentre"] = (0.0, 0.0)
+    tilt_deg: Annotated[tuple[float, float], "plen:tilt"] = (0.0, 0.0)
+    is_cylinder: Annotated[bool, "plen:cylindrical"] = False
     relief: Relief | None = None
 
     def __post_init__(self) -> None:
@@ -287,10 +288,13 @@ class Group:
     name: str
     first: int  # its first surface, counted from 0
     count: int
-    decentre_mm: tuple[float, float] = (0.0, 0.0)  # from the axis along x and y of the lens frame
-    tilt_deg: tuple[float, float] = (0.0, 0.0)  # about the pivot: first about x, then about the turned y
+    # from the axis along x and y of the lens frame
+    decentre_mm: Annotated[tuple[float, float], "plen:decentre"] = (0.0, 0.0)
+    # about the pivot: first about x, then about the turned y
+    tilt_deg: Annotated[tuple[float, float], "plen:tilt"] = (0.0, 0.0)
     roll_deg: float = 0.0  # about the axis, before the tilt
-    pivot_mm: float = 0.0  # place of the pivot on the axis, from the vertex of the first surface, + towards the sensor
+    # place of the pivot on the axis, from the vertex of the first surface, + towards the sensor
+    pivot_mm: Annotated[float, "plen:pivot"] = 0.0
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)

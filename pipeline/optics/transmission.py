@@ -10,7 +10,7 @@ reflected twice and arrives after all is lost here.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -53,12 +53,13 @@ class CoatingData:
     `coating-angles` or `coating-films`.
     """
 
-    wavelengths_nm: tuple[float, ...] = ()  # ascending, as angles are
-    angles_deg: tuple[float, ...] = ()
+    wavelengths_nm: Annotated[tuple[float, ...], "plen:coatingWavelengths"] = ()  # ascending, as angles are
+    angles_deg: Annotated[tuple[float, ...], "plen:coatingAngles"] = ()
     # At the first angle for all wavelengths, then at the second one, and so on; without angles once for all of them
-    reflectance: tuple[float, ...] = ()
-    film_indices: tuple[float, ...] = ()  # in the order in which light from the scene meets them
-    film_thicknesses_nm: tuple[float, ...] = ()
+    reflectance: Annotated[tuple[float, ...], "plen:coatingReflectance"] = ()
+    # in the order in which light from the scene meets them
+    film_indices: Annotated[tuple[float, ...], "plen:coatingFilmIndices"] = ()
+    film_thicknesses_nm: Annotated[tuple[float, ...], "plen:coatingFilmThicknesses"] = ()
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)

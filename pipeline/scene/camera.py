@@ -34,7 +34,7 @@ from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.temperature import mount_growth
 from pipeline.scene.usd.poses import camera_name, frame_numbers
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
-from pipeline.scene.usd.values import at_code, need, read, read_once, target, target_paths
+from pipeline.scene.usd.values import at_code, fields_of, need, read, read_once, target, target_paths
 from pipeline.scene.windows import behind_fixed, check_windows, standing_windows, windows_in_frame
 from pipeline.truth.settings import TruthSettings
 
@@ -111,32 +111,9 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         prim_path=str(prim.GetPath()),
         lens_name=name if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}",
         index_source=index_source(lens),
-        wavelength_nm=need(prim, "plen:camera:wavelength"),
-        weight=need(prim, "plen:camera:weight"),
-        footprint=need(prim, "plen:truth:footprint"),
         asked=read_camera(prim),
-        sampling=Sampling(
-            supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
-        ),
-        truth=TruthSettings(
-            method=need(prim, "plen:truth:method"),
-            search=need(prim, "plen:truth:search"),
-            filter=need(prim, "plen:truth:filter"),
-            lambda_d=need(prim, "plen:truth:lambdaD"),
-            lambda_alpha_deg=need(prim, "plen:truth:lambdaAlpha"),
-            nearest_threshold_mm=need(prim, "plen:truth:nearestThreshold"),
-            min_hit_fraction=need(prim, "plen:truth:minHitFraction"),
-            accuracy_px=read(prim, "plen:truth:accuracy"),
-            columns=need(prim, "plen:truth:columns"),
-        ),
-        image_samples=need(prim, "plen:image:samples"),
-        image_noise=read(prim, "plen:image:noise"),
-        bounces=need(prim, "plen:image:bounces"),
-        extent=need(prim, "plen:truth:extent"),
-        delivers_rays=need(prim, "plen:truth:rays"),
-        f_numbers=need(prim, "plen:image:fNumbers"),
-        diffraction=need(prim, "plen:image:diffraction"),
-        denoised=need(prim, "plen:image:denoised"),
+        sampling=Sampling(seed=seed, **fields_of(prim, Sampling)),
+        truth=TruthSettings(**fields_of(prim, TruthSettings)),
         labels=tuple(sorted(set(need(prim, "plen:image:labels")))),
         channels=read_channels(prim),
         colorimetry=read_colorimetry(sensor, illuminant_of(prim)),
@@ -145,6 +122,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         shutter=read_shutter(prim),
         file=file,
         line=line,
+        **fields_of(prim, CameraEntry),
     )
 
 
@@ -164,10 +142,7 @@ def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         "prescription": read_prescription(lens, light_nm),
         "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
         "microlenses": microlenses,
-        "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
-        "near_mm": read(prim, "plen:camera:near"),
-        "far_mm": read(prim, "plen:camera:far"),
-        "weight": need(prim, "plen:camera:weight"),
+        **fields_of(prim, Camera),
     }
     longer = mount_growth(lens)
     focus_mm, match_stop = read(prim, _FOCUS), need(prim, _MATCH) != "none"

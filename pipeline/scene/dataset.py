@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 
@@ -73,21 +73,24 @@ class CameraEntry:
     prim_path: str  #: on the composed stage, for messages
     lens_name: str  #: the name that the lens states, or its prim name; for reports only
     index_source: str  #: `printed`, or `catalogue` with the media from the scene to the sensor
-    wavelength_nm: float
-    weight: str
-    footprint: str
+    wavelength_nm: Annotated[float, "plen:camera:wavelength"]
+    weight: Annotated[str, "plen:camera:weight"]
+    footprint: Annotated[str, "plen:truth:footprint"]
     asked: Camera | FocusRequest  #: statement of the stage: a camera, or a request for a focus, which `camera` fulfils
     sampling: Sampling
     truth: TruthSettings
-    image_samples: int  #: rays per pixel of the image, or of the first pass over it
+    image_samples: Annotated[int, "plen:image:samples"]  #: rays per pixel of the image, or of the first pass over it
     #: Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass
-    image_noise: float | None = None
-    bounces: int = 2  #: reflections between surfaces in images of a lit dataset
-    extent: str = "tiles"  #: of position images for method `image`: `tiles` around the points, or `full`
-    delivers_rays: bool = False  #: whether rays.exr is delivered even if no method needs it
-    f_numbers: tuple[float, ...] = ()  #: of further white images, in the order of the stage
-    diffraction: bool = False  #: whether images show it
-    denoised: bool = False  #: whether there is a denoised preview of each
+    image_noise: Annotated[float | None, "plen:image:noise"] = None
+    bounces: Annotated[int, "plen:image:bounces"] = 2  #: reflections between surfaces in images of a lit dataset
+    #: Of position images for method `image`: `tiles` around the points, or `full`
+    extent: Annotated[str, "plen:truth:extent"] = "tiles"
+    #: Whether rays.exr is delivered even if no method needs it
+    delivers_rays: Annotated[bool, "plen:truth:rays"] = False
+    #: Of further white images, in the order of the stage
+    f_numbers: Annotated[tuple[float, ...], "plen:image:fNumbers"] = ()
+    diffraction: Annotated[bool, "plen:image:diffraction"] = False  #: whether images show it
+    denoised: Annotated[bool, "plen:image:denoised"] = False  #: whether there is a denoised preview of each
     labels: tuple[str, ...] = ()  #: of pixels, in the order of the schema
     channels: tuple[Channel, ...] = ()  #: in the order of the stage; none: its light has the one wavelength
     #: The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one

@@ -19,14 +19,7 @@ from pipeline.optics.prescription import Group, Prescription, PrescriptionError,
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.temperature import expanded, temperatures_c, warmed
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once
-
-APERTURE_VALUES = {
-    "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
-    "rectangular": {"half_widths_mm": "plen:halfWidths"},
-    "polygonal": {"blades": "plen:blades"},
-}
-"""Attributes that set the size of an aperture, by shape and field of `Surface`."""
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, read_once
 
 _TOUCH_MM = 1e-9
 """Overlap of surfaces that still counts as touching and is accepted [mm]: numbers in prescriptions have far fewer
@@ -93,14 +86,8 @@ def _read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     names = list(need(prim, "plen:surfaces"))
     if not names or names != _stretch(surfaces, names):
         raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another", prim)
-    return Group(
-        name=prim.GetName(),
-        first=surfaces.index(names[0]),
-        count=len(names),
-        decentre_mm=need(prim, "plen:decentre"),
-        tilt_deg=need(prim, "plen:tilt"),
-        pivot_mm=need(prim, "plen:pivot"),
-    )
+    first = surfaces.index(names[0])
+    return Group(name=prim.GetName(), first=first, count=len(names), **fields_of(prim, Group))
 
 
 def _stretch(order: list[str], names: list[str]) -> list[str]:
@@ -112,24 +99,7 @@ def _stretch(order: list[str], names: list[str]) -> list[str]:
 @read_once
 def read_surface(prim: Usd.Prim) -> Surface:
     """The record of a PlenSurface, with its printed index."""
-    shape = need(prim, "plen:apertureShape")
-    return Surface(
-        radius_mm=need(prim, "plen:radius"),
-        thickness_mm=need(prim, "plen:thickness"),
-        semi_diameter_mm=need(prim, "plen:semiDiameter"),
-        index=need(prim, "plen:index"),
-        is_stop=need(prim, "plen:isStop"),
-        conic=need(prim, "plen:conic"),
-        is_cylinder=need(prim, "plen:cylindrical"),
-        relief=_read_relief(prim),
-        even_coefficients=need(prim, "plen:evenCoefficients"),
-        odd_coefficients=need(prim, "plen:oddCoefficients"),
-        focal_length_mm=read(prim, "plen:focalLength"),
-        decentre_mm=need(prim, "plen:decentre"),
-        tilt_deg=need(prim, "plen:tilt"),
-        aperture_rotation_deg=need(prim, "plen:apertureRotation") if shape in ("rectangular", "polygonal") else 0.0,
-        **{field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()},
-    )
+    return Surface(relief=_read_relief(prim), **fields_of(prim, Surface))
 
 
 def _read_relief(prim: Usd.Prim) -> Relief | None:

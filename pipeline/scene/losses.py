@@ -19,17 +19,8 @@ from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.lens import medium_behind
 from pipeline.scene.usd.problems import Problem, problem
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, read_once, target
 from pipeline.scene.windows import surfaces_before_sensor
-
-_COATING = {
-    "wavelengths_nm": "plen:coatingWavelengths",
-    "angles_deg": "plen:coatingAngles",
-    "reflectance": "plen:coatingReflectance",
-    "film_indices": "plen:coatingFilmIndices",
-    "film_thicknesses_nm": "plen:coatingFilmThicknesses",
-}
-"""Attributes of PlenSurface by the fields of `CoatingData`."""
 
 _BLAMED = {
     "coating": "plen:coatingReflectance",
@@ -79,7 +70,7 @@ def read_losses(camera: Usd.Prim, wavelength_nm: float) -> Losses:
 @read_once
 def _read_coating(surface: Usd.Prim) -> CoatingData:
     """Coating of a PlenSurface; raises as `CoatingData`."""
-    return CoatingData(**{field: need(surface, name) for field, name in _COATING.items()})
+    return CoatingData(**fields_of(surface, CoatingData))
 
 
 @read_once

@@ -11,24 +11,7 @@ from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import GlassError, OutOfRange
 from pipeline.optics.printed import D_LINE_NM
 from pipeline.scene.usd.problems import Problem, of_reader, problem
-from pipeline.scene.usd.values import UnreadableValue, need, read
-
-FACES = {
-    "front_radii_mm": "plen:frontRadii",
-    "rear_radii_mm": "plen:rearRadii",
-    "front_conics": "plen:frontConics",
-    "rear_conics": "plen:rearConics",
-}
-"""Attributes of refractive microlenses, by the fields of `MicrolensArray`."""
-
-_OPTIONAL = {
-    "cross_pitch_mm": "plen:crossPitch",
-    "width_mm": "plen:width",
-    "height_mm": "plen:height",
-    "columns": "plen:columns",
-    "rows": "plen:rows",
-    "type_period": "plen:typePeriod",
-}
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read
 
 _ANY_DISTANCE_MM = 1.0
 """Distance from the sensor of an array without a camera [mm]: no check of an array alone depends on it."""
@@ -40,30 +23,17 @@ _NEAREST = 0.1
 
 def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -> MicrolensArray:
     """The record of a PlenMicrolensArray at a distance from the sensor, at the wavelength of a camera."""
-    model, aperture = need(prim, "plen:model"), need(prim, "plen:aperture")
-    parts = {field: read(prim, name) for field, name in _OPTIONAL.items()}
-    if model != "refractive":
-        parts["focal_lengths_mm"] = need(prim, "plen:focalLengths")
-    else:
-        parts |= {field: need(prim, name) for field, name in FACES.items()}
-    if model != "thin":
-        parts |= {"index": microlens_index(prim, wavelength_nm), "thickness_mm": need(prim, "plen:thickness")}
-    if aperture == "disc":
-        parts["disc_diameter_mm"] = need(prim, "plen:discDiameter")
+    model = need(prim, "plen:model")
     (offset_x_mm, offset_y_mm), (tilt_x_deg, tilt_y_deg) = need(prim, "plen:offset"), need(prim, "plen:tilt")
     return MicrolensArray(
-        layout=need(prim, "plen:layout"),
-        pitch_mm=need(prim, "plen:pitch"),
-        type_table=need(prim, "plen:typeTable"),
         distance_mm=distance_mm,
-        rotation_deg=need(prim, "plen:rotation"),
+        focal_lengths_mm=() if model == "refractive" else need(prim, "plen:focalLengths"),
+        index=None if model == "thin" else microlens_index(prim, wavelength_nm),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
         tilt_x_deg=tilt_x_deg,
         tilt_y_deg=tilt_y_deg,
-        aperture=aperture,
-        model=model,
-        **parts,
+        **fields_of(prim, MicrolensArray),
     )
 
 

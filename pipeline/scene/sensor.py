@@ -15,16 +15,6 @@ from pipeline.scene.losses import check_losses, losses_at
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, target
 
-ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
-    "all": {},
-    "cosine": {"acceptance_power": "plen:acceptancePower"},
-    "cone": {
-        "acceptance_half_angle_deg": "plen:acceptanceHalfAngle",
-        "acceptance_roll_off_deg": "plen:acceptanceRollOff",
-    },
-}
-"""Attributes that set the numbers of a pixel's acceptance, by model and field of `Sensor`."""
-
 _FILTERS = "plen:response:filters"
 MONO = "mono"
 """The channel of a sensor that has no channels."""
@@ -32,18 +22,14 @@ MONO = "mono"
 
 def read_sensor(prim: Usd.Prim) -> Sensor:
     """The record of a PlenSensor."""
-    acceptance = need(prim, "plen:acceptance")
     width_px, height_px = need(prim, "plen:resolution")
     offset_x_mm, offset_y_mm = need(prim, "plen:offset")
     return Sensor(
         width_px=width_px,
         height_px=height_px,
-        pitch_mm=need(prim, "plen:pixelPitch"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
-        tilt_deg=tuple(need(prim, "plen:tilt")),
-        acceptance=acceptance,
-        **{field: need(prim, name) for field, name in ACCEPTANCE_VALUES[acceptance].items()},
+        **fields_of(prim, Sensor),
     )
 
 
@@ -69,9 +55,7 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
     if is_radiance and not channels:
         radiance = Radiance(w_per_m2_sr=before_lens, effective_nm=light_nm, losses=(losses_at(camera, light_nm),))
     return Irradiation(
-        exposure_time_s=need(camera, "plen:image:exposureTime"),
-        white_level=read(camera, "plen:image:whiteLevel"),
-        photon_rate=read(camera, "plen:image:photonRate"),
+        **fields_of(camera, Irradiation),
         radiance=radiance,
         channels=tuple(
             Radiance(

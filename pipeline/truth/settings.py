@@ -1,6 +1,7 @@
 """Settings of the ground truth of a camera."""
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
 CLAIM_PX = 1e-3
@@ -11,15 +12,15 @@ CLAIM_PX = 1e-3
 class TruthSettings:
     """The authored `plen:truth:*` values of a camera that decide its rows; the schema says what each means."""
 
-    method: str = "direct"
-    search: str = "quad"
-    filter: str = "lengths-and-angles"
-    lambda_d: float = 0.15
-    lambda_alpha_deg: float = 10.0
-    nearest_threshold_mm: float = 0.05
-    min_hit_fraction: float = 0.05
-    accuracy_px: float | None = None
-    columns: tuple[str, ...] = ()
+    method: Annotated[str, "plen:truth:method"] = "direct"
+    search: Annotated[str, "plen:truth:search"] = "quad"
+    filter: Annotated[str, "plen:truth:filter"] = "lengths-and-angles"
+    lambda_d: Annotated[float, "plen:truth:lambdaD"] = 0.15
+    lambda_alpha_deg: Annotated[float, "plen:truth:lambdaAlpha"] = 10.0
+    nearest_threshold_mm: Annotated[float, "plen:truth:nearestThreshold"] = 0.05
+    min_hit_fraction: Annotated[float, "plen:truth:minHitFraction"] = 0.05
+    accuracy_px: Annotated[float | None, "plen:truth:accuracy"] = None
+    columns: Annotated[tuple[str, ...], "plen:truth:columns"] = ()
 
     @property
     def column_sets(self) -> tuple[str, ...]:

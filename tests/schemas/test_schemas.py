@@ -9,9 +9,8 @@ import pytest
 from places import ROOT
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
-from pipeline.scene.check.properties import conditions_in
 from pipeline.scene.usd.roots import library_path, plugin_path
-from pipeline.scene.usd.values import range_of
+from pipeline.scene.usd.values import conditions_in, range_of
 
 SOURCE = Sdf.Layer.FindOrOpen((ROOT / "schemas/plenScene/resources/plenScene/schema.usda").as_posix())
 CONCRETE = [prim.name for prim in SOURCE.rootPrims if prim.typeName]
@@ -174,28 +173,6 @@ def test_conditions_name_properties_of_the_same_schema_and_tokens_that_these_may
         assert set(rule.tokens) <= set(allowed), (schema, name)
         is_list = str(definition(schema).GetPropertyMetadata(rule.name, "typeName")).endswith("[]")  # any entry counts
         assert rule.tokens or is_list or not allowed, f"{schema} {name}: which values of {rule.name}?"
-
-
-def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_belongs_to_it():
-    from pipeline.records.declared import attributes_of
-    from pipeline.scene.lens import APERTURE_VALUES
-    from pipeline.scene.microlenses import FACES
-    from pipeline.scene.sensor import ACCEPTANCE_VALUES
-    from pipeline.scene.targets import SHAPES
-
-    read = {
-        ("PlenSurface", "plen:apertureShape"): {token: {*fields.values()} for token, fields in APERTURE_VALUES.items()},
-        ("PlenSensor", "plen:acceptance"): {token: {*fields.values()} for token, fields in ACCEPTANCE_VALUES.items()},
-        ("PlenCheckerboard", "plen:shape"): {
-            token: {*attributes_of(shape).values()} for token, shape in SHAPES.items()
-        },
-        ("PlenMicrolensArray", "plen:model"): {"refractive": {*FACES.values()}},
-    }
-    for (schema, decides), values in read.items():
-        for token, names in values.items():
-            for name in names:
-                only = [rule for rule in conditions_in(documentation(schema, name)) if rule.kind == "Only"]
-                assert [(rule.name, rule.tokens) for rule in only] == [(decides, (token,))]
 
 
 def test_a_foreign_program_finds_the_schemas_and_the_library_by_path():

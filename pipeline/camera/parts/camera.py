@@ -5,6 +5,7 @@ Distances along the axis are counted from the aperture stop, the origin of the c
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -41,14 +42,14 @@ class Sensor:
 
     width_px: int
     height_px: int
-    pitch_mm: float
+    pitch_mm: Annotated[float, "plen:pixelPitch"]
     offset_x_mm: float = 0.0
     offset_y_mm: float = 0.0
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
-    acceptance: str = "all"
-    acceptance_power: float = 1.0
-    acceptance_half_angle_deg: float = 90.0
-    acceptance_roll_off_deg: float = 0.0
+    tilt_deg: Annotated[tuple[float, float], "plen:tilt"] = (0.0, 0.0)
+    acceptance: Annotated[str, "plen:acceptance"] = "all"
+    acceptance_power: Annotated[float, "plen:acceptancePower"] = 1.0
+    acceptance_half_angle_deg: Annotated[float, "plen:acceptanceHalfAngle"] = 90.0
+    acceptance_roll_off_deg: Annotated[float, "plen:acceptanceRollOff"] = 0.0
 
     def __post_init__(self) -> None:
         settle(self, CameraError)
@@ -98,10 +99,10 @@ class Camera:
     sensor: Sensor
     sensor_distance_mm: float
     microlenses: MicrolensArray | None = None
-    circle_of_confusion_px: float = 1.0
-    near_mm: float | None = None
-    far_mm: float | None = None
-    weight: str = "irradiance"
+    circle_of_confusion_px: Annotated[float, "plen:camera:circleOfConfusion"] = 1.0
+    near_mm: Annotated[float | None, "plen:camera:near"] = None
+    far_mm: Annotated[float | None, "plen:camera:far"] = None
+    weight: Annotated[str, "plen:camera:weight"] = "irradiance"
     spectrum: tuple[SpectralNode, ...] = ()
 
     def __post_init__(self) -> None:
@@ -184,8 +185,10 @@ class Camera:
 class Sampling:
     """Sampling of the bundles of a camera."""
 
-    supersampling: int = 1  # K of the paper: position images are K times finer than the image along each axis
-    samples: int = 1024  # rays per position of a position image, over all replicas; four times a power of two
+    # K of the paper: position images are K times finer than the image along each axis
+    supersampling: Annotated[int, "plen:truth:supersampling"] = 1
+    # rays per position of a position image, over all replicas; four times a power of two
+    samples: Annotated[int, "plen:truth:samples"] = 1024
     seed: int = 0  # `plen:seed` of the dataset
 
 

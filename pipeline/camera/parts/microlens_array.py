@@ -5,6 +5,7 @@ Lattice, types and models: CONVENTIONS.md, "Microlens lattice".
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -145,31 +146,31 @@ class MicrolensArray:
     - `front_conics`, `rear_conics`: one per type; empty: spheres.
     """
 
-    layout: str = "hexagonal"
-    pitch_mm: float
-    cross_pitch_mm: float | None = None
+    layout: Annotated[str, "plen:layout"] = "hexagonal"
+    pitch_mm: Annotated[float, "plen:pitch"]
+    cross_pitch_mm: Annotated[float | None, "plen:crossPitch"] = None
     focal_lengths_mm: tuple[float, ...] = ()
-    type_table: tuple[int, ...] = ()
-    type_period: tuple[int, int] | None = None
-    width_mm: float | None = None
-    height_mm: float | None = None
-    columns: int | None = None
-    rows: int | None = None
+    type_table: Annotated[tuple[int, ...], "plen:typeTable"] = ()
+    type_period: Annotated[tuple[int, int] | None, "plen:typePeriod"] = None
+    width_mm: Annotated[float | None, "plen:width"] = None
+    height_mm: Annotated[float | None, "plen:height"] = None
+    columns: Annotated[int | None, "plen:columns"] = None
+    rows: Annotated[int | None, "plen:rows"] = None
     distance_mm: float
-    rotation_deg: float = 0.0
+    rotation_deg: Annotated[float, "plen:rotation"] = 0.0
     offset_x_mm: float = 0.0
     offset_y_mm: float = 0.0
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
-    aperture: str = "cell"
-    disc_diameter_mm: float | None = None
-    model: str = "thin"
+    aperture: Annotated[str, "plen:aperture"] = "cell"
+    disc_diameter_mm: Annotated[float | None, "plen:discDiameter"] = None
+    model: Annotated[str, "plen:model"] = "thin"
     index: float | None = None
-    thickness_mm: float | None = None
-    front_radii_mm: tuple[float, ...] = ()
-    rear_radii_mm: tuple[float, ...] = ()
-    front_conics: tuple[float, ...] = ()
-    rear_conics: tuple[float, ...] = ()
+    thickness_mm: Annotated[float | None, "plen:thickness"] = None
+    front_radii_mm: Annotated[tuple[float, ...], "plen:frontRadii"] = ()
+    rear_radii_mm: Annotated[tuple[float, ...], "plen:rearRadii"] = ()
+    front_conics: Annotated[tuple[float, ...], "plen:frontConics"] = ()
+    rear_conics: Annotated[tuple[float, ...], "plen:rearConics"] = ()
 
     def __post_init__(self) -> None:
         settle(self, CameraError, infinite=("front_radii_mm", "rear_radii_mm"))

@@ -188,11 +188,13 @@ class Radiance:
 class Irradiation:
     """Exposure of a frame: by its result, by its photons, or by the radiance of the scene."""
 
-    exposure_time_s: float  # for how long light and dark current are collected [s]
+    # for how long light and dark current are collected [s]
+    exposure_time_s: Annotated[float, "plen:image:exposureTime"]
     # share of saturation that the light of relative irradiance 1 fills, in the channel of the highest quantum
     # efficiency, without dark signal
-    white_level: float | None = None
-    photon_rate: float | None = None  # photons that hit a pixel in a second at relative irradiance 1 [1/s]
+    white_level: Annotated[float | None, "plen:image:whiteLevel"] = None
+    # photons that hit a pixel in a second at relative irradiance 1 [1/s]
+    photon_rate: Annotated[float | None, "plen:image:photonRate"] = None
     # radiance that has the relative irradiance 1; the camera then determines the photon rate
     radiance: Radiance | None = None
     channels: tuple[Radiance, ...] = ()  # the same for a sensor with channels, one for each

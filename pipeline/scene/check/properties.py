@@ -3,9 +3,7 @@ type, out of range, or not supported yet.
 """
 
 import math
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,9 +14,11 @@ from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import (
     FOREIGN,
     LONGEST_TEXT,
+    Condition,
     Range,
     Rule,
     bad_text,
+    is_written,
     numbers,
     read,
     rule_of,
@@ -45,58 +45,6 @@ _APIS = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI", "Material": "Plen
 """The schema to apply where a prim of a type has attributes of ours."""
 _NAMED = 5
 """Number of wrong values of one attribute that are listed."""
-_LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", re.MULTILINE)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
-    """A `Needed with:` or `Only with:` of a documentation: a property, and its values (empty: any that is written).
-
-    An attribute is needed if any condition of the one kind holds, and has no effect unless all of the other do.
-    """
-
-    kind: str
-    name: str
-    tokens: tuple[str, ...] = ()
-
-    def holds(self, prim: Usd.Prim) -> bool | None:
-        """Whether it holds for a prim; None if the deciding value is itself wrong."""
-        if not self.tokens:
-            return _is_written(prim, self.name)
-        value = read(prim, self.name)
-        return None if value is None else value in self.tokens
-
-
-def conditions_in(documentation: str) -> list[Condition]:
-    stated = _LINE.findall(documentation)
-    return [
-        Condition(kind=kind, name=name, tokens=tuple(filter(None, tokens.split(", ")))) for kind, name, tokens in stated
-    ]
-
-
-_KNOWN: dict[tuple[str, tuple[str, ...]], dict[str, list[Condition]]] = {}
-"""Conditions of attributes, by name, of each type with its applied schemas."""
-
-
-def _conditions_of(prim: Usd.Prim) -> dict[str, list[Condition]]:
-    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()))
-    if key not in _KNOWN:
-        definition = prim.GetPrimDefinition()
-        texts = {name: definition.GetPropertyMetadata(name, "documentation") for name in definition.GetPropertyNames()}
-        ours = {name: conditions_in(text or "") for name, text in texts.items() if name.startswith("plen:")}
-        _KNOWN[key] = {name: conditions for name, conditions in ours.items() if conditions}
-    return _KNOWN[key]
-
-
-def _is_written(prim: Usd.Prim, name: str) -> bool:
-    """Whether a stage sets a property to something: what is empty, or the fallback, cancels that of a weaker file."""
-    rule = rule_of(prim, name)
-    if rule is None:
-        return bool(target_paths(prim.GetRelationship(name)))
-    if not prim.GetAttribute(name).HasAuthoredValue():
-        return False
-    value = read(prim, name)
-    return value is None or value not in ((), "", rule.fallback)
 
 
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
@@ -164,15 +112,16 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
     def stated(rule: Condition) -> str:
         return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
-    for name, rules in _conditions_of(prim).items():
-        written = _is_written(prim, name)
-        needing = next((rule for rule in rules if rule.kind == "Needed" and rule.holds(prim)), None)
+    names = (name for name in prim.GetPrimDefinition().GetPropertyNames() if name.startswith("plen:"))
+    for name, rule in ((name, rule) for name in names if (rule := rule_of(prim, name)) and rule.conditions):
+        written = is_written(prim, name)
+        needing = next((each for each in rule.conditions if each.kind == "Needed" and each.holds(prim)), None)
         if needing and not written and name not in meant:
             place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
             yield problem(place, code, f'{stated(needing)} needs "{name}"', hint=hint)
-        failing = next((rule for rule in rules if rule.kind == "Only" and rule.holds(prim) is False), None)
+        failing = next((each for each in rule.conditions if each.kind == "Only" and each.holds(prim) is False), None)
         if written and failing:
             message = f'"{name}" has no effect {"with" if failing.tokens else "without"} {stated(failing)}'
             tokens = " or ".join(f'"{token}"' for token in failing.tokens)

@@ -28,6 +28,7 @@ _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
 )
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
+_CONDITION = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", re.MULTILINE)
 LENS_DISTORTION = frozenset(
     f"OmniLensDistortion{name}API"
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
@@ -212,9 +213,47 @@ def bad_text(value: Any) -> str | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A `Needed with:` or `Only with:` of a documentation: a property, and its values (empty: any that is written).
+
+    An attribute is needed if any condition of the one kind holds, and has no effect unless all of the other do.
+    """
+
+    kind: str
+    name: str
+    tokens: tuple[str, ...] = ()
+
+    def holds(self, prim: Usd.Prim) -> bool | None:
+        """Whether it holds for a prim; None if the deciding value is itself wrong."""
+        if not self.tokens:
+            return is_written(prim, self.name)
+        value = read(prim, self.name)
+        return None if value is None else value in self.tokens
+
+
+def conditions_in(documentation: str) -> tuple[Condition, ...]:
+    stated = _CONDITION.findall(documentation)
+    return tuple(
+        Condition(kind=kind, name=name, tokens=tuple(filter(None, tokens.split(", ")))) for kind, name, tokens in stated
+    )
+
+
+def is_written(prim: Usd.Prim, name: str) -> bool:
+    """Whether a stage sets a property to something: what is empty, or the fallback, cancels that of a weaker file."""
+    rule = rule_of(prim, name)
+    if rule is None:
+        return bool(target_paths(prim.GetRelationship(name)))
+    if not prim.GetAttribute(name).HasAuthoredValue():
+        return False
+    value = read(prim, name)
+    return value is None or value not in ((), "", rule.fallback)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
     """Rules of the schemas about the values of an attribute: type as read by USD, range of every number, fewest and
-    most entries of an array, allowed tokens, and the fallback as a Python object. None and empty: anything is allowed.
+    most entries of an array, allowed tokens, the fallback as a Python object, and what other values it depends on.
+    None and empty: anything is allowed.
     """
 
     kind: type | None = None
@@ -222,6 +261,7 @@ class Rule:
     entries: tuple[int, int] | None = None
     tokens: frozenset[str] = frozenset()
     fallback: Any = None
+    conditions: tuple[Condition, ...] = ()
 
     def holds(self, value: Any) -> bool:
         """Whether a value of USD has the right type, length and range, and printable texts."""
@@ -262,6 +302,7 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
         span=range_of(text) if is_ours else FOREIGN.get(name),
         entries=(int(entries[1]), int(entries[2])) if entries else None,
         tokens=frozenset(definition.GetPropertyMetadata(name, "allowedTokens") or ()),
+        conditions=conditions_in(text) if is_ours else (),
     )
     fallback = attribute.GetFallbackValue()
     return replace(rule, fallback=plain(fallback)) if fallback is not None and rule.holds(fallback) else rule
@@ -297,16 +338,17 @@ def need(prim: Usd.Prim, name: str) -> Any:
 
 
 def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
-    """Values of the fields of a record that are annotated with attributes of a prim; None where a field may lack one.
-
-    UnreadableValue: as of `need`.
+    """Values of the fields of a record that are annotated with attributes of a prim, but for attributes that have no
+    effect beside a token of another one; None where a field may lack a value. UnreadableValue: as of `need`.
     """
-    hints = get_type_hints(record)
-    may_lack = {name for name, hint in hints.items() if type(None) in get_args(hint)}
-    return {
-        name: read(prim, attribute) if name in may_lack else need(prim, attribute)
-        for name, attribute in attributes_of(record).items()
-    }
+    hints, values = get_type_hints(record), {}
+    for name, attribute in attributes_of(record).items():
+        rule = rule_of(prim, attribute)
+        decided = [(each.kind, each.holds(prim)) for each in rule.conditions if each.tokens] if rule else []
+        if ("Only", False) not in decided:
+            may_lack = type(None) in get_args(hints[name]) and ("Needed", True) not in decided
+            values[name] = read(prim, attribute) if may_lack else need(prim, attribute)
+    return values
 
 
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
