@@ -4,10 +4,8 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.stages import write_new
-from pipeline.engine.files import chosen_place
+from pipeline.app.stages import draw, write_new
 from pipeline.errors import UsageError
-from pipeline.files.drawings import write_drawing
 from pipeline.fits.drawing import picture
 from pipeline.fits.field import FitError
 from pipeline.fits.omniverse import seen_by_omniverse
@@ -31,8 +29,7 @@ class CameraFit:
         """Draw the best fit."""
         if not self.camera.fits:
             raise UsageError(f"{THIN_LENS} alone has no residual field over the image", hint="add another --model")
-        with chosen_place("write", path):
-            write_drawing(path, picture(self.camera, self.camera.best))
+        draw(picture(self.camera, self.camera.best), path)
 
     def layer(self, path: Path) -> None:
         """Write the new layer for other renderers."""

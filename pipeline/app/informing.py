@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.engine.files import chosen_place
+from pipeline.app import stages
 from pipeline.files import svg
-from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import Json
 from pipeline.fits.field import FitError
 from pipeline.fits.knowledge import Knowledge, Prediction, knowledge
@@ -123,8 +122,7 @@ def draw(known: Knowledge, path: Path) -> None:
         items += _map(each, corner, _PANEL_PX / wide, span)
     rows = math.ceil(len(known.predictions) / _COLUMNS)
     size = _MARGIN_PX + _COLUMNS * (_PANEL_PX + _MARGIN_PX), inner + rows * (tall + inner)
-    with chosen_place("write", path):
-        write_drawing(path, svg.document(size, *items, font_family="sans-serif"))
+    stages.draw(svg.document(size, *items, font_family="sans-serif"), path)
 
 
 def _map(each: Prediction, corner: tuple[float, float], scale: float, span: np.ndarray) -> Iterator[str]:

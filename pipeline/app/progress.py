@@ -29,7 +29,8 @@ class Lines:
         self._counts: Counter[str] = Counter()
         self._left: Counter[str] = Counter()
         self._total, self._jobs = 0, 1
-        self._usual: defaultdict[str, list[float]] = defaultdict(list)
+        self._timed: Counter[str] = Counter()
+        self._seconds: defaultdict[str, float] = defaultdict(float)
 
     def __enter__(self) -> "Lines":
         return self
@@ -46,7 +47,8 @@ class Lines:
             self._counts[event.result.state] += 1
             self._left[event.result.kind] -= 1
             if event.usual_seconds is not None:
-                self._usual[event.result.kind].append(event.usual_seconds)
+                self._timed[event.result.kind] += 1
+                self._seconds[event.result.kind] += event.usual_seconds
         if text := self._line(event):
             self._say(text)
 
@@ -57,7 +59,7 @@ class Lines:
 
     def _seconds_left(self) -> float | None:
         """Estimate from recorded times by kind of task [s], of unknown kinds the mean; None while nothing is known."""
-        means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
+        means = {kind: self._seconds[kind] / count for kind, count in self._timed.items()}
         if not means:
             return None
         usual = sum(means.values()) / len(means)

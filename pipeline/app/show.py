@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.stages import chosen, lacking, sound
+from pipeline.app.stages import chosen, draw, lacking, sound
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
 from pipeline.camera.figures.first_order_figures import lens_report
@@ -14,9 +14,8 @@ from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import pupil_fan
-from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
-from pipeline.files.drawings import pdf_bytes, write_drawing
+from pipeline.files.drawings import pdf_bytes
 from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
@@ -152,8 +151,7 @@ def draw_points(
             light = f"{part.wavelength_nm:.1f} nm" + ("" if part.channel is None else f" ({part.channel.name})")
             channels.append((part, images))
             rows += [(light, image) for image in images]
-    with chosen_place("write", path):
-        write_drawing(path, point_report.drawing(rows, f"{entry.name}: images of points by diffraction", pitch_mm))
+    draw(point_report.drawing(rows, f"{entry.name}: images of points by diffraction", pitch_mm), path)
     return PointImages(channels, pitch_mm)
 
 
@@ -172,9 +170,7 @@ def plain_json(shown: list[Shown], points: PointImages | None = None) -> str:
 
 def plot(shown: list[Shown], path: Path) -> None:
     """Write the drawing of one camera or lens; UsageError, if there are several."""
-    picture = _single(shown)._drawing()
-    with chosen_place("write", path):
-        write_drawing(path, picture)
+    draw(_single(shown)._drawing(), path)
 
 
 @dataclass(frozen=True)
@@ -204,11 +200,10 @@ class TargetPrint:
         if isinstance(self.entry.target, MeshTarget):
             raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
         pages = pages_of(self.entry.target, self.entry.name)
-        with chosen_place("write", path):
-            if path.suffix == ".svg":
-                write_drawing(path, svg(pages))
-            else:
-                write_drawing(path, pdf_bytes([(p.width_mm, p.height_mm, pdf_content(p)) for p in pages]))
+        if path.suffix == ".svg":
+            draw(svg(pages), path)
+        else:
+            draw(pdf_bytes([(page.width_mm, page.height_mm, pdf_content(page)) for page in pages]), path)
         return paper_of(pages)
 
 

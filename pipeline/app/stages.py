@@ -12,6 +12,7 @@ from typing import Any
 from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
 from pipeline.files.lenses.read import read_camera_file, read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.folders import share
@@ -84,6 +85,12 @@ def write_new(text: str, path: Path) -> None:
         raise existing(path)
     with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
         stream.write(text)
+
+
+def draw(drawing: str | bytes, path: Path) -> None:
+    """Write a drawing that a user asked for; as `write_drawing`, and EnvironmentFault if it cannot be written."""
+    with chosen_place("write", path):
+        write_drawing(path, drawing)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,15 +37,6 @@ def test_a_forced_task_runs_and_its_readers_are_saved_by_early_cutoff(tmp_path):
     assert toy.executed(again) == {"rays/cam"}
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_task_that_gives_other_bytes_when_forced_is_reported(tmp_path, jobs):
-    noisy = toy.bare(toy.graph_of(("noisy", "noisy", {})), tmp_path / "out")
-    build(noisy, BuildOptions(jobs=jobs))
-    events = []
-    build(noisy, BuildOptions(jobs=jobs, force=("noisy",)), caller=Caller(on_event=events.append))
-    assert any("NON-DETERMINISM" in getattr(event, "text", "") for event in events)
-
-
 def test_a_full_disk_is_the_machines_fault_and_stops_the_build(tmp_path):
     graph = toy.graph_of(("full", "full", {}), ("report", "report", {}), ("lens", "lens", {"power": 1.0}))
     result = build(toy.bare(graph, tmp_path / "out"), BuildOptions(jobs=1, keep_going=True))

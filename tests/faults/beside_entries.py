@@ -112,20 +112,14 @@ def something_in_the_place_of_folders(bench: Workbench) -> Row:
 def flips_after_verification(bench: Workbench) -> Row:
     """One bit of an input, after it was hashed and before the task opens it; and of a result, before it is copied."""
     row = Row("R27", "a bit that flips between the look at a blob and its use")
-    tasks, files = len(bench.project.graph), len(bench.project.files)
-    for number in bench.some(tasks, 1):
-        place = bench.new_place()
-        row.tried += 1
-        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "input", number)) != 0 or bench.differs(
-            place
-        )
-        bench.judge(row, place)
-    for number in bench.some(files, 1):
-        place = bench.new_place(built=True)
-        shutil.rmtree(place / "out")
-        row.tried += 1
-        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "copy", number)) != 0 or bench.differs(place)
-        bench.judge(row, place)
+    for what, count in (("input", len(bench.project.graph)), ("copy", len(bench.project.files))):
+        for number in bench.some(count, 1):
+            place = bench.new_place(built=what == "copy")
+            shutil.rmtree(place / "out", ignore_errors=True)
+            row.tried += 1
+            code = bench.build_in_fork(place, meanwhile=_flipping(bench, what, number))
+            row.wrong += code != 0 or bench.differs(place)
+            bench.judge(row, place)
     return row
 
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from faults.beside_entries import (
@@ -46,17 +46,42 @@ def killed_at_every_step(bench: Workbench) -> Row:
 
 def power_failures(bench: Workbench) -> Row:
     row = Row("R2", "power failure: entry missing, empty, cut, or zeros")
+    makers = (
+        lambda path, data: None,
+        lambda path, data: path.touch(),
+        lambda path, data: path.write_bytes(data[: len(data) // 2]),
+        lambda path, data: path.write_bytes(bytes(len(data))),
+    )
+    return _replaced_entries(bench, row, makers)
+
+
+def entries_of_another_kind(bench: Workbench) -> Row:
+    row = Row("R5 R11", "swapped or foreign entry: link, hard link, FIFO, folder")
+    precious, first = bench.folder / "precious.txt", entries(bench.folder / "right")[0]
+    precious.write_text("precious")
+    makers = (
+        lambda path, data: shutil.copyfile(first, path),
+        lambda path, data: path.symlink_to(precious),
+        lambda path, data: path.hardlink_to(precious),
+        lambda path, data: os.mkfifo(path),
+        lambda path, data: path.mkdir(),
+    )
+    row = _replaced_entries(bench, row, makers)
+    row.wrong += precious.read_text() != "precious"
+    return row
+
+
+def _replaced_entries(bench: Workbench, row: Row, makers: Sequence[Callable[[Path, bytes], object]]) -> Row:
+    """Something else in the place of an entry of the store, which the makers get with its bytes."""
     names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
-    states = [(name, state) for name in names for state in ("missing", "empty", "cut", "zeros")]
-    for number in bench.some(len(states), 2):
-        name, state = states[number - 1]
+    cases = [(name, make) for name in names for make in makers]
+    for number in bench.some(len(cases), 2):
+        name, make = cases[number - 1]
         place = bench.new_place(built=True)
         shutil.rmtree(place / "out")
         data = (place / name).read_bytes()
         (place / name).unlink()
-        if state != "missing":
-            new = {"empty": b"", "cut": data[: len(data) // 2], "zeros": bytes(len(data))}[state]
-            (place / name).write_bytes(new)
+        make(place / name, data)
         row.tried += 1
         bench.judge(row, place, meanwhile=False)
     return row
@@ -110,32 +135,6 @@ def flipped_bits(bench: Workbench) -> Row:
             else:
                 row.wrong += store.is_whole(Blob(sha256=path.name, size=len(whole)))
     bench.judge(row, place, meanwhile=False)
-    return row
-
-
-def entries_of_another_kind(bench: Workbench) -> Row:
-    row = Row("R5 R11", "missing, swapped or foreign entry: link, hard link, FIFO, folder")
-    precious = bench.folder / "precious.txt"
-    names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
-    makers = {
-        "missing": lambda path: None,
-        "swapped": lambda path: shutil.copyfile(bench.folder / "right" / names[0], path),
-        "link": lambda path: path.symlink_to(precious),
-        "hard link": lambda path: path.hardlink_to(precious),
-        "fifo": lambda path: os.mkfifo(path),
-        "folder": lambda path: path.mkdir(),
-    }
-    cases = [(name, maker) for name in names[1:] for maker in makers]
-    for number in bench.some(len(cases), 2):
-        name, maker = cases[number - 1]
-        precious.write_text("precious")
-        place = bench.new_place(built=True)
-        shutil.rmtree(place / "out")
-        (place / name).unlink()
-        makers[maker](place / name)
-        row.tried += 1
-        bench.judge(row, place, meanwhile=False)
-        row.wrong += precious.read_text() != "precious"
     return row
 
 
@@ -208,14 +207,9 @@ def several_builders(bench: Workbench) -> Row:
     row = Row("R8", "builders at the same time on one store")
     for count in (2, 6) if bench.whole else (2,):
         place = bench.new_place()
-        children = [_builder(bench, place, number) for number in range(count)]
-        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        codes, ran = _race(bench, place, count)
         row.tried += count
-        row.wrong += any(codes)
-        ran = [name for path in place.glob("ran-*") for name in json.loads(path.read_text())]
-        row.wrong += len(ran) != len(set(ran)) or len(ran) != len(bench.project.graph)
-        for path in place.glob("ran-*"):
-            path.unlink()
+        row.wrong += any(codes) + (ran != Counter(bench.project.graph))
         bench.judge(row, place)
     return row
 
@@ -235,16 +229,25 @@ def builders_without_common_locks(bench: Workbench) -> Row:
             fcntl.flock = flock
             socket.gethostname = lambda: f"machine{number}"
 
-        children = [_builder(bench, place, number, prepare) for number in range(2)]
-        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        codes, ran = _race(bench, place, 2, prepare)
         row.tried += 2
         row.failed += sum(code != 0 for code in codes)
-        ran = Counter(name for path in place.glob("ran-*") for name in json.loads(path.read_text()))
         row.wrong += not set(codes) <= {0, 5} or max(ran.values()) > 2
-        for path in place.glob("ran-*"):
-            path.unlink()
         bench.judge(row, place)
     return row
+
+
+def _race(
+    bench: Workbench, place: Path, count: int, prepare: Callable[[int], None] = lambda number: None
+) -> tuple[list[int], Counter[str]]:
+    """Exit codes of builders that begin at the same time, and how often each task ran."""
+    children = [_builder(bench, place, number, prepare) for number in range(count)]
+    codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+    ran = Counter[str]()
+    for path in place.glob("ran-*"):
+        ran.update(json.loads(path.read_text()))
+        path.unlink()
+    return codes, ran
 
 
 def _builder(bench: Workbench, place: Path, number: int, prepare: Callable[[int], None] = lambda number: None) -> int:

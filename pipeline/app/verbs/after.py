@@ -9,6 +9,7 @@ from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note,
 from pipeline.errors import UsageError
 
 BuiltFolder = Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")]
+CameraName = Annotated[str | None, typer.Argument(metavar="CAMERA", help="Name of the camera, if there are several.")]
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -107,9 +108,7 @@ def fit(
         Path,
         typer.Argument(metavar="STAGE|OUT", help="A dataset, a rig or the folder of a build.", callback=library_file),
     ],
-    camera: Annotated[
-        str | None, typer.Argument(metavar="CAMERA", help="Name of the camera, if there are several.")
-    ] = None,
+    camera: CameraName = None,
     models: Annotated[
         list[str] | None,
         typer.Option(
@@ -162,9 +161,7 @@ def fit(
 
 def inform(
     out: BuiltFolder,
-    camera: Annotated[
-        str | None, typer.Argument(metavar="CAMERA", help="Name of the camera, if there are several.")
-    ] = None,
+    camera: CameraName = None,
     model: Annotated[
         str | None,
         typer.Option("--model", "-m", metavar="NAME", help="Of `fit --list`; by default brown, or a thin lens."),

@@ -174,18 +174,17 @@ def graph(
     allow_root: Roots = None,
 ) -> None:
     """Print or draw the graph of tasks, and which of them are done."""
-    from pipeline.engine.files import chosen_place
     from pipeline.engine.planning.collapsed_graph import as_dot, as_mermaid, overview
     from pipeline.engine.running.session import plan_of
-    from pipeline.files.drawings import write_drawing
     from pipeline.report.graph import svg
 
     require_suffix(picture, ".svg")
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:
-        with chosen_place("write", picture):
-            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
+        from pipeline.app.stages import draw
+
+        draw(svg(groups, str(project.head.get("stage"))), picture)
         note(f"wrote {picture}")
     elif form == "json":
         say_json({"groups": [group.to_dict() for group in groups]})

@@ -39,7 +39,7 @@ class OurFiles:
 
     def __init__(self, out: Path, store: Store, stage_id: str = "") -> None:
         self._out, self._store, self._stage = out, store, stage_id
-        self._note = _note(store, name_of(out))
+        self._note = store.read_record(_Note, "index", name_of(out)) or _Note()
         self.digests = self._note.ours or _moved_here(out, store)
         self._read: dict[str, tuple[Signature, str | None]] = dict(self._note.looks)
         self._settled_ns = time.time_ns() - _CLOCK_TICK_NS
@@ -99,11 +99,6 @@ def name_of(out: Path) -> str:
     return key_of("out/v1", os.path.realpath(out))
 
 
-def _note(store: Store, name: str) -> _Note:
-    """A note about a folder; empty if there is none, or if it is about something else."""
-    return store.read_record(_Note, "index", name) or _Note()
-
-
 def _moved_here(out: Path, store: Store) -> dict[str, list[str]]:
     """Digests of our files in another folder that received the same manifest from us; none if there is no such folder.
 
@@ -111,5 +106,5 @@ def _moved_here(out: Path, store: Store) -> dict[str, list[str]]:
     """
     data = read_regular(out / manifest.NAME)
     digest = None if data is None else hashlib.sha256(data).hexdigest()
-    notes = (_note(store, name).ours for name in (store.notes("index") if digest else ()))
-    return next((ours for ours in notes if digest in ours.get(manifest.NAME, ())), {})
+    notes = (store.read_record(_Note, "index", name) for name in (store.notes("index") if digest else ()))
+    return next((note.ours for note in notes if note and digest in note.ours.get(manifest.NAME, ())), {})

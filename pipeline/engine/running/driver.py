@@ -88,15 +88,14 @@ class _Driver:
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
+        self._has_failed = False
         self._broken = False  # the machine is at fault: more tasks would fail the same way
         for name in graph:
             self._queue_if_ready(name)
 
     def loop(self, interrupts: Interrupts) -> None:
         while True:
-            failed = any(result.state == "failed" for result in self.outcome.results.values())
-            may_go_on = self.options.keep_going or not failed
-            going = not (interrupts.arrived or self._broken) and may_go_on
+            going = not (interrupts.arrived or self._broken or (self._has_failed and not self.options.keep_going))
             while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
                 self._take(heapq.heappop(self._ready)[1])
             interrupts.is_patient = bool(self._running)
@@ -238,6 +237,7 @@ class _Driver:
     def _settle(self, result: TaskResult, record: Record | None = None) -> None:
         if record is not None:
             result = replace(result, made_by=record.made_by)
+        self._has_failed = self._has_failed or result.state == "failed"
         self.outcome.results[result.name] = result
         self.on_event(Done(result=result))
         if record is not None:

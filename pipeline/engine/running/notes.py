@@ -95,16 +95,17 @@ def logs_of(project: Project, target: str) -> list[TaskLog]:
     store, logs = Store(), []
     keys, ended = history_of(project, store).keys, _ended(project, store)
     for name in tasks_of(project, target):
-        ending = ended.get(name)
-        key = ending.key if ending else keys.get(name)
+        known = TaskResult(name=name, kind="", state="built" if name in keys else "never built", key=keys.get(name))
+        ending = ended.get(name, known)
+        key = ending.key
         record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
         facts = TaskLog(
             name=name,
             key=key,
-            state=ending.state if ending else "built" if key else "never built",
+            state=ending.state,
             log=str(log) if log and log.is_file() else None,
-            error=ending.error if ending else None,
-            spec=ending.spec if ending else None,
+            error=ending.error,
+            spec=ending.spec,
             made_by=record.made_by if record else None,
         )
         logs.append(facts)
