@@ -68,12 +68,8 @@ def cameras() -> dict[str, Camera]:
 
 def aspheric(camera: Camera) -> Camera:
     """The double Gauss of a camera with a conic, and an asphere of high powers."""
-    surfaces = list(camera.prescription.surfaces)
-    surfaces[0] = dataclasses.replace(surfaces[0], conic=-0.3)
     powers = (0.0, 2e-8, -3e-11, 1e-14, 1e-17, 1e-20)
-    surfaces[2] = dataclasses.replace(surfaces[2], conic=-0.1, even_coefficients=powers)
-    prescription = dataclasses.replace(camera.prescription, surfaces=tuple(surfaces))
-    return dataclasses.replace(camera, prescription=prescription)
+    return rigs.reshaped(camera, {0: {"conic": -0.3}, 2: {"conic": -0.1, "even_coefficients": powers}})
 
 
 def compare_moments(name: str, camera: Camera, samples: int, square_px: float) -> None:

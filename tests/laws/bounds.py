@@ -1,9 +1,7 @@
 """Sampling bounds: positions all over an array, and whether results depend on the bounds."""
 
-import dataclasses
-
 import numpy as np
-from laws.rigs import HEXAGON
+from laws.rigs import HEXAGON, reshaped
 from tolerances import HONEST, ROUNDING_MM, SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
@@ -11,7 +9,6 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, bound, new_region
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription
 
 
 def moments(tracer: Tracer, positions: np.ndarray, lens: np.ndarray, samples: int, first_pixel: int = 0) -> np.ndarray:
@@ -106,7 +103,4 @@ SHAPES = {"hexagon": HEXAGON, "rectangle": RECTANGLE, "ring": RING, "triangle": 
 
 
 def with_shapes(camera: Camera, stop: dict[str, object], front: dict[str, object]) -> Camera:
-    lens = camera.prescription
-    surfaces = [dataclasses.replace(surface, **(stop if surface.is_stop else {})) for surface in lens.surfaces]
-    surfaces[0] = dataclasses.replace(surfaces[0], **front)
-    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+    return reshaped(camera, {camera.prescription.stop_index: stop, 0: front})

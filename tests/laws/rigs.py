@@ -58,16 +58,20 @@ def tronnier(stop_semi_mm: float = 17.1) -> Prescription:
     )
 
 
+def reshaped(camera: Camera, surfaces: dict[int, dict], **lens: object) -> Camera:
+    """A camera with other values of some surfaces of its lens, by their places, and of the lens itself."""
+    old = camera.prescription
+    new = tuple(dataclasses.replace(surface, **surfaces.get(i, {})) for i, surface in enumerate(old.surfaces))
+    return dataclasses.replace(camera, prescription=dataclasses.replace(old, surfaces=new, **lens))
+
+
 def displaced(camera: Camera) -> Camera:
     """The double Gauss of a camera, assembled far worse than any workshop does it: groups, a surface and the stop."""
-    surfaces = list(camera.prescription.surfaces)
-    surfaces[2] = dataclasses.replace(surfaces[2], tilt_deg=(0.7, 0.4))
-    surfaces[5] = dataclasses.replace(surfaces[5], decentre_mm=(0.6, 0.3))
     groups = (
         Group(name="front", first=0, count=2, decentre_mm=(0.8, -0.5), tilt_deg=(1.0, -2.0)),
         Group(name="rear", first=8, count=3, tilt_deg=(-1.5, 1.0), pivot_mm=2.0),
     )
-    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces), groups=groups))
+    return reshaped(camera, {2: {"tilt_deg": (0.7, 0.4)}, 5: {"decentre_mm": (0.6, 0.3)}}, groups=groups)
 
 
 def hole(semi_mm: float) -> Prescription:
@@ -182,8 +186,10 @@ def fast(stop_semi_mm: float) -> Camera:
     return bare(tronnier(stop_semi_mm), sensor, 131.81, (NEAR_MM, FAR_MM))
 
 
-def acceptance_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> Acceptance:
-    return Acceptance(float(power), math.radians(half_deg), math.radians(roll_deg), False)
+def acceptance_of(
+    power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0, weight: str = "irradiance"
+) -> Acceptance:
+    return Acceptance(float(power), math.radians(half_deg), math.radians(roll_deg), weight == "area")
 
 
 def behind_a_hole(array: MicrolensArray, size_px: int = 60, pitch_mm: float = 0.02, **pixels: object) -> Tracer:

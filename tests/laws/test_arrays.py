@@ -140,30 +140,6 @@ def test_a_disc_weighs_pi_sine_squared_and_from_aside_what_many_edges_weigh() ->
         assert narrow == pytest.approx(wide / 4, rel=0.01)
 
 
-@pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 3.0, 17.0])
-def test_a_cosine_acceptance_has_lambert_integrals(power: float) -> None:
-    """2 pi (1 - cos^(n + 2)) / (n + 2) over a cone: polygons of ever more sides converge to it by the fourth."""
-    cosine = 4.0 / 5.0
-    expected = 2 * math.pi * (1 - cosine ** (power + 2)) / (power + 2)
-    errors = [
-        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, acceptance_of(power)) - expected for n in (16, 32, 64)
-    ]
-    assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
-
-
-@pytest.mark.parametrize("aside", [0.0, 0.3, 1.4])
-def test_a_cone_takes_what_lies_in_it(aside: float) -> None:
-    """A wide region loses all beyond the cone: pi sin^2, and with a roll-off the integral over its angles."""
-    wide = 10.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    hard = region_weight(wide, 4, aside, -aside, 1.0, acceptance_of(half_deg=20.0))
-    assert hard == pytest.approx(math.pi * math.sin(math.radians(20)) ** 2, rel=1e-13)
-    soft = region_weight(wide, 4, aside, -aside, 1.0, acceptance_of(half_deg=20.0, roll_deg=10.0))
-    node, weight = np.polynomial.legendre.leggauss(40)
-    theta = np.radians(25 + 5 * node)
-    beyond = math.radians(5) * weight @ ((np.radians(30) - theta) / math.radians(10) * np.sin(2 * theta) * math.pi)
-    assert soft == pytest.approx(hard + beyond, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     "pixels",
     [{}, {"acceptance": "cosine", "acceptance_power": 2.0}, {"acceptance": "cone", "acceptance_half_angle_deg": 40.0}],

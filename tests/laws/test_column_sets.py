@@ -75,9 +75,7 @@ def test_behind_a_thin_microlens_the_ray_through_its_vertex_meets_the_point() ->
     x = chief_points(case.rig.tracer, lens, case.j_px, case.planes[case.solutions.point])
     assert len(x) > 10
     start, vertex = case.rig.tracer.positions_mm(*x.T), case.rig.tracer.vertices_mm[lens]
-    way = np.column_stack([vertex - start, np.full(len(x), camera.microlenses.distance_mm)])
-    plane = np.column_stack([vertex, np.full(len(x), case.rig.tracer.film_z_mm)])
-    position, way, _ = textbook.trace(camera.prescription, plane, way)
+    position, way, *_ = textbook.sent(camera, start, vertex)
     missed = textbook.at_plane(position, way, case.pose) - case.target.points().position_mm[case.solutions.point, :2]
     assert np.abs(missed).max() < 1e4 * TEXTBOOK_MM  # Newton's steps end at 1e-10 px, of 0.2 mm each
 

@@ -55,12 +55,9 @@ def of_surface(place: int, /, **field: int | None) -> Callable[[Camera, float], 
     ((name, entry),) = field.items()
 
     def change(camera: Camera, by: float) -> Camera:
-        surfaces = list(camera.prescription.surfaces)
-        value = getattr(surfaces[place], name)
+        value = getattr(camera.prescription.surfaces[place], name)
         moved = value + by if entry is None else tuple(v + by * (i == entry) for i, v in enumerate(value))
-        surfaces[place] = dataclasses.replace(surfaces[place], **{name: moved})
-        prescription = dataclasses.replace(camera.prescription, surfaces=tuple(surfaces))
-        return dataclasses.replace(camera, prescription=prescription)
+        return rigs.reshaped(camera, {place: {name: moved}})
 
     return change
 
@@ -79,12 +76,10 @@ def farther(camera: Camera, by: float) -> Camera:
 
 def vignetting(stop_semi_mm: float = 16.5, inner_semi_mm: float = 0.0) -> Camera:
     """The double Gauss with an asphere, before a sensor that its rims shade: bundles have corners, at 16.5 mm all."""
-    lens = rigs.tronnier(stop_semi_mm)
-    surfaces = list(lens.surfaces)
-    surfaces[0] = dataclasses.replace(surfaces[0], conic=-0.2, even_coefficients=(0.0, 1e-7))
-    surfaces[3] = dataclasses.replace(surfaces[3], inner_semi_diameter_mm=inner_semi_mm)
     sensor = Sensor(width_px=400, height_px=300, pitch_mm=0.08)
-    return rigs.bare(dataclasses.replace(lens, surfaces=tuple(surfaces)), sensor, 125.0, (400.0, 600.0))
+    camera = rigs.bare(rigs.tronnier(stop_semi_mm), sensor, 125.0, (400.0, 600.0))
+    asphere = {"conic": -0.2, "even_coefficients": (0.0, 1e-7)}
+    return rigs.reshaped(camera, {0: asphere, 3: {"inner_semi_diameter_mm": inner_semi_mm}})
 
 
 NUMBERS = {

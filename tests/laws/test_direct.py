@@ -2,7 +2,6 @@
 finds every row to its stated error; the certificate sees what is wrong.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -23,7 +22,6 @@ from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
-from pipeline.optics.prescription import Prescription
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import correction, crossing_share, on_target
@@ -114,9 +112,7 @@ def test_a_ring_is_what_passes_less_what_its_obstruction_takes(ring: str) -> Non
     One region alone is refused: a ring is not star-shaped. Behind microlenses most are crescents, which are.
     """
     camera, inner_mm = RINGS[ring]
-    surfaces, stop = list(camera.prescription.surfaces), camera.prescription.stop_index
-    surfaces[stop] = dataclasses.replace(surfaces[stop], inner_semi_diameter_mm=inner_mm)
-    rig = rig_of(dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces))))
+    rig = rig_of(rigs.reshaped(camera, {camera.prescription.stop_index: {"inner_semi_diameter_mm": inner_mm}}))
     tracer, size = rig.tracer, np.array([camera.sensor.width_px, camera.sensor.height_px])
     x = np.random.default_rng(5).uniform(-0.5, size - 0.5, (40, 2))
     own = np.full(40, NO_MICROLENS) if rig.images is None else rig.images.owner(tracer.positions_mm(*x.T))

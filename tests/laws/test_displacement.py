@@ -177,9 +177,7 @@ def test_chief_rays_in_two_dimensions_are_those_of_one_in_a_centred_lens() -> No
 
 
 def with_stop_alone_displaced(camera: Camera) -> Camera:
-    surfaces = list(camera.prescription.surfaces)
-    surfaces[5] = dataclasses.replace(surfaces[5], decentre_mm=(0.6, 0.3))
-    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+    return rigs.reshaped(camera, {5: {"decentre_mm": (0.6, 0.3)}})
 
 
 @pytest.mark.parametrize("displace", [rigs.displaced, with_stop_alone_displaced])

@@ -2,8 +2,6 @@
 brute force over the whole rear surface; and an edge that does lose light is noticed.
 """
 
-import dataclasses
-
 import numpy as np
 import pytest
 from laws import rigs
@@ -127,12 +125,7 @@ def behind_microlenses() -> Edges:
 def displaced_with_blades() -> Edges:
     """A displaced lens with a hexagonal stop: how far an edge is, its clearance does not say."""
     camera = rigs.displaced(rigs.conventional())
-    surfaces = [dataclasses.replace(each, blades=6 if each.is_stop else 0) for each in camera.prescription.surfaces]
-    tracer = Tracer(
-        dataclasses.replace(
-            camera, prescription=Prescription(surfaces=tuple(surfaces), groups=camera.prescription.groups)
-        )
-    )
+    tracer = Tracer(rigs.reshaped(camera, {camera.prescription.stop_index: {"blades": 6}}))
     positions = tracer.positions_mm(np.array([5.0, 48.0, 90.0]), np.array([5.0, 30.0, 70.0]))
     return edges(tracer.arrays, positions, np.full(3, NO_MICROLENS))
 

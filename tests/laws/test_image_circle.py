@@ -1,4 +1,6 @@
-"""A fisheye before a sensor larger than its image circle: drawing and table end where the light does."""
+"""A fisheye before a sensor larger than its image circle: drawing and table end where the light does, and chief rays,
+one smooth function of the height, come from wherever there is light.
+"""
 
 import dataclasses
 import math
@@ -11,13 +13,15 @@ from laws import rigs
 import pipeline
 from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.parts.camera import Camera, Sensor
-from pipeline.camera.pupil.chief_ray import chief_slopes
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.chief_ray import chief_heights, chief_slopes
 from pipeline.camera.pupil.outlines import passes
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
+from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import VERTEX, towards_scene
+from pipeline.optics.table import VERTEX, towards_scene, unbounded
 from pipeline.report import text
 from pipeline.results.drawing import bundle
 from pipeline.scene.load import load
@@ -149,3 +153,37 @@ def test_a_bundle_of_nothing_weighs_nothing():
     found = tracer.moments(places, lens, parallel_planes(400.0, 500.0), 64, np.zeros((3, 2), np.int64))
     assert found[0, WEIGHT] > 0
     assert found[1:, WEIGHT].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    "name", ["wide_22mm_nakamura", "double_gauss_100mm_mandler", "double_gauss_100mm_mills", "macro_100mm_canon"]
+)
+def test_every_height_that_is_lit_has_a_chief_ray(name: str) -> None:
+    """Up to the end of the image circle; steep rays near the axis of the rear surface once led the search astray."""
+    prescription = load(LENSES / f"{name}.usda").lens.prescription
+    table, film = towards_scene(prescription), first_order(prescription).rear_focus_mm
+    stop_row = len(prescription.surfaces) - 1 - prescription.stop_index
+    u = np.linspace(-1, 1, 61) * prescription.surfaces[-1].semi_diameter_mm
+    grid = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    heights = np.linspace(0.02, 1.0, 50) * first_order(prescription).efl_mm
+    lit = [passes(table, np.broadcast_to([h, 0.0, film], (len(grid), 3)), grid).any() for h in heights]
+    heights = heights[: lit.index(False) if False in lit else None]
+    assert len(heights) > 12
+
+    crossings = chief_heights(table, stop_row, film, heights)
+
+    start = np.column_stack([heights, 0 * heights, np.full(len(heights), film)])
+    way = np.column_stack([crossings, 0 * heights, np.full(len(heights), table[0, 0])]) - start
+    alive = np.ones(len(heights))
+    trace_rays(unbounded(table[: stop_row + 1]), start, way / np.linalg.norm(way, axis=1, keepdims=True), alive)
+    assert alive.all() and np.abs(start[:, 0]).max() < 1e-9
+    steps = np.diff(crossings)
+    assert (steps[1:] / steps[:-1] > 2 / 3).all() and (steps[1:] / steps[:-1] < 3 / 2).all()  # no jump to another ray
+
+
+def test_a_height_without_one_is_refused_with_a_number_and_a_hint() -> None:
+    prescription = load(LENSES / "double_gauss_100mm_tronnier.usda").lens.prescription
+    table, film = towards_scene(prescription), first_order(prescription).rear_focus_mm
+    with pytest.raises(CameraError, match=r"no ray from 400 mm off the axis") as caught:
+        chief_slopes(table, 5, np.array([[1.0, 0.0, film], [0.0, 400.0, film], [300.0, 0.0, film]]))
+    assert "pixel pitch in mm" in caught.value.hint

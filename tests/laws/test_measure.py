@@ -23,7 +23,6 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.acceptance import region_weight
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
-from pipeline.camera.tracing.records import Acceptance
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.judging import certify
@@ -34,10 +33,6 @@ ODD = {"irradiance": "area", "area": "irradiance"}
 
 def weighed(camera: Camera, weight: str) -> Camera:
     return dataclasses.replace(camera, weight=weight)
-
-
-def by_area(acceptance: Acceptance) -> Acceptance:
-    return acceptance._replace(by_area=True)
 
 
 def test_a_hole_weighs_its_area() -> None:
@@ -62,29 +57,32 @@ def test_a_hole_without_a_lens_lights_all_pixels_alike() -> None:
     np.testing.assert_allclose(flat, 1.0, rtol=0, atol=4 * rays**-0.75)
 
 
-@pytest.mark.parametrize("power", [0.5, 1.0, 2.0, 3.0, 17.0])
-def test_a_cosine_acceptance_by_area(power: float) -> None:
-    """2 pi h^2 times the integral of (1 + t^2)^(-n / 2) t dt, t the tangent: polygons converge to it by the fourth."""
-    node, weight = np.polynomial.legendre.leggauss(40)
-    t = 0.75 * (node + 1) / 2
-    expected = 2 * math.pi * 16 * 0.75 / 2 * (weight @ ((1 + t**2) ** (-power / 2) * t))
-    errors = [
-        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, by_area(acceptance_of(power))) - expected
-        for n in (16, 32, 64)
-    ]
+@pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 2.0, 3.0, 17.0])
+def test_a_cosine_acceptance_has_closed_forms(power: float, weight: str) -> None:
+    """2 pi (1 - cos^a) / a over a cone, a = n + 2, Lambert's law; by area times h^2, and a = n - 2: polygons of ever
+    more sides converge to it by the fourth."""
+    exponent, scale = (power - 2, 16) if weight == "area" else (power + 2, 1)
+    expected = 2 * math.pi * scale * (-math.log(0.8) if exponent == 0 else (1 - 0.8**exponent) / exponent)
+    accepted = acceptance_of(power, weight=weight)
+    errors = [region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, accepted) - expected for n in (16, 32, 64)]
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
 
 
-def test_a_cone_takes_the_area_that_lies_in_it() -> None:
-    """A hard cone in a wide square: pi h^2 tan^2; with a roll-off the integral over theta besides."""
-    wide = 40 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    hard = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(acceptance_of(half_deg=20.0)))
-    assert hard == pytest.approx(math.pi * 4 * math.tan(math.radians(20)) ** 2, rel=1e-12)
-    soft = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(acceptance_of(half_deg=20.0, roll_deg=10.0)))
-    node, weight = np.polynomial.legendre.leggauss(40)
+@pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize("aside", [0.0, 0.3, 1.4])
+def test_a_cone_takes_what_lies_in_it(aside: float, weight: str) -> None:
+    """A wide region loses all beyond the cone: pi sin^2, by area pi h^2 tan^2, and with a roll-off the integral of
+    their changes over its angles."""
+    wide, cone, area = 40.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), 20.0, weight == "area"
+    hard = region_weight(wide, 4, aside, -aside, 2.0, acceptance_of(0.0, cone, 0.0, weight))
+    angle = math.radians(cone)
+    assert hard == pytest.approx(math.pi * (4 * math.tan(angle) ** 2 if area else math.sin(angle) ** 2), rel=1e-13)
+    soft = region_weight(wide, 4, aside, -aside, 2.0, acceptance_of(0.0, cone, 10.0, weight))
+    node, share = np.polynomial.legendre.leggauss(40)
     theta = np.radians(25 + 5 * node)
-    share = (np.radians(30) - theta) / math.radians(10)
-    beyond = math.radians(5) * weight @ (share * np.tan(theta) / np.cos(theta) ** 2) * 2 * math.pi * 4
+    change = 8 * np.tan(theta) / np.cos(theta) ** 2 if area else np.sin(2 * theta)
+    beyond = math.radians(5) * share @ ((np.radians(30) - theta) / math.radians(10) * change * math.pi)
     assert soft == pytest.approx(hard + beyond, rel=1e-12)
 
 

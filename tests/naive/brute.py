@@ -14,9 +14,8 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 
 def hexagon(count: int, pitch_mm: float, rng: np.random.Generator) -> np.ndarray:
     """Uniform points of a lattice cell whose edges face +x and every 60 degrees, by rejection, (count, 2)."""
-    normals = np.stack([np.cos(np.pi * np.arange(6) / 3), np.sin(np.pi * np.arange(6) / 3)])
     points = rng.uniform(-0.6 * pitch_mm, 0.6 * pitch_mm, (2 * count, 2))
-    points = points[(points @ normals < pitch_mm / 2).all(axis=1)]
+    points = points[textbook.in_hexagon(points, pitch_mm)]
     assert len(points) >= count
     return points[:count]
 
@@ -34,27 +33,19 @@ def rays_through(
     Positions and directions (count, 3), and weights, 0 for blocked rays: their sum is the integral of
     cos(theta) d omega [sr], or the area of the plane [mm^2].
     """
-    lens = camera.prescription
-    rear_mm = -lens.vertices_from_stop_mm[-1]
     if vertex_mm is None or focal_mm is None or camera.microlenses is None:
+        lens = camera.prescription
         # A rear surface off its place is seen through more than its own circle on the plane of its nominal vertex.
         half = lens.surfaces[-1].semi_diameter_mm * (1.0 if lens.is_centred else 1.2)
         radius, angle = half * np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, 2 * np.pi, count)
         points, area = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), np.pi * half**2
-        plane_mm, bend = rear_mm, np.zeros((count, 2))
+        bend = np.zeros((count, 2))
     else:
         array = camera.microlenses
         offset, area = hexagon(count, array.pitch_mm, rng), np.sqrt(3) / 2 * array.pitch_mm**2
         points, bend = vertex_mm + offset, offset / focal_mm
-        plane_mm = array.distance_mm - camera.sensor_distance_mm
-    ahead = plane_mm + camera.sensor_distance_mm
-    slope = (points - start_mm) / ahead
-    cosine = 1 / np.sqrt(1 + np.sum(slope**2, axis=1))
-    solid = area * cosine**3 / ahead**2
-    position = np.column_stack([points, np.full(count, plane_mm)])
-    direction = np.column_stack([slope - bend, np.ones(count)])
-    position, direction, passes = textbook.trace(lens, position, direction)
-    share = area if camera.weight == "area" else cosine * solid
+    position, direction, passes, light = textbook.sent(camera, start_mm, points, bend)
+    share = area if camera.weight == "area" else area * light
     return position, direction, np.where(passes, share / count, 0.0)
 
 

@@ -29,24 +29,14 @@ def rendered(
     `half_px` is half of the window's width and height, (2,); `colour` takes coordinates on the target's plane (n, 2);
     `lens`, vertex and focal length, is a microlens of a hexagonal array whose cells face +x.
     """
-    array, vertex, focal = camera.microlenses, np.zeros(2), np.inf
-    plane_mm = -camera.prescription.vertices_from_stop_mm[-1]
-    if array is not None and lens is not None:
-        (vertex, focal), plane_mm = lens, array.distance_mm - camera.sensor_distance_mm
-    ahead = plane_mm + camera.sensor_distance_mm
-    tracer = Tracer(camera)
+    array, tracer = camera.microlenses, Tracer(camera)
+    vertex, focal = (np.zeros(2), np.inf) if lens is None else lens
 
     def send(start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        slope = (points - start) / ahead
-        way = np.column_stack([slope - (points - vertex) / focal, np.ones(len(points))])
-        position, way, passes = textbook.trace(
-            camera.prescription, np.column_stack([points, np.full(len(points), plane_mm)]), way
-        )
+        position, way, passes, weight = textbook.sent(camera, start, points, (points - vertex) / focal)
         if array is not None:
-            normals = np.stack([np.cos(np.pi * np.arange(6) / 3), np.sin(np.pi * np.arange(6) / 3)])
-            passes &= ((points - vertex) @ normals <= array.pitch_mm / 2).all(axis=1)
-        weight = np.where(passes, (1 + (slope**2).sum(axis=1)) ** -2, 0.0)
-        return textbook.at_plane(position, way, pose), weight
+            passes &= textbook.in_hexagon(points - vertex, array.pitch_mm)
+        return textbook.at_plane(position, way, pose), np.where(passes, weight, 0.0)
 
     # Which box of the sampling plane the corners of the window need.
     size = 25.0 if array is None else 0.6 * array.pitch_mm

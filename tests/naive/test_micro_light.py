@@ -56,11 +56,8 @@ def corners(camera: Camera) -> np.ndarray:
 
 def passes(camera: Camera, start: np.ndarray, through: np.ndarray, vertex: np.ndarray) -> np.ndarray:
     """Whether rays from sensor positions through points of a thin microlens' plane leave the lens, (n,)."""
-    gap = camera.microlenses.distance_mm
     through = np.broadcast_to(through, start.shape)
-    slope = (through - start) / gap - (through - vertex) / FOCAL_MM
-    position = np.column_stack([through, np.full(len(start), gap - camera.sensor_distance_mm)])
-    return textbook.trace(camera.prescription, position, np.column_stack([slope, np.ones(len(slope))]))[2]
+    return textbook.sent(camera, start, through, (through - vertex) / FOCAL_MM)[2]
 
 
 def pinholes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -6,11 +6,16 @@ chapters 2 and 4.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pipeline.camera.parts.camera import Camera
 from pipeline.optics.prescription import Prescription
+
+Trace = Callable[[Prescription, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""As `trace`, which knows spheres only."""
 
 
 def trace(
@@ -50,6 +55,29 @@ def displacement(prescription: Prescription, i: int) -> tuple[np.ndarray, np.nda
         pivot = np.array([0.0, 0.0, pivot_mm])
         turn, shift = about @ turn, about @ (shift - pivot) + pivot + [*mount.decentre_mm, 0.0]
     return camera @ turn @ camera, camera @ shift
+
+
+def sent(
+    camera: Camera, start_mm: np.ndarray, points: np.ndarray, bend: np.ndarray | float = 0.0, trace: Trace = trace
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`trace` of rays from sensor points, (2,) or (n, 2), through points of the plane of thin microlenses, which take
+    `bend` off their slopes, or of the rear vertex; and cos(theta) d omega of 1 mm^2 of that plane [sr], (n,)."""
+    array = camera.microlenses
+    gap = (
+        camera.sensor_distance_mm - camera.prescription.vertices_from_stop_mm[-1]
+        if array is None
+        else array.distance_mm
+    )
+    slope = (points - start_mm) / gap
+    position = np.column_stack([points, np.full(len(points), gap - camera.sensor_distance_mm)])
+    found = trace(camera.prescription, position, np.column_stack([slope - bend, np.ones(len(points))]))
+    return *found, (gap * (1 + (slope**2).sum(axis=1))) ** -2
+
+
+def in_hexagon(points: np.ndarray, pitch_mm: float) -> np.ndarray:
+    """Whether points lie in a lattice cell around the origin whose edges face +x and every 60 degrees."""
+    normals = np.stack([np.cos(np.pi * np.arange(6) / 3), np.sin(np.pi * np.arange(6) / 3)])
+    return (points @ normals <= pitch_mm / 2).all(axis=1)
 
 
 def _meet(
