@@ -94,6 +94,15 @@ NAMED = COLOUR | {
 }
 
 
+def _each(
+    at: str, kinds: set[str], given: dict[tuple[str, str], Any] | None = None, **values: Any
+) -> dict[str, list[Case]]:
+    """Attributes of one prim, by their names without the namespace, on which the same kinds of tasks depend."""
+    return {
+        f"plen:{name.replace('__', ':')}": [Case(at, value, kinds, given=given or {})] for name, value in values.items()
+    }
+
+
 def _array(**values: Any) -> dict[tuple[str, str], Any]:
     return {(ARRAY, f"plen:{name}"): value for name, value in values.items()}
 
@@ -125,8 +134,6 @@ WET |= {
 }
 
 DATASET = {
-    "plen:cameras": [Case("", ["A/Camera"])],
-    "plen:targets": [Case("", ["One"], TARGET | {"frame_poses"})],
     # J and position images do not depend on what stands between camera and target.
     "plen:occluders": [Case("", [], TARGET), Case("", [], TARGET, given=IMAGE)],
     # Certificate and poses of a camera are one task for all frames.
@@ -137,29 +144,25 @@ DATASET = {
         Case("", 9, RAYS | IMAGES | TRUTH, given=DELIVERED),
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
-    "plen:background": [Case("", 0.5, {"image"})],
-    "plen:medium": [Case("", "vacuum", CAMERA)],
     "plen:medium:temperature": [Case("", 15.0, CAMERA), Case("", 15.0, ALONE, given=WET)],
-    "plen:medium:pressure": [Case("", 90.0, CAMERA)],
     "plen:medium:salinity": [Case("", 35.0), Case("", 35.0, ALONE, given=WET)],
-    "plen:exports": [Case("", ["npz", "rays"], {"export"}, given=EXPORTED)],
     # Points that have such a position; rays have no points.
     "plen:exports:position": [
         Case("", "chief", {"export"}, given=EXPORTED | {(A, "plen:truth:columns"): ["chief"]} | ONE_CAMERA)
     ],
     "plen:exports:noise": [Case("", 0.1, {"export"}, given=EXPORTED), Case("", 0.1, given=RAYS_EXPORTED)],
-    "plen:exports:outliers": [Case("", 0.1, {"export"}, given=EXPORTED)],
-    "plen:exports:outlierReach": [Case("", 9.0, {"export"}, given=EXPORTED | {("", "plen:exports:outliers"): 0.1})],
-    "plen:exports:missed": [Case("", 0.1, {"export"}, given=EXPORTED)],
-    "plen:exports:noiseSeed": [Case("", 2, {"export"}, given=EXPORTED | {("", "plen:exports:noise"): 0.1})],
     "plen:illuminant": [Case("", "A"), Case("", "A", IN_COLOUR, given=COLOUR)],
+    "plen:cameras": [Case("", ["A/Camera"])],
+    "plen:targets": [Case("", ["One"], TARGET | {"frame_poses"})],
+    "plen:background": [Case("", 0.5, {"image"})],
+    **_each("", CAMERA, medium="vacuum", medium__pressure=90.0),
+    **_each("", {"export"}, EXPORTED, exports=["npz", "rays"], exports__outliers=0.1, exports__missed=0.1),
+    "plen:exports:outlierReach": [Case("", 9.0, {"export"}, given=EXPORTED | {("", "plen:exports:outliers"): 0.1})],
+    "plen:exports:noiseSeed": [Case("", 2, {"export"}, given=EXPORTED | {("", "plen:exports:noise"): 0.1})],
 }
 
 MAIN_LENS = {
-    "plen:name": [Case(LENS, "mine", {"first_order"})],
     "plen:surfaceOrder": [Case(LENS, SWAPPED, CAMERA), Case(PORT, ["Inner", "Outer"], CAMERA, given=PORTED | AUTHORED)],
-    "plen:nominalFocalLength": [Case(LENS, 101.0)],
-    "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
     # Printed indices stay what they are: only what says the wavelength has to be written again.
     "plen:wavelength": [
         Case(PORT, 546.1, CAMERA, given=PORTED | {(OUTER, "plen:index"): 1.52, (OUTER, "plen:abbe"): 60.0} | NO_GLASS),
@@ -173,23 +176,20 @@ MAIN_LENS = {
         ),
     ],
     "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
-    "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | {(OUTER, "plen:radius"): 500.0})],
-    "plen:heights": [Case(OUTER, [0.01] + [0.0] * 63, CAMERA, given=UNEVEN)],
-    "plen:heightColumns": [Case(OUTER, 4, CAMERA, given=UNEVEN)],
-    "plen:heightSpacing": [Case(OUTER, 61.0, CAMERA, given=UNEVEN)],
-    "plen:conic": [Case(GLASS, -0.1, CAMERA)],
-    "plen:evenCoefficients": [Case(GLASS, [1e-9], CAMERA)],
-    "plen:oddCoefficients": [Case(GLASS, [1e-9], CAMERA)],
-    "plen:focalLength": [Case(STOP, 5000.0, CAMERA)],
-    "plen:semiDiameter": [Case(STOP, 4.0, CAMERA)],
     "plen:apertureShape": [Case(STOP, "polygonal", CAMERA, along={(STOP, "plen:blades"): 6})],
     "plen:innerSemiDiameter": [Case(STOP, 1.0, CAMERA, along={(STOP, "plen:apertureShape"): "annular"})],
     "plen:halfWidths": [Case(STOP, (3.0, 3.0), CAMERA, along={(STOP, "plen:apertureShape"): "rectangular"})],
-    "plen:blades": [Case(STOP, 7, CAMERA, given=POLYGON)],
-    "plen:apertureRotation": [Case(STOP, 10.0, CAMERA, given=POLYGON)],
     "plen:isStop": [Case(STOP, False, CAMERA, along={("A/Lens/S5", "plen:isStop"): True})],
     "plen:abbe": [Case(GLASS, 47.11), Case(GLASS, 47.11, given=CATALOGUE)],
     "plen:decentre": [Case(GLASS, (0.1, 0.0), CAMERA), Case(GROUP, (0.1, 0.0), CAMERA)],
+    "plen:name": [Case(LENS, "mine", {"first_order"})],
+    "plen:nominalFocalLength": [Case(LENS, 101.0)],
+    "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
+    "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | {(OUTER, "plen:radius"): 500.0})],
+    **_each(OUTER, CAMERA, UNEVEN, heights=[0.01] + [0.0] * 63, heightColumns=4, heightSpacing=61.0),
+    **_each(GLASS, CAMERA, conic=-0.1, evenCoefficients=[1e-9], oddCoefficients=[1e-9]),
+    **_each(STOP, CAMERA, focalLength=5000.0, semiDiameter=4.0),
+    **_each(STOP, CAMERA, POLYGON, blades=7, apertureRotation=10.0),
     "plen:surfaces": [Case(GROUP, ["S9", "S10", "S11"], CAMERA, given=DECENTRED)],
     "plen:pivot": [Case(GROUP, 1.0, CAMERA, given=TILTED)],
 }
@@ -225,40 +225,37 @@ PARTS = {
 
 MICROLENSES = {
     "plen:layout": [Case(ARRAY, "square", CAMERA, given=TABLED), Case(ARRAY, "hexagonal-columns", CAMERA)],
-    "plen:pitch": [Case(ARRAY, 0.2, CAMERA)],
-    "plen:crossPitch": [Case(ARRAY, 0.22, CAMERA)],
-    "plen:typeTable": [Case(ARRAY, [0, 2, 1], CAMERA, given=TABLED)],
-    "plen:typePeriod": [Case(ARRAY, Gf.Vec2i(1, 3), CAMERA, given=TABLED)],
-    "plen:rotation": [Case(ARRAY, 1.0, CAMERA)],
     # Refractive microlenses: the focal lengths are only compared with those of the faces.
     "plen:focalLengths": [
         Case(ARRAY, [1.9, 2.0, 2.4], CAMERA),
         Case(ARRAY, [1.9, 2.0, 2.4], given=FACES),
     ],
     "plen:model": [Case(ARRAY, "two-plane", CAMERA, along=PLATES), Case(ARRAY, "refractive", CAMERA, along=FACES)],
-    "plen:frontRadii": [Case(ARRAY, [1.0, 1.1, 1.3], CAMERA, given=FACES)],
-    "plen:rearRadii": [Case(ARRAY, [-9.0, -9.0, -10.0], CAMERA, given=FACES)],
-    "plen:frontConics": [Case(ARRAY, [-0.1] * 3, CAMERA, given=FACES)],
-    "plen:rearConics": [Case(ARRAY, [-0.1] * 3, CAMERA, given=FACES)],
     "plen:aperture": [Case(ARRAY, "disc", CAMERA, along=DISCS)],
+    **_each(ARRAY, CAMERA, pitch=0.2, crossPitch=0.22, rotation=1.0),
+    **_each(ARRAY, CAMERA, TABLED, typeTable=[0, 2, 1], typePeriod=Gf.Vec2i(1, 3)),
+    **_each(
+        ARRAY,
+        CAMERA,
+        FACES,
+        frontRadii=[1.0, 1.1, 1.3],
+        rearRadii=[-9.0, -9.0, -10.0],
+        frontConics=[-0.1] * 3,
+        rearConics=[-0.1] * 3,
+    ),
     "plen:discDiameter": [Case(ARRAY, 0.19, CAMERA, given=DISCS)],
 }
 
 PIXELS = {
-    "plen:resolution": [Case(SENSOR, Gf.Vec2i(30, 24), CAMERA)],
-    "plen:pixelPitch": [Case(SENSOR, 0.09, CAMERA)],
     "plen:acceptance": [Case(SENSOR, "cosine", CAMERA, along=COSINE)],
+    **_each(SENSOR, CAMERA, resolution=Gf.Vec2i(30, 24), pixelPitch=0.09),
     "plen:acceptancePower": [Case(SENSOR, 3.0, CAMERA, given=COSINE)],
-    "plen:acceptanceHalfAngle": [Case(SENSOR, 21.0, CAMERA, given=CONE)],
-    "plen:acceptanceRollOff": [Case(SENSOR, 1.0, CAMERA, given=CONE)],
+    **_each(SENSOR, CAMERA, CONE, acceptanceHalfAngle=21.0, acceptanceRollOff=1.0),
 }
 
 CHANNELS = {
-    "plen:wavelengths": [Case(RED, [570.0, 620.0, 690.0], IN_COLOUR, given=COLOUR)],
-    "plen:response": [Case(RED, [0.1, 0.5, 0.3], IN_COLOUR, given=COLOUR)],
-    "plen:sensitivity": [Case(RED, "Sigma SDMerill (NPL)", IN_COLOUR, given=NAMED)],
-    "plen:component": [Case(RED, "blue", IN_COLOUR, given=NAMED)],
-    "plen:nodes": [Case(RED, 3, IN_COLOUR, given=COLOUR)],
+    **_each(RED, IN_COLOUR, COLOUR, wavelengths=[570.0, 620.0, 690.0], response=[0.1, 0.5, 0.3], nodes=3),
+    **_each(RED, IN_COLOUR, NAMED, sensitivity="Sigma SDMerill (NPL)", component="blue"),
 }
 
 LEVEL: dict[tuple[str, str], Any] = {
@@ -305,13 +302,6 @@ WARM = LEVEL | {
 }
 
 
-def _response(
-    name: str, value: Any, given: dict[tuple[str, str], Any] = LEVEL, kinds: set[str] = RAW
-) -> dict[str, list[Case]]:
-    """A parameter of the sensor of raw images: they alone are made anew, and what is fixed in them."""
-    return {f"plen:response:{name}": [Case(SENSOR, value, kinds, given=given)]}
-
-
 RAW_IMAGES = {
     "plen:image:exposure": [
         Case(
@@ -324,52 +314,38 @@ RAW_IMAGES = {
         Case(A, "level", PATTERN, along=LEVEL),
     ],
     "plen:image:exposureTime": [Case(A, 0.02, RAW, given=LEVEL), Case(A, 0.02, RAW, given=PHOTONS)],
-    "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
-    "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
-    "plen:transmission": [Case(LENS, "surfaces", LOST, given=RADIANCE)],
     "plen:transmittanceSource": [
         Case(LENS, "catalogue", LOST, given=LOSSY | KNOWN),
         Case(PORT, "catalogue", LOST, given=LOSSY | PORTED),
     ],
-    "plen:internalTransmittance": [Case(GLASS, 0.99, LOST, given=LOSSY)],
     "plen:internalTransmittanceThickness": [
         Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99}),
         Case("Clear", 20.0, {"image"}, given=LIT),
     ],
-    "plen:internalTransmittanceWavelengths": [Case(GLASS, [500.0, 620.0], LOST, given=ABSORBING)],
-    "plen:internalTransmittanceTable": [Case(GLASS, [0.9, 0.95], LOST, given=ABSORBING)],
-    "plen:coatingAngles": [Case(GLASS, [0.0, 40.0], LOST, given=BY_ANGLE)],
-    "plen:coatingFilmIndices": [Case(GLASS, [1.38, 2.0], LOST, given=FILMS)],
-    "plen:coatingFilmThicknesses": [Case(GLASS, [99.0, 120.0], LOST, given=FILMS)],
-    "plen:coatingWavelengths": [Case(GLASS, [500.0, 620.0], LOST, given=COATED)],
-    "plen:coatingReflectance": [Case(GLASS, [0.01, 0.03], LOST, given=COATED)],
-    "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
     "plen:response:filters": [Case(SENSOR, ["red", "green", "green", "blue"], given=LEVEL, refused=True)],
-    **_response("quantumEfficiency", [0.6]),
-    **_response("fullWell", 9500.0),
-    **_response("gain", 0.41),
-    **_response("bitDepth", 11),
-    **_response("blackLevel", 10.0),
-    **_response("shotNoise", False),
-    **_response("darkNoise", 1.0),
-    **_response("rowNoise", 1.0),
-    **_response("columnNoise", 1.0),
-    **_response("darkCurrent", 1.0),
-    **_response("temperature", 31.0, WARM),
-    **_response("darkCurrentTemperature", 21.0, WARM),
-    **_response("doublingTemperature", 8.0, WARM),
-    **_response("dsnu", 1.0, kinds=PATTERN),
-    **_response("dsnuRow", 1.0, kinds=PATTERN),
-    **_response("dsnuColumn", 1.0, kinds=PATTERN),
-    **_response("prnu", 0.01, kinds=PATTERN),
-    **_response("prnuRow", 0.01, kinds=PATTERN),
-    **_response("prnuColumn", 0.01, kinds=PATTERN),
-    **_response("hotShare", 0.02, HOT, PATTERN),
-    **_response("hotCurrent", 800.0, HOT, PATTERN),
-    **_response("deadShare", 0.01, kinds=PATTERN),
-    **_response("specimen", 1, kinds=PATTERN),
-    **_response("nonlinearity", [(0.5, 0.01)]),
-    **_response("crosstalk", [1.0]),
+    # A parameter of the sensor: raw images alone are made anew, and what is fixed in them.
+    **_each(SENSOR, RAW, LEVEL, response__quantumEfficiency=[0.6], response__fullWell=9500.0, response__gain=0.41),
+    **_each(SENSOR, RAW, LEVEL, response__bitDepth=11, response__blackLevel=10.0, response__shotNoise=False),
+    **_each(SENSOR, RAW, LEVEL, **{f"response__{name}": 1.0 for name in ("darkNoise", "rowNoise", "columnNoise")}),
+    **_each(SENSOR, RAW, LEVEL, response__nonlinearity=[(0.5, 0.01)], response__crosstalk=[1.0]),
+    **_each(SENSOR, RAW, LEVEL, response__darkCurrent=1.0),
+    **_each(SENSOR, RAW, WARM, response__temperature=31.0, response__darkCurrentTemperature=21.0),
+    **_each(SENSOR, RAW, WARM, response__doublingTemperature=8.0),
+    **_each(SENSOR, PATTERN, LEVEL, **{f"response__{name}": 1.0 for name in ("dsnu", "dsnuRow", "dsnuColumn")}),
+    **_each(SENSOR, PATTERN, LEVEL, **{f"response__{name}": 0.01 for name in ("prnu", "prnuRow", "prnuColumn")}),
+    **_each(SENSOR, PATTERN, LEVEL, response__deadShare=0.01, response__specimen=1),
+    **_each(SENSOR, PATTERN, HOT, response__hotShare=0.02, response__hotCurrent=800.0),
+    "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
+    "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
+    "plen:transmission": [Case(LENS, "surfaces", LOST, given=RADIANCE)],
+    "plen:internalTransmittance": [Case(GLASS, 0.99, LOST, given=LOSSY)],
+    **_each(
+        GLASS, LOST, ABSORBING, internalTransmittanceWavelengths=[500.0, 620.0], internalTransmittanceTable=[0.9, 0.95]
+    ),
+    "plen:coatingAngles": [Case(GLASS, [0.0, 40.0], LOST, given=BY_ANGLE)],
+    **_each(GLASS, LOST, FILMS, coatingFilmIndices=[1.38, 2.0], coatingFilmThicknesses=[99.0, 120.0]),
+    **_each(GLASS, LOST, COATED, coatingWavelengths=[500.0, 620.0], coatingReflectance=[0.01, 0.03]),
+    "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
 }
 
 PRINTED = {
@@ -386,12 +362,6 @@ TARGETS = {
         Case("One", 0.9, DRAWN, given=SADDLE),
     ],
     "plen:black": [Case("One", 0.1, PAINTED), Case("One", 0.1, DRAWN, given=SADDLE)],
-    "plen:ink:patch": [Case("One", "cyan", {"image"})],
-    "plen:paper:patch": [Case("One", "yellow", {"image"})],
-    "plen:ink:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
-    "plen:ink:reflectance": [Case("One", [0.1, 0.3], {"image"}, given=PRINTED)],
-    "plen:paper:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
-    "plen:paper:reflectance": [Case("One", [0.7, 0.9], {"image"}, given=PRINTED)],
     "plen:columns": [
         *(Case(at, 5, DRAWN) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
         Case("One", 5, DRAWN | POSITIONS, given=IMAGE),
@@ -405,53 +375,47 @@ TARGETS = {
     "plen:width": [Case(EDGE, 41.0, DRAWN), Case(ARRAY, 20.0, CAMERA)],
     "plen:height": [Case(EDGE, 31.0, DRAWN), Case(ARRAY, 20.0, CAMERA)],
     "plen:squareSize": [Case("One", 1.3, DRAWN), Case(CHARUCO, 6.1, DRAWN)],
-    "plen:markerSize": [Case(CHARUCO, 4.4, DRAWN)],
     "plen:dictionary": [Case(CHARUCO, "5x5_50", DRAWN), Case(TAGS, "apriltag_25h9", DRAWN)],
     "plen:firstTag": [Case(CHARUCO, 1, DRAWN), Case(TAGS, 1, DRAWN)],
-    "plen:markerCorners": [Case(CHARUCO, True, DRAWN)],
-    "plen:tagSize": [Case(TAGS, 8.1, DRAWN)],
-    "plen:tagSpacing": [Case(TAGS, 0.2, DRAWN)],
-    "plen:borderBits": [Case(TAGS, 1, DRAWN)],
     "plen:spacing": [Case(CIRCLES, 6.1, DRAWN), Case(STARS, 8.1, DRAWN), Case(LINES, 6.1, DRAWN)],
     "plen:diameter": [Case(CIRCLES, 2.9, DRAWN), Case(STARS, 6.9, DRAWN), Case(SIEMENS, 39.0, DRAWN)],
+    "plen:spokes": [Case(STARS, 9, DRAWN), Case(SIEMENS, 7, DRAWN)],
+    "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
+    "plen:shape": [Case("One", "cylinder", DRAWN, along=ROLLED)],
+    **_each("One", {"image"}, ink__patch="cyan", paper__patch="yellow"),
+    **_each(
+        "One",
+        {"image"},
+        PRINTED,
+        ink__wavelengths=[500.0, 620.0],
+        ink__reflectance=[0.1, 0.3],
+        paper__wavelengths=[500.0, 620.0],
+        paper__reflectance=[0.7, 0.9],
+    ),
+    **_each(CHARUCO, DRAWN, markerSize=4.4, markerCorners=True),
+    **_each(TAGS, DRAWN, tagSize=8.1, tagSpacing=0.2, borderBits=1),
     "plen:asymmetric": [Case(CIRCLES, True, DRAWN)],
     "plen:edgeLength": [Case(TRIANGLES, 5.9, DRAWN)],
-    "plen:spokes": [Case(STARS, 9, DRAWN), Case(SIEMENS, 7, DRAWN)],
     "plen:hubDiameter": [Case(SIEMENS, 1.0, DRAWN)],
     "plen:angle": [Case(EDGE, 6.0, DRAWN)],
     "plen:lineWidth": [Case(LINES, 0.9, DRAWN)],
-    "plen:mesh": [Case(MESH, [f"{MESH}/Other"], TARGET)],
-    "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
-    "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
+    **_each(MESH, TARGET, mesh=[f"{MESH}/Other"], points=[(1.0, 2.0, 0.0)], normals=[(0.1, 0.0, 1.0)]),
     "plen:radiance": [Case("Screen", 0.5, {"image"})],
     "plen:tolerance": [Case("Screen", 1.0, set())],
-    "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
-    "plen:shape": [Case("One", "cylinder", DRAWN, along=ROLLED)],
     "plen:shape:deflection": [Case("One", (0.1, 0.3), DRAWN, given=WARPED)],
-    "plen:shape:resolution": [Case("One", Gf.Vec2i(3, 2), DRAWN, given=MEASURED)],
-    "plen:shape:heights": [Case("One", [0.0, 0.1, 0.0, 0.2, 0.0, 0.0], DRAWN, given=MEASURED)],
+    **_each("One", DRAWN, MEASURED, shape__resolution=Gf.Vec2i(3, 2), shape__heights=[0.0, 0.1, 0.0, 0.2, 0.0, 0.0]),
     "plen:shape:radius": [Case("One", 21.0, DRAWN, given=ROLLED)],
     "plen:shape:edge": [Case("One", 11.0, DRAWN, given=CUBE)],
-    "plen:shape:steps": [Case("One", 3, DRAWN, given=STAIRS)],
-    "plen:shape:depth": [Case("One", 1.1, DRAWN, given=STAIRS)],
+    **_each("One", DRAWN, STAIRS, shape__steps=3, shape__depth=1.1),
 }
 
 CAMERAS = {
-    "plen:camera:lens": [Case(A, ["B/Lens"], CAMERA)],
-    "plen:camera:sensor": [Case(A, ["B/Sensor"], CAMERA)],
     "plen:camera:microlenses": [
         Case(B, [], CAMERA - {"micro_images"}, along={(B, "plen:camera:microlensDistance"): None}),
     ],
     "plen:camera:windows": [Case(A, [PORT], CAMERA), Case(A, ["Pane"], SEEN)],
-    "plen:camera:sensorDistance": [Case(A, 131.9, CAMERA)],
-    "plen:camera:focusDistance": [Case(B, 421.0, CAMERA, given=FOCUSED)],
-    "plen:camera:focusType": [Case(B, 2, CAMERA, given=FOCUSED)],
     "plen:camera:focusGroups": [Case(A, ["Rear"], CAMERA, along={(A, "plen:camera:focusDistance"): 434.0})],
-    "plen:camera:stopMatch": [Case(B, "microlenses", CAMERA)],
     "plen:camera:model": [Case(A, "pinhole", CAMERA), Case(B, "thinLens", CAMERA)],
-    "plen:camera:distortion": [Case(A, [-1.0, 0.0, 0.0, 0.0, 0.0], CAMERA, given=PINHOLE_MODEL)],
-    "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
-    "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
     "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],
     # Planes of J: no image depends on them, and no truth that is solved without position images.
     "plen:camera:circleOfConfusion": [
@@ -473,17 +437,12 @@ CAMERAS = {
         Case(A, 500.0, PLANES | RAYS | TRUTH, given=MOMENTS),
         Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
-    "plen:image:samples": [Case(A, 128, IMAGES)],
     "plen:image:labels": [
         Case(A, ["depth", "flow"], LABELS),
         Case(A, ["depth", "targets"], LABELS, given={(A, "plen:image:labels"): ["depth"]}),
         Case(B, ["prim"], LABELS),
     ],
-    "plen:shutter:scanOrder": [Case(A, "bottomToTop", MOVED - {"frame_poses"}, given=SCANNED)],
     "plen:shutter:opens": [Case(A, (1.0, 500.0), TIMED), Case(B, (1.0, 500.0), MOVED, given=FLIES)],
-    "plen:shutter:lineOffset": [Case(A, (1.0, 1000.0), MOVED, given=SCANNED)],
-    "plen:shutter:exposure": [Case(A, (1.0, 100.0), MOVED, given=SCANNED)],
-    "plen:shutter:instants": [Case(A, 4, {"image"}, given=FLIES | {(A, "plen:shutter:exposure"): (1.0, 100.0)})],
     "plen:image:noise": [
         Case(A, 0.1, IN_PASSES),
         Case(A, 0.05, IN_PASSES - {"noise_level"}, given={(A, "plen:image:noise"): 0.1}),
@@ -496,6 +455,15 @@ CAMERAS = {
         Case(B, [22.0], FURTHER),
         Case(B, [22.0, 16.0], FURTHER, given={(B, "plen:image:fNumbers"): [22.0]}),
     ],
+    **_each(A, CAMERA, camera__lens=["B/Lens"], camera__sensor=["B/Sensor"], camera__sensorDistance=131.9),
+    **_each(B, CAMERA, FOCUSED, camera__focusDistance=421.0, camera__focusType=2),
+    **_each(B, CAMERA, camera__stopMatch="microlenses", camera__microlensDistance=1.71),
+    "plen:camera:distortion": [Case(A, [-1.0, 0.0, 0.0, 0.0, 0.0], CAMERA, given=PINHOLE_MODEL)],
+    "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
+    "plen:image:samples": [Case(A, 128, IMAGES)],
+    "plen:shutter:scanOrder": [Case(A, "bottomToTop", MOVED - {"frame_poses"}, given=SCANNED)],
+    **_each(A, MOVED, SCANNED, shutter__lineOffset=(1.0, 1000.0), shutter__exposure=(1.0, 100.0)),
+    "plen:shutter:instants": [Case(A, 4, {"image"}, given=FLIES | {(A, "plen:shutter:exposure"): (1.0, 100.0)})],
 }
 
 METHOD = {
@@ -538,10 +506,10 @@ METHOD = {
     ],
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
-    "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
     "plen:truth:derivatives": [
         Case(A, ["Two"], {"derivatives"}, given=BOARDS | {(A, "plen:truth:derivatives"): ["One"]})
     ],
+    "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 
 HEATED = {
@@ -551,9 +519,6 @@ HEATED = {
 }
 """The catalogue has no constants of three of the glasses of the lens."""
 TEMPERATURE = {
-    "plen:temperature": [Case(LENS, 31.0, CAMERA, given=HEATED)],
-    "plen:prescriptionTemperature": [Case(LENS, 21.0, CAMERA, given=HEATED)],
-    "plen:mountExpansion": [Case(LENS, 10.0, CAMERA, given=HEATED)],
     "plen:indexSlope": [Case(GLASS, 2.0, CAMERA, given=HEATED), Case(GLASS, 2.0)],
     "plen:expansion": [Case(GLASS, 8.0, CAMERA, given=HEATED), Case(GLASS, 8.0)],
     "plen:indexOffset": [
@@ -561,15 +526,20 @@ TEMPERATURE = {
         Case(GLASS, 1e-4, CAMERA, given=CATALOGUE),
         Case(OUTER, 1e-4, CAMERA, given=PORTED),
     ],
+    **_each(LENS, CAMERA, HEATED, temperature=31.0, prescriptionTemperature=21.0, mountExpansion=10.0),
 }
 
 TRUNCATED: dict[tuple[str, str], Any] = {("Tolerance", "plen:tolerance:distribution"): "truncated"}
 TOLERANCES = {  # they decide which cameras `pipeline ensemble` draws, and nothing of a build
-    "plen:tolerance:of": [Case("Tolerance", ["A/Lens/S1.plen:thickness"])],
-    "plen:tolerance:distribution": [Case("Tolerance", "uniform")],
-    "plen:tolerance:spread": [Case("Tolerance", 0.02)],
+    **_each(
+        "Tolerance",
+        set(),
+        tolerance__of=["A/Lens/S1.plen:thickness"],
+        tolerance__distribution="uniform",
+        tolerance__spread=0.02,
+        tolerance__together=True,
+    ),
     "plen:tolerance:limit": [Case("Tolerance", 3.0, given=TRUNCATED)],
-    "plen:tolerance:together": [Case("Tolerance", True)],
 }
 
 COATED = {("One", "plen:coat:roughness"): 0.2}
@@ -579,10 +549,10 @@ LIGHTING = {
     "inputs:intensity": [Case("Sun", 4.0), Case("Sun", 4.0, {"image"}, given=LIT)],
     "inputs:color": [Case("Sun", Gf.Vec3f(1.0, 0.5, 0.2), {"image"}, given=LIT)],
     "inputs:angle": [Case("Sun", 2.0, {"image"}, given=LIT)],
-    "plen:internalTransmittanceColor": [Case("Clear", Gf.Vec3d(0.9, 0.8, 0.7), {"image"}, given=LIT)],
     "plen:coat:roughness": [Case("One", 0.3), Case("One", 0.3, {"image"}, given=LIT)],
-    "plen:coat:ior": [Case("One", 1.4, {"image"}, given=LIT | COATED)],
     "plen:image:bounces": [Case(A, 1), Case(A, 1, {"image"}, given=LIT)],
+    "plen:internalTransmittanceColor": [Case("Clear", Gf.Vec3d(0.9, 0.8, 0.7), {"image"}, given=LIT)],
+    "plen:coat:ior": [Case("One", 1.4, {"image"}, given=LIT | COATED)],
 }
 
 CASES: dict[str, list[Case]] = {
