@@ -33,7 +33,7 @@ from pipeline.scene.sensor import (
 from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.temperature import mount_growth
 from pipeline.scene.usd.poses import camera_name, frame_numbers
-from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem, warning
 from pipeline.scene.usd.values import at_code, fields_of, need, read, read_once, target, target_paths
 from pipeline.scene.windows import behind_fixed, check_windows, standing_windows, windows_in_frame
 from pipeline.truth.settings import TruthSettings
@@ -173,7 +173,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     yield from problems
     if changes(camera, "plen:shutter:") and not problems and read_shutter(camera) is not None:
         message = "the lens or the sensor changes from frame to frame, and stands still while the shutter is open"
-        yield problem(camera, "still-lens", message, hint="each frame has them as at its time code", severity="warning")
+        yield warning(camera, "still-lens", message, hint="each frame has them as at its time code")
     contradictions = list(_check_request(camera))
     yield from contradictions
     lens = target(camera, "plen:camera:lens", "PlenLens")
@@ -358,11 +358,11 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
             f" {keplerian} mm are not: they look at images on opposite sides of the array"
         )
         prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-        yield problem(prim.GetAttribute(by_type(prim)), "mixed-microlenses", message, severity="warning")
+        yield warning(prim.GetAttribute(by_type(prim)), "mixed-microlenses", message)
     for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
         circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
         message = (
             f"no microlens type of this camera is sharp from {near:.1f} to {far:.1f} mm before the stop ({circle})"
         )
         hint = "bring the focal lengths closer together, or allow a larger plen:camera:circleOfConfusion"
-        yield problem(camera, "depth-gap", message, hint=hint, severity="warning")
+        yield warning(camera, "depth-gap", message, hint=hint)

@@ -23,7 +23,7 @@ from pipeline.scene.lens import (
     uses_catalogue,
 )
 from pipeline.scene.microlenses import microlens_index
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
 from pipeline.scene.windows import indices_before
 
@@ -193,7 +193,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     if array and read(array, "plen:model") != "thin" and not read(array, "plen:glass"):
         message = "the microlenses have the same index at all wavelengths, and the sensor has channels"
         hint = "plen:glass on the array says what they are made of"
-        yield problem(array, "printed-wavelength", message, hint=hint, severity="warning")
+        yield warning(array, "printed-wavelength", message, hint=hint)
     for prim in channel_prims(sensor):
         try:
             _read_channel(camera, prim, illuminant_of(camera))
@@ -249,4 +249,4 @@ def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         except (GlassError, UnreadableValue):
             continue  # reported where the glass or the wavelength is checked
         if doubt:
-            yield problem(attribute_of_medium(prim), "glass-resonance", doubt.what, hint=doubt.hint, severity="warning")
+            yield warning(attribute_of_medium(prim), "glass-resonance", doubt.what, hint=doubt.hint)

@@ -10,7 +10,7 @@ from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import Constant, GlassError, Medium
 from pipeline.render.lighting.records import Glass
 from pipeline.scene.channels import seen_nm
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, targets
 
 _RANGE_NM = 200.0, 20000.0
@@ -52,7 +52,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         thickness_mm=need(prim, "plen:internalTransmittanceThickness"),
     )
     doubt = next(filter(None, doubts), None)
-    flaws = [problem(place, "glass-resonance", doubt.what, hint=doubt.hint, severity="warning")] if doubt else []
+    flaws = [warning(place, "glass-resonance", doubt.what, hint=doubt.hint)] if doubt else []
     return glass, flaws
 
 

@@ -14,7 +14,7 @@ from pipeline.render.lighting.records import Lamp, Rgb, Shaping
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
-from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, plain, take, target_paths
 from pipeline.spelling import frames_in_words
 
@@ -255,45 +255,43 @@ def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterato
         a, b = lamp.size
         drawn = f"it is drawn as a {lamp.kind} of {a:.4g} mm" + (f" by {b:.4g} mm" if b else "")
         hint = "write its size instead: inputs:width, inputs:height, inputs:radius, inputs:length"
-        yield problem(
-            prim, NOT_DRAWN, f"{message}: {drawn} (half its width, or its radius)", hint=hint, severity="warning"
-        )
+        yield not_drawn(prim, f"{message}: {drawn} (half its width, or its radius)", hint=hint)
 
 
 def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
     """Warnings of what has no effect on a light, and what is drawn instead."""
-
-    def warned(thing: Usd.Prim | Usd.Property, what: str, hint: str | None = None) -> Problem:
-        return problem(thing, NOT_DRAWN, what, hint=hint, severity="warning")
-
     kind = str(prim.GetTypeName())
     if kind not in KINDS and not is_mesh_light(prim):
-        yield warned(prim, f"lights of type {kind} shine nothing here", f"known are {', '.join(KINDS)}; {_OFF}")
+        yield not_drawn(prim, f"lights of type {kind} shine nothing here", f"known are {', '.join(KINDS)}; {_OFF}")
         return
     for name, (idle, instead) in _UNHEARD.items():
         if relationship := prim.GetRelationship(name):
             if target_paths(relationship):
-                yield warned(relationship, f'"{name}" of a light has no effect: {instead}')
+                yield not_drawn(relationship, f'"{name}" of a light has no effect: {instead}')
         elif (given := prim.GetAttribute(name)) and given.HasAuthoredValue() and plain(given.Get()) != idle:
-            yield warned(given, f'"{name}" = {given.Get()} of a light has no effect: {instead}')
+            yield not_drawn(given, f'"{name}" = {given.Get()} of a light has no effect: {instead}')
     shapeless = kind not in KINDS or KINDS[kind][0] in _FAR
     for given in prim.GetAuthoredAttributes():
         name = given.GetName()
         if shapeless and name.startswith("inputs:shaping:"):
-            yield warned(given, f'"{name}" has no effect on a light without an axis: it shines evenly')
+            yield not_drawn(given, f'"{name}" has no effect on a light without an axis: it shines evenly')
         elif name.startswith("inputs:") and given.ValueMightBeTimeVarying():
             what = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
-            yield warned(given, what, "animate its xformOps, or use one lamp per value and hide it in other frames")
+            yield not_drawn(given, what, "animate its xformOps, or use one lamp per value and hide it in other frames")
         elif name.startswith("inputs:") and given.HasAuthoredConnections():
-            yield warned(given, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn')
+            yield not_drawn(
+                given, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn'
+            )
     picture = prim.GetAttribute("inputs:texture:file")
     if kind in KINDS and picture and is_picture(picture) and not _shows_picture(prim):
         form = prim.GetAttribute("inputs:texture:format").Get()
-        yield warned(
+        yield not_drawn(
             picture, f'pictures of the sky of the format "{form}" are not drawn: it shines without', "use latlong"
         )
     if is_mesh_light(prim) and need(prim, "inputs:normalize"):
-        yield warned(prim.GetAttribute("inputs:normalize"), "the light of a mesh is not divided by its area", "write 0")
+        yield not_drawn(
+            prim.GetAttribute("inputs:normalize"), "the light of a mesh is not divided by its area", "write 0"
+        )
 
 
 def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
@@ -303,11 +301,11 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
         if not any(entry.lamp.radiance):
             hint = "raise inputs:intensity, lighten inputs:color, or take the lamp out"
             message = f'"{prim.GetName()}" is a lamp without light: its radiance is 0'
-            yield problem(prim, "dark-lamp", message, hint=hint, severity="warning")
+            yield warning(prim, "dark-lamp", message, hint=hint)
         for camera in _inside(dataset, entry.prim_path, entry.lamp):
             message = f'"{camera}" stands inside of this lamp: its images show the lamp and nothing else'
             hint = "move the lamp, or make it smaller"
-            yield problem(prim, "lamp-around-camera", message, hint=hint, severity="warning")
+            yield warning(prim, "lamp-around-camera", message, hint=hint)
     bright = {entry.prim_path: entry.lamp for entry in dataset.lamps if any(entry.lamp.radiance)}
     for target in dataset.targets if bright else ():
         dark = [frame.number for frame in dataset.frames if not _is_reached(target, frame, bright)]
@@ -318,7 +316,7 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
                 f"{frames_in_words(dark)}"
             )
             hint = f"turn a lamp, or add a DomeLight: {_DIRECTED}"
-            yield problem(prim, "unlit", message, hint=hint, severity="warning")
+            yield warning(prim, "unlit", message, hint=hint)
 
 
 def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:

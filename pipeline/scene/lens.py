@@ -18,7 +18,7 @@ from pipeline.optics.glass.medium import GlassError, Medium, Melt
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Relief, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.temperature import expanded, temperatures_c, warmed
-from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, read_once
 
 _TOUCH_MM = 1e-9
@@ -263,7 +263,7 @@ def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
     )
     hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
     attribute = lens.GetAttribute("plen:nominalFocalLength")
-    yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
+    yield warning(attribute, "focal-length", message, hint=hint)
 
 
 def _check_order(lens: Usd.Prim) -> Iterator[Problem]:

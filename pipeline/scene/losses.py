@@ -18,7 +18,7 @@ from pipeline.optics.transmission import CoatingData, Losses, steepest_deg
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.lens import medium_behind
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, read_once, target
 from pipeline.scene.windows import surfaces_before_sensor
 
@@ -159,4 +159,4 @@ def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[fl
 
 def _short(surface: Usd.Prim, name: str, what: str) -> Problem:
     hint = "the last value counts beyond the end: add entries if that is wrong"
-    return problem(surface.GetAttribute(name), "coating-range", what, hint=hint, severity="warning")
+    return warning(surface.GetAttribute(name), "coating-range", what, hint=hint)

@@ -10,7 +10,7 @@ from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
 
 
@@ -64,7 +64,7 @@ def _carried(
 def _ignored(error: UnreadableValue) -> Problem:
     # Not the error itself: its frames would hold the stage after an edit.
     hint = "faces are drawn flat without normals, and plain without values"
-    return problem(error.thing, "not-drawn", f"{error.what}: it is ignored", hint=hint, severity="warning")
+    return not_drawn(error.thing, f"{error.what}: it is ignored", hint=hint)
 
 
 def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers, ...]:
@@ -126,7 +126,7 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if not has_light and coat and coat.HasAuthoredValue():
             message = "the coat of a target is not seen, because the dataset has no lamp"
             hint = "add a light of UsdLux, such as a RectLight"
-            yield problem(coat, "unused-value", message, hint=hint, severity="warning")
+            yield warning(coat, "unused-value", message, hint=hint)
         for name in ("plen:white", "plen:black") if has_light else ():
             if (read(prim, name) or 0.0) > 1:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'

@@ -10,7 +10,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import GlassError, OutOfRange
 from pipeline.optics.printed import D_LINE_NM
-from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read
 
 _ANY_DISTANCE_MM = 1.0
@@ -159,4 +159,4 @@ def _check_nominal(array: Usd.Prim, derived: tuple[float, ...]) -> Iterator[Prob
                 f"microlens type {kind} has a nominal focal length of {nominal:g} mm, but its faces give {focal:.6g} mm"
             )
             hint = "the faces are traced; is a radius, the index or the thickness mistyped?"
-            yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
+            yield warning(attribute, "focal-length", message, hint=hint)

@@ -6,6 +6,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.frames import apply
+from pipeline.optics.prescription import Prescription
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.materials import read_finish, seen_meshes
 from pipeline.scene.usd.meshes import drawn, is_animated
@@ -20,7 +21,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, over_limit, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, over_limit, problem
 from pipeline.scene.usd.values import read, read_once, target, targets
 from pipeline.scene.windows import prescription_of
 from pipeline.targets.mesh import Occluder
@@ -82,7 +83,7 @@ def _check_shape(prim: Usd.Prim, frames: Sequence[int]) -> Iterator[Problem]:
     """Warnings of what a shape says that is not drawn."""
     moments = frames if is_animated(prim, with_primvars=False) else [None]
     for flaw in dict.fromkeys(flaw for moment in moments for flaw in drawn(prim, moment).flaws):
-        yield problem(prim, "not-drawn", f"<{prim.GetPath()}>: {flaw}", severity="warning")
+        yield not_drawn(prim, f"<{prim.GetPath()}>: {flaw}")
 
 
 def check_outside_lens(
@@ -91,9 +92,7 @@ def check_outside_lens(
     """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
     if not occluders:
         return
-    prescription = prescription_of(camera)
-    ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
-    radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
+    ends_mm, radius_mm = body_of(prescription_of(camera))
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
     for occluder in occluders:
@@ -102,14 +101,20 @@ def check_outside_lens(
         for number, pose in zip(frames, poses, strict=True):
             shape = drawn(occluder, number if changes else None)
             triangles = apply(pose, shape.points * scale_mm)[shape.triangles]
-            if is_visible(occluder, float(number)) and meets_lens(triangles, ends, radius_mm):
+            if is_visible(occluder, float(number)) and meets_lens(triangles, ends_mm, radius_mm):
                 message = (
                     f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'
-                    f" {number}, z = {ends[0]:.6g} to {ends[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
+                    f" {number}, z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
                 )
                 moving, hint = moving_op(occluder), "the camera looks along its -Z; its origin is the aperture stop"
                 time = float(number) if moving else None
                 yield problem(moving or occluder, "inside-lens", message, hint=hint, time=time)
+
+
+def body_of(lens: Prescription) -> tuple[tuple[float, float], float]:
+    """Both ends of a lens on the axis, as vision z, and its radius [mm]."""
+    ends_mm = -lens.vertices_from_stop_mm[-1], -lens.vertices_from_stop_mm[0]
+    return ends_mm, max(surface.semi_diameter_mm for surface in lens.surfaces)
 
 
 def meets_lens(triangles_mm: np.ndarray, ends_mm: tuple[float, float], radius_mm: float) -> bool:

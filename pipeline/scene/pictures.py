@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pxr import Ar, Sdf, Usd, UsdLux, UsdShade
 
@@ -94,48 +94,41 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
         raise NotSupported(f'"{attribute.GetName()}" is animated, and pictures are not', attribute)
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
-    picture = _inspected(value.path, value.resolvedPath, _ROOTS.get())
-    if isinstance(picture, PictureFile):
-        return picture
-    raise UnreadableValue(f"@{value.path}@ {picture.what}", attribute, picture.hint, picture.code)
-
-
-class _Flaw(NamedTuple):
-    code: str
-    what: str
-    hint: str | None = None
+    try:
+        return _inspected(value.path, value.resolvedPath, _ROOTS.get())
+    except PipelineError as error:
+        code = error.code or "bad-picture"
+        raise UnreadableValue(f"@{value.path}@ {error.what}", attribute, error.hint, code) from None
 
 
 @read_once
-def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | _Flaw:
-    """A picture, or what is wrong with it."""
+def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile:
+    """A picture; PipelineError, without the name of the file, for what is wrong with it."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
-        return _Flaw("asset-missing", "cannot be found", slashes)
+        raise PipelineError("cannot be found", hint=slashes, code="asset-missing")
     file, member = Ar.SplitPackageRelativePathInner(path)  # a package may lie in another one
     suffix = Path(member or file).suffix.lower()
     from pipeline.files.pictures import SUFFIXES, ends_of  # stages without pictures need no library for them
 
     if suffix not in SUFFIXES:
         hint = f"known are files that end in {', '.join(SUFFIXES)}"
-        return _Flaw(NotSupported.code, "is no picture of a kind that is read", hint)
+        raise PipelineError("is no picture of a kind that is read", hint=hint, code=NotSupported.code)
     file = file_of(path)
     if not is_inside(file, roots):
-        return _Flaw("asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT)
+        what = "lies outside the folders that a stage may read"
+        raise PipelineError(what, hint=OUTSIDE_HINT, code="asset-outside")
     try:
         if not Path(file).is_file():
-            return _Flaw("file-kind", "is not a plain file")
+            raise PipelineError("is not a plain file", code="file-kind")
         packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path)) if member else None
         if member and not packed:
-            return _Flaw("unreadable", "cannot be read from its package")
+            raise PipelineError("cannot be read from its package", code="unreadable")
         size, most = packed.GetSize() if packed else Path(file).stat().st_size, limits().picture_bytes
         if size > most:
             hint = how_to_raise("picture_bytes", size)
-            return _Flaw("file-size", f"has {size:,} bytes; a picture may have {most:,}", hint)
+            raise PipelineError(f"has {size:,} bytes; a picture may have {most:,}", hint=hint, code="file-size")
         content = bytes(packed.GetBuffer()) if packed else Path(file).read_bytes()
     except OSError as error:
-        return _Flaw("unreadable", f"cannot be read: {error.strerror}")
-    try:
-        return PictureFile(content, suffix, *ends_of(content, suffix))
-    except PipelineError as error:
-        return _Flaw("bad-picture", error.what, error.hint)
+        raise PipelineError(f"cannot be read: {error.strerror}", code="unreadable") from None
+    return PictureFile(content, suffix, *ends_of(content, suffix))

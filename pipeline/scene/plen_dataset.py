@@ -29,7 +29,7 @@ from pipeline.scene.usd.poses import (
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, metadata_problem, problem, shortened
+from pipeline.scene.usd.problems import Problem, metadata_problem, not_drawn, problem, shortened, warning
 from pipeline.scene.usd.values import Sources, need, read, target_paths, targets
 from pipeline.scene.windows import WINDOWS
 from pipeline.spelling import frames_in_words
@@ -252,12 +252,12 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         if prim.IsA("PlenWindow") and prim.GetPath() not in named:
             message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
             hint = f"name it in rel {WINDOWS} of each camera that it stands before"
-            yield problem(prim, "unused-window", message, hint=hint, severity="warning")
+            yield warning(prim, "unused-window", message, hint=hint)
         if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
             continue
         if not is_drawn(prim):
             message = f"<{prim.GetPath()}> is not drawn: no image and no truth has a {prim.GetTypeName()}"
-            yield problem(prim, "not-drawn", message, hint=f"make it a Mesh; {_AIDS}", severity="warning")
+            yield not_drawn(prim, message, hint=f"make it a Mesh; {_AIDS}")
         elif prim.GetPath() not in named:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
@@ -265,7 +265,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         more = f" and {len(unnamed) - _MOST_PATHS} more" if len(unnamed) > _MOST_PATHS else ""
         message = f"{kind} {paths}{more} is in no image: no relationship names it"
         hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
-        yield problem(unnamed[0], "not-in-image", message, hint=hint, severity="warning")
+        yield warning(unnamed[0], "not-in-image", message, hint=hint)
 
 
 def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:
@@ -276,7 +276,7 @@ def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:
             number = f"{len(hidden)} of {len(frames)} frames: {frames_in_words(hidden)}"
             message = f'"{prim.GetName()}" is invisible in {number}; its images and ground truth are made all the same'
             hint = "take it out of rel plen:targets, list other plen:frames, or make it visible"
-            yield problem(prim, "invisible-target", message, hint=hint, severity="warning")
+            yield warning(prim, "invisible-target", message, hint=hint)
 
 
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:

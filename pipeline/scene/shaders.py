@@ -17,7 +17,7 @@ from pipeline.scene.glass import read_glass
 from pipeline.scene.lamps import is_mesh_light, mesh_light
 from pipeline.scene.pictures import file_attribute, name_of, picture_of
 from pipeline.scene.usd.meshes import drawn
-from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem, shortened
+from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
 from pipeline.targets.mesh import is_closed
 
@@ -111,17 +111,17 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     shape, is_glass = drawn(mesh), any(each.material.glass for each in shaded)
     if is_glass:
         what = "points that are seen through this glass have no ground truth: it hides them as if it were opaque"
-        yield _drawn(mesh, what, "keep it away from target points whose rows matter")
+        yield not_drawn(mesh, what, "keep it away from target points whose rows matter")
     if is_glass and len(shape.corners) and not is_closed(shape.points, shape.triangles):
         what = f"<{mesh.GetPath()}> is of glass and does not close a volume: it is drawn as panes, which bend no light"
-        yield _drawn(mesh, what, "close the mesh, with all faces turned to the same side, for glass that refracts")
+        yield not_drawn(mesh, what, "close the mesh, with all faces turned to the same side, for glass that refracts")
     for each in shaded:
         yield from each.flaws
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
         if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _PLACE):
             what = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
             hint = f"write primvars:{wanted.name} with an interpolation"
-            yield _drawn(mesh, f"{what}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
+            yield not_drawn(mesh, f"{what}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
 
 
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
@@ -146,7 +146,7 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
         return colours
     material, why = reason
     what = f"{why.what}: what it is bound to is drawn in its display colour, grey of 18 % without"
-    return colours._replace(flaws=(*colours.flaws, _drawn(material.GetPrim(), what, why.hint)))
+    return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), what, why.hint)))
 
 
 def _display_colours(mesh: Usd.Prim) -> Shaded:
@@ -184,12 +184,12 @@ def read_material(material: UsdShade.Material) -> Shaded:
     displacement = network.source(surface, "displacement")
     if isinstance(displacement, _Connected) or displacement:
         network.flaws.append(
-            _drawn(surface.GetInput("displacement").GetAttr(), "surfaces are drawn without displacement")
+            not_drawn(surface.GetInput("displacement").GetAttr(), "surfaces are drawn without displacement")
         )
     if glass:
         for name, field in (("metallic", record.metallic), ("clearcoat", record.clearcoat)):
             if field.texture or field.primvar or any(field.value):
-                network.flaws.append(_drawn(surface.GetInput(name).GetAttr(), f"glass is drawn without its {name}"))
+                network.flaws.append(not_drawn(surface.GetInput(name).GetAttr(), f"glass is drawn without its {name}"))
     elif record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1:
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
     return Shaded(record, tuple(network.primvars.values()), tuple(network.flaws))
@@ -236,7 +236,7 @@ class _Network:
             return self._textured(source, fallback)
         except NotSupported as error:
             what = f'{error.what}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
-            self.flaws.append(_drawn(error.thing, what, error.hint))
+            self.flaws.append(not_drawn(error.thing, what, error.hint))
             return Input(value=fallback)
 
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
@@ -246,7 +246,7 @@ class _Network:
         if not attributes:
             if given and (lost := given.GetAttr().GetConnections()):
                 what = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
-                self.flaws.append(_drawn(given.GetAttr(), what, "write that output, or a value"))
+                self.flaws.append(not_drawn(given.GetAttr(), what, "write that output, or a value"))
             return None
         attribute = attributes[0]
         if UsdShade.Output.IsOutput(attribute):
@@ -261,7 +261,7 @@ class _Network:
         source = self.source(shader, name)
         if isinstance(source, _Connected):
             what = f'"inputs:{name}" cannot have a texture: it is drawn as {fallback}'
-            self.flaws.append(_drawn(shader.GetInput(name).GetAttr(), what, "write a value"))
+            self.flaws.append(not_drawn(shader.GetInput(name).GetAttr(), what, "write a value"))
             return fallback
         return fallback if source is None else plain(source)
 
@@ -272,7 +272,7 @@ class _Network:
         stage = attribute.GetPrim().GetStage()
         first = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.EarliestTime()
         what = f'"{attribute.GetName()}" is animated, and materials are not: its value at time code {first:g} is drawn'
-        self.flaws.append(_drawn(attribute, what))
+        self.flaws.append(not_drawn(attribute, what))
         return attribute.Get(first)
 
     def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
@@ -319,7 +319,7 @@ class _Network:
             source = self.source(shader, name)
             if not isinstance(source, _Connected):
                 what = f'"inputs:{name}" is not connected: the texture is drawn with primvars:st'
-                self.flaws.append(_drawn(shader.GetPrim(), what, "connect it to a UsdPrimvarReader_float2"))
+                self.flaws.append(not_drawn(shader.GetPrim(), what, "connect it to a UsdPrimvarReader_float2"))
                 self.primvars.setdefault("st", Wanted("st", (0.0, 0.0)))
                 return whole, "st"
             shader, name = source.shader, "in"
@@ -380,11 +380,7 @@ def _known(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.Sh
 
 def _seen_through(thing: Usd.Prim | Usd.Property) -> Problem:
     what = "light passes this surface, and the ground truth does not: it hides points as if it were opaque"
-    return _drawn(thing, what, "visibility in tables of points counts whole shapes")
-
-
-def _drawn(thing: Usd.Prim | Usd.Property, what: str, hint: str | None = None) -> Problem:
-    return problem(thing, NOT_DRAWN, what, hint=hint, severity="warning")
+    return not_drawn(thing, what, "visibility in tables of points counts whole shapes")
 
 
 def _words(values: Numbers) -> str:

@@ -19,7 +19,7 @@ from pipeline.scene.usd.poses import (
     world_from,
     xform_ops,
 )
-from pipeline.scene.usd.problems import NOT_DRAWN, Problem, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
 from pipeline.scene.usd.values import at_code, need, read, take, target
 from pipeline.spelling import frames_in_words
 
@@ -202,13 +202,13 @@ def check_motions(
                     f"<{prim.GetPath()}> changes its shape, and keeps that of the time code while a shutter is open"
                 )
                 hint = "its transform may move meanwhile"
-                yield problem(prim, NOT_DRAWN, message, hint=hint, severity="warning")
+                yield not_drawn(prim, message, hint=hint)
         for prim in filter(_is_placed_at_frames, root.GetStage().Traverse()):
             message = (
                 f"what <{prim.GetPath()}> moves is placed at time codes of frames alone, and a shutter is open longer"
             )
             hint = "prims that move by their own xformOps move meanwhile"
-            yield problem(prim, NOT_DRAWN, message, hint=hint, severity="warning")
+            yield not_drawn(prim, message, hint=hint)
 
 
 def _is_placed_at_frames(prim: Usd.Prim) -> bool:
@@ -230,7 +230,7 @@ def _standing(
         if some.any():
             message = f"<{link.GetPath()}> has no sample {word} {sample:g}, and the shutter is open {open_}"
             hint = f"it stands still then, in {_frames(numbers, some)}: write one more sample"
-            yield problem(link, "motion-ends", message, hint=hint, severity="warning")
+            yield warning(link, "motion-ends", message, hint=hint)
 
 
 def _frames(numbers: Sequence[int], some: np.ndarray) -> str:

@@ -1,5 +1,6 @@
 """Targets: the pattern, the shape of its surface or its mesh, and the spectra of ink and paper."""
 
+import re
 from collections.abc import Iterator, Set
 from itertools import pairwise
 from typing import Any
@@ -14,26 +15,18 @@ from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Drawn, fans
 from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
-from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
-from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
-from pipeline.targets.target import PATTERNS, AnyTarget, Target
+from pipeline.targets.target import PATTERNS, SURFACES, AnyTarget, Target
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""
 TYPES: dict[str, type[Any]] = {f"Plen{kind.__name__}": kind for kind in PATTERNS.values()}
 """The pattern of each type of prim."""
 
-SHAPES: dict[str, type] = {
-    "flat": Flat,
-    "warped": Warped,
-    "heightMap": HeightMap,
-    "cylinder": Cylinder,
-    "cube": Cube,
-    "stairs": Stairs,
-}
+SHAPES = {re.sub("-(.)", lambda match: match[1].upper(), kind): surface for kind, surface in SURFACES.items()}
 """The surface of each plen:shape."""
 
 OFF_MESH_MM = 1e-3
@@ -150,13 +143,13 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     if isinstance(record, MeshTarget):
         if not np.any(record.albedo):
             message, hint = "the mesh is dark all over: its images are black", "write a plen:white and colours above 0"
-            yield problem(white, "no-contrast", message, hint=hint, severity="warning")
+            yield warning(white, "no-contrast", message, hint=hint)
         yield from _check_on_mesh(prim, record)
         if mesh:
             yield from _check_scheme(mesh)
     elif record.pattern.white == record.pattern.black:
         message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
-        yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
+        yield warning(white, "no-contrast", message, hint="the fallbacks are 1 and 0")
 
 
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
@@ -210,7 +203,7 @@ def _check_scheme(mesh: Usd.Prim) -> Iterator[Problem]:
         by = "" if attribute.HasAuthoredValue() else ", USD's fallback"
         message = f"<{mesh.GetPath()}> asks for {scheme} subdivision{by}; a target is its polygons as they stand"
         hint = 'write uniform token subdivisionScheme = "none", or the subdivided mesh'
-        yield problem(attribute if not by else mesh, "not-drawn", message, hint=hint, severity="warning")
+        yield not_drawn(attribute if not by else mesh, message, hint=hint)
 
 
 def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
@@ -221,4 +214,4 @@ def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
         which = f"{len(off)} of {len(distances)} marked points do not lie on the mesh"
         message = f"{which}; point {index} is {distance:.4g} mm off"
         hint = "images show the mesh, and the ground truth uses the points"
-        yield problem(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint, severity="warning")
+        yield warning(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint)

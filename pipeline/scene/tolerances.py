@@ -11,12 +11,11 @@ from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
-import numpy as np
 from pxr import Sdf, Usd
 
-from pipeline.scene.usd.entries import Samples, edited, entries, moved_by, name_of, times_of, unit_of
+from pipeline.scene.usd.entries import Samples, edited, entries, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.opening import open_stage
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import need, read, rule_of, target_paths
 from pipeline.scene.write.text import lay_over, text_of
 
@@ -75,9 +74,9 @@ def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
         is_common = need(prim, "plen:tolerance:together")
         for path in target_paths(prim.GetRelationship(_OF)):
             attribute = composed.GetAttributeAtPath(path)
-            samples = _samples(attribute)
+            samples = samples_of(attribute)
             first = next(iter(samples.values()))
-            for i in range(_count(first)):
+            for i in range(len(entries(first))):
                 error = tolerance.error(share(seed, member, str(path), 0 if is_common else i))
                 numbers.append(DrawnNumber(name_of(path, first, i), unit_of(attribute), error))
                 samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
@@ -100,7 +99,7 @@ def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
         if not stage.GetObjectAtPath(path):
             continue  # the check of relationships reports it
         attribute = stage.GetAttributeAtPath(path)
-        samples = _samples(attribute)
+        samples = samples_of(attribute)
         if reason := _why_fixed(attribute, samples):
             message = f"<{path}> can have no tolerance: {reason}"
             hint = "name a property that holds finite numbers with a point; a plane may have a radius of 1e6"
@@ -129,7 +128,7 @@ def check_effect(stage: Usd.Stage, taken: Set[str]) -> Iterator[Problem]:
             if not taken & {str(path), str(path.GetPrimPath())}:
                 message = f"no camera or target of the dataset is made of <{path}>: its tolerance has no effect"
                 hint = "the attributes of a Camera itself serve viewers; light follows those of PlenCameraAPI"
-                yield problem(relationship, "unused-tolerance", message, hint=hint, severity="warning")
+                yield warning(relationship, "unused-tolerance", message, hint=hint)
 
 
 def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
@@ -138,7 +137,7 @@ def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
         return "it is no property"
     if attribute.GetPrim().IsInstanceProxy():
         return "USD ignores what is written below an instance"
-    value = next((value for value in samples.values() if not _count(value)), None)
+    value = next((value for value in samples.values() if not len(entries(value))), None)
     return f"it is {value}" if value is not None else None if samples else "it is not written"
 
 
@@ -148,19 +147,7 @@ def _tolerances(stage: Usd.Stage) -> list[Usd.Prim]:
     return sorted(prims, key=Usd.Prim.GetPath)
 
 
-def _samples(attribute: Usd.Attribute) -> Samples:
-    """The values of a property; none if nothing is written and there is no fallback."""
-    values = {time: attribute.Get(time) for time in times_of(attribute)} if attribute else {}
-    return {time: value for time, value in values.items() if value is not None}
-
-
-def _count(value: Any) -> int:
-    """Count of the numbers of a value; 0 if one is not finite."""
-    numbers = entries(value)
-    return 0 if numbers is None or not np.isfinite(numbers).all() else len(numbers)
-
-
 def _all_moved(value: Any, by: float) -> Any:
-    for i in range(_count(value)):
+    for i in range(len(entries(value))):
         value = moved_by(value, i, by)
     return value

@@ -6,7 +6,7 @@ from it, with all that follows from it: of a camera that is focused at a distanc
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from pxr import Sdf, Usd
@@ -15,7 +15,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import inverse
 from pipeline.optics.table import motion
 from pipeline.scene.dataset import Dataset, Frame, VariedNumber
-from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, times_of, unit_of
+from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets, unchanging
 
@@ -98,10 +98,10 @@ def _rows(transform: np.ndarray) -> tuple[tuple[float, ...], ...]:
 def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]) -> Iterator[VariedNumber[R]]:
     """Each number of a property, with what is read again; UnreadableValue if it holds none that can be varied."""
     attribute = stage.GetAttributeAtPath(path)
-    values = {time: attribute.Get(time) for time in times_of(attribute)} if attribute else {}
+    values = samples_of(attribute)
     first: Any = next(iter(values.values()), None)
     numbers = entries(first)
-    if numbers is None or not np.isfinite(numbers).all():
+    if not len(numbers):
         message = f"rows have no derivative by <{path}>: it is {'not written' if first is None else first}"
         hint = "name a property that holds finite numbers with a point, as a radius, a thickness or an index"
         raise UnreadableValue(message, attribute or stage.GetPrimAtPath(path.GetPrimPath()), hint, "no-derivative")
@@ -115,7 +115,7 @@ def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]
                 raise UnreadableValue(message, attribute, "move it by a thousandth", "no-derivative")
             try:
                 with edited(stage, {path: moved}), unchanging():
-                    ends.append((cast(np.ndarray, entries(next(iter(moved.values()))))[i], read_again()))
+                    ends.append((entries(next(iter(moved.values())))[i], read_again()))
             except CameraError as error:
                 message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.what}"
                 raise UnreadableValue(message, attribute, error.hint, "no-derivative") from None

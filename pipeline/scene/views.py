@@ -30,7 +30,7 @@ from pipeline.scene.lens import ordered_surfaces
 from pipeline.scene.losses import check_angles
 from pipeline.scene.microlenses import by_type
 from pipeline.scene.sensor import read_sensor
-from pipeline.scene.usd.problems import Problem, of_reader, problem
+from pipeline.scene.usd.problems import Problem, of_reader, problem, warning
 from pipeline.scene.usd.values import read, target
 from pipeline.scene.windows import WINDOWS
 from pipeline.spelling import frames_in_words
@@ -75,7 +75,7 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
     for prim in alone:
         for doubt in pixel_doubts(read_sensor(prim)):
             pitch = prim.GetAttribute("plen:pixelPitch")
-            yield problem(pitch, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
+            yield warning(pitch, doubt.code, doubt.what, hint=doubt.hint)
     for entry in cameras:
         prim = stage.GetPrimAtPath(entry.prim_path)
         try:
@@ -86,7 +86,7 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
         try:
             for doubt in doubts(camera):
                 place = _blamed(prim, camera, doubt.part)
-                yield problem(place, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
+                yield warning(place, doubt.code, doubt.what, hint=doubt.hint)
         except CameraError as error:
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
         except ArithmeticError:
@@ -223,7 +223,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
                 if missed:
                     whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'
                     message = f"{whom} in {len(missed)} of {len(view.numbers)} frames: {_listed(missed)}"
-                    yield problem(prim, code, message, hint=_hint(camera, view, missed), severity="warning")
+                    yield warning(prim, code, message, hint=_hint(camera, view, missed))
 
 
 def _listed(missed: dict[int, int]) -> str:

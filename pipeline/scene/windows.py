@@ -26,7 +26,7 @@ from pipeline.scene.lens import (
     read_surface,
 )
 from pipeline.scene.usd.poses import ancestry, inverse, moving_op, product, stage_mm_per_unit, world_from
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
 from pipeline.spelling import did_you_mean
 
@@ -184,7 +184,7 @@ def check_window(window: Usd.Prim) -> Iterator[Problem]:
     if panes and not any(has_glass) and (not root or read(root, "plen:medium") in (None, AIR)):
         message = f"<{window.GetPath()}> is air in air: it bends no light"
         hint = "write plen:glass on each surface behind which there is glass, as light meets them"
-        yield problem(window, "unused-window", message, hint=hint, severity="warning")
+        yield warning(window, "unused-window", message, hint=hint)
 
 
 def check_medium(root: Usd.Prim) -> Iterator[Problem]:
@@ -203,7 +203,7 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
         attribute = root.GetAttribute(f"plen:medium:{what}")
         if attribute.HasAuthoredValue() and name not in media:
             message = f'"{attribute.GetName()}" has no effect with "plen:medium" = "{name}"'
-            yield problem(attribute, "unused-value", message, hint="remove it", severity="warning")
+            yield warning(attribute, "unused-value", message, hint="remove it")
 
 
 def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
@@ -225,7 +225,7 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
     if standing_windows(camera) and read(camera, "plen:shutter:scanOrder") not in (None, "none"):
         message = "a camera that moves while its shutter is open looks through windows that move along with it"
         hint = "in each frame they stand before it as at its time code"
-        yield problem(relationship, "still-window", message, hint=hint, severity="warning")
+        yield warning(relationship, "still-window", message, hint=hint)
     if any(not panes or any(read(pane, "plen:isStop") for pane in panes) for panes in map(ordered_surfaces, prims)):
         return  # reported where the window is checked
     lens, nm = target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength")

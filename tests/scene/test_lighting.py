@@ -209,20 +209,6 @@ def test_a_mesh_of_a_lit_dataset_hides_points_and_one_of_a_dark_one_does_not(tmp
     assert dark.occluders == () and dark.lamps == () and dark.pictures == ()
 
 
-def test_a_texture_without_a_file_or_with_a_misspelled_value_is_named_at_its_shader(tmp_path):
-    content = SUN + WALL % "rel material:binding = </Scene/Paper>" + TEXTURED % "raw"
-    Image.new("RGB", (2, 2)).save(tmp_path / "picture.png")
-    broken = [
-        (content.replace("@picture.png@", "@absent.png@"), "asset-missing", "absent.png"),
-        (content.replace('Space = "raw"', 'Space = "linear"'), "unreadable-value", "raw, sRGB, auto"),
-    ]
-    for text, code, word in broken:
-        errors = loaded(tmp_path, text).errors
-        assert [one.code for one in errors][:1] == [code], [str(one) for one in errors]
-        assert word in f"{errors[0].message} {errors[0].hint}"
-        assert errors[0].line
-
-
 def drawn_with(folder, content: str, **at) -> tuple[float, list]:
     """Light of the wall below the sun over what a white one has, and the warnings about what is not drawn."""
     warnings = [one for one in loaded(folder, content).problems if one.code == "not-drawn"]

@@ -10,7 +10,7 @@ from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.materials import seen_meshes
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit, problem
+from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit, warning
 from pipeline.scene.usd.values import read, target, targets
 
 RAYS_PER_S = 4e6
@@ -153,4 +153,4 @@ def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             "fewer samples or frames, or more noise; of position images a smaller plen:truth:supersampling, or direct"
         )
         attribute = stage.GetPrimAtPath(camera.prim_path).GetAttribute(name)
-        yield problem(attribute, "long-build", f"{what} {seconds / 3600:,.0f} hours", hint=hint, severity="warning")
+        yield warning(attribute, "long-build", f"{what} {seconds / 3600:,.0f} hours", hint=hint)

@@ -11,7 +11,7 @@ from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.lamps import lamp_prims
 from pipeline.scene.materials import seen_meshes
-from pipeline.scene.occluders import check_outside_lens, meets_lens
+from pipeline.scene.occluders import body_of, check_outside_lens, meets_lens
 from pipeline.scene.targets import read_target
 from pipeline.scene.usd.poses import (
     ancestry,
@@ -26,7 +26,7 @@ from pipeline.scene.usd.poses import (
     world_from,
     xform_ops,
 )
-from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import read, targets
 from pipeline.scene.windows import WINDOWS, check_standing, prescription_of
 from pipeline.spelling import frames_in_words
@@ -97,7 +97,7 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
     elif op.GetOpType() == UsdGeom.XformOp.TypeTransform and Gf.Matrix4d(value).GetColumn(3) != Gf.Vec4d(0, 0, 0, 1):
         message = f'"{attribute.GetName()}" is no affine matrix: its last column is {value.GetColumn(3)}'
         hint = "it counts as (0, 0, 0, 1)"
-        yield problem(attribute, "not-affine", message, hint=hint, severity="warning", time=sample)
+        yield warning(attribute, "not-affine", message, hint=hint, time=sample)
     elif is_orient(op):
         parts = quaternion(op, float(number)) or (math.nan,)
         off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)
@@ -108,7 +108,7 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
             yield problem(attribute, "non-rigid", message, hint="write a unit quaternion (w, x, y, z)", time=sample)
         else:
             message = f"the quaternion is {off:.3g} off unit length; it is normalised"
-            yield problem(attribute, "normalised", message, severity="warning", time=sample)
+            yield warning(attribute, "normalised", message, time=sample)
 
 
 def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
@@ -134,9 +134,7 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 
 def _is_beside(prescription: Prescription, triangles_mm: np.ndarray) -> bool:
     """Whether a shape, (m, 3, 3) vision frame, stands beside a lens that sees so far round."""
-    ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
-    radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
-    return pupil_fan(prescription).is_wide and not meets_lens(triangles_mm, ends, radius_mm)
+    return pupil_fan(prescription).is_wide and not meets_lens(triangles_mm, *body_of(prescription))
 
 
 def _check_before_camera(

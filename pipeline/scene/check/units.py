@@ -8,7 +8,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom
 
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import ancestry, xform_ops
-from pipeline.scene.usd.problems import Problem, problem, shown_path, specs
+from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 
 _SAME = 1e-6
 """Relative difference of units that is none [1]: some programs write them in single precision."""
@@ -63,7 +63,7 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, there, ops)}"
     if not prim.IsA(UsdGeom.Xformable):
         hint = f"put it below an Xform; there {hint}"
-    return problem(prim, "asset-units", "; ".join(what), hint=hint, severity="warning")
+    return warning(prim, "asset-units", "; ".join(what), hint=hint)
 
 
 def _units(layer: Sdf.Layer) -> tuple[float, str]:

@@ -13,22 +13,23 @@ Samples = dict[Usd.TimeCode, Any]
 """Values of an attribute, by the times at which they are written."""
 
 
-def times_of(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
-    """Times at which an attribute is written: at its time samples or, without any, as a default."""
-    samples = attribute.GetTimeSamples()
-    return [Usd.TimeCode(time) for time in samples] or [Usd.TimeCode.Default()]
+def samples_of(attribute: Usd.Attribute) -> Samples:
+    """The values of an attribute, at its time samples or, without any, its default; none if nothing is written and
+    there is no fallback.
+    """
+    times = [Usd.TimeCode(time) for time in attribute.GetTimeSamples()] if attribute else []
+    values = {time: attribute.Get(time) for time in times or [Usd.TimeCode.Default()]} if attribute else {}
+    return {time: value for time, value in values.items() if value is not None}
 
 
-def entries(value: Any) -> np.ndarray | None:
-    """The numbers of a value, (n,) float64; None if it has none with a point, as a count or a token, or none that moves
-    alone, as a quaternion."""
+def entries(value: Any) -> np.ndarray:
+    """The numbers of a value, (n,) float64; none if any is not finite, if it has none with a point, as a count or a
+    token, or none that moves alone, as a quaternion.
+    """
     if isinstance(value, bool | int | str) or value is None or hasattr(value, "GetImaginary"):
-        return None
-    try:
-        array = np.array(value) if isinstance(value, float) else numbers(value)
-    except (TypeError, ValueError):
-        return None
-    return array.astype(float).ravel() if array.dtype.kind == "f" and array.size else None
+        return np.zeros(0)
+    array = numbers(value)
+    return array.astype(float) if array.dtype.kind == "f" and np.isfinite(array).all() else np.zeros(0)
 
 
 def name_of(path: Sdf.Path, value: Any, i: int) -> str:

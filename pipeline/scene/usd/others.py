@@ -11,7 +11,7 @@ from functools import cached_property
 
 from pxr import Gf, Sdf, Usd, UsdShade
 
-from pipeline.scene.usd.problems import Problem, problem, shown_path, specs
+from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
 from pipeline.scene.usd.values import UnreadableValue, read_once
 
@@ -106,7 +106,7 @@ class Others:
                 if type(value) is type(given.GetTypeName().defaultValue):
                     given.Set(value)
         instead = f"inputs:fallback of <{prim.GetPath()}>" if values else "what is drawn without it"
-        return problem(error.thing, error.code, error.what, hint=f"drawn instead is {instead}", severity="warning")
+        return warning(error.thing, error.code, error.what, hint=f"drawn instead is {instead}")
 
     @cached_property
     def _readers(self) -> dict[Sdf.Path, list[tuple[UsdShade.Input, str]]]:

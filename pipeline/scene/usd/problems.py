@@ -119,6 +119,18 @@ def problem(
     )
 
 
+def warning(
+    thing: Usd.Prim | Usd.Property, code: str, message: str, *, hint: str | None = None, time: float | None = None
+) -> Problem:
+    """A problem that prevents no build."""
+    return problem(thing, code, message, hint=hint, severity="warning", time=time)
+
+
+def not_drawn(thing: Usd.Prim | Usd.Property, message: str, hint: str | None = None) -> Problem:
+    """A warning of what is drawn otherwise than its stage asks."""
+    return warning(thing, NOT_DRAWN, message, hint=hint)
+
+
 def over_limit(thing: Usd.Prim | Usd.Property, name: str, count: int, what: str) -> list[Problem]:
     """A problem at a thing if its count, which `what` says in words, is more than the limit of that name."""
     most = getattr(limits(), name)

@@ -3,11 +3,12 @@ written into the session layer of a stage, so that no file changes.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel
 
 from pipeline.limits import limits
-from pipeline.scene.usd.problems import Problem, over_limit, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, over_limit
 from pipeline.scene.usd.values import plain
 
 _INSTANCE = "Instance_"
@@ -31,7 +32,7 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
             instances = _instances(UsdGeom.PointInstancer(prim), frames)
         except (Tf.ErrorException, ValueError, IndexError):
             message = f"<{prim.GetPath()}> is not drawn: its prototypes, protoIndices and arrays of values do not fit"
-            problems.append(problem(prim, "not-drawn", message, severity="warning"))
+            problems.append(not_drawn(prim, message))
             continue
         if _is_written_out(prim):  # the dataset.usda of a build has the instances already
             problems += _check_written(prim, instances)
@@ -75,15 +76,16 @@ def _check_written(prim: Usd.Prim, instances: "list[_Instance]") -> Iterator[Pro
     ):
         message = f"<{prim.GetPath()}> places other instances than are written out below it, and these alone count"
         hint = f"edit the prims {_INSTANCE}0 and so on, or remove them all, and it is written out anew"
-        yield problem(prim, "not-drawn", message, hint=hint, severity="warning")
+        yield not_drawn(prim, message, hint=hint)
 
 
+@dataclass
 class _Instance:
     """An instance: its prototype, place among the others at first, and in some frames its transform."""
 
-    def __init__(self, prototype: Sdf.Path, index: int) -> None:
-        self.prototype, self.index = prototype, index
-        self.poses = dict[float, Gf.Matrix4d]()
+    prototype: Sdf.Path
+    index: int
+    poses: dict[float, Gf.Matrix4d] = field(default_factory=dict)
 
 
 def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
@@ -225,4 +227,4 @@ def _is_skinned(prim: Usd.Prim) -> bool:
 def _unbaked(prim: Usd.Prim) -> Problem:
     message = f"UsdSkel cannot move <{prim.GetPath()}>: it is drawn as it was modelled"
     hint = "see that its skeleton, joints and weights fit each other"
-    return problem(prim, "not-drawn", message, hint=hint, severity="warning")
+    return not_drawn(prim, message, hint=hint)

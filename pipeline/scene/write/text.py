@@ -19,13 +19,11 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import mm_per_unit
 from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
-from pipeline.scene.write.viewers import TENTHS, pinhole
+from pipeline.scene.write.viewers import SHIFT, TENTHS, VIEW, pinhole
 
 _DOC_WIDTH = 112
 """Longest line of documentation [characters]: with indentation it stays within the 120 of the project."""
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
-_VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
-"""Attributes of the pinhole with the field of view of the camera."""
 _KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
 """Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
 CHILD = "Pinhole"
@@ -159,7 +157,7 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
     schemas.prependedItems = ["PlenCameraAPI"]
     prim.SetInfo("apiSchemas", schemas)
     for name, (kind, value) in pinhole(viewfinder(camera), 1.0).items():
-        if name in _VIEW and (value or not name.endswith("Offset")):
+        if name in VIEW or (name in SHIFT and value):
             Sdf.AttributeSpec(prim, name, kind).default = value
     for name, wanted in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
         if name != "microlenses" or camera.microlenses:

@@ -40,8 +40,9 @@ _LARGEST = 1e30
 Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
 _PLACES = "st"
 """Name of the primvar that places points on a picture: the one that viewers look for."""
-_VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
-_SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
+VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
+SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
+"""Attributes of the pinhole with the field of view of a camera; the latter where the axis is off the middle."""
 
 
 def flattened(stage: Usd.Stage) -> Sdf.Layer:
@@ -233,7 +234,7 @@ def _lacking(stage: Usd.Stage) -> dict[str, list[str]]:
     for entry in read_camera_entries(stage):
         prim, unit_mm = stage.GetPrimAtPath(entry.prim_path), mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
         view = {name: value for name, (_, value) in pinhole(_view_of(entry), unit_mm).items()}
-        names = [*_VIEW, *_SHIFT] if any(view.get(name) for name in _SHIFT) else _VIEW
+        names = [*VIEW, *SHIFT] if any(view.get(name) for name in SHIFT) else VIEW
         wanted = [name for name in names if name in view and not prim.GetAttribute(name).HasAuthoredValue()]
         if wanted and layer.GetPrimAtPath(prim.GetPath()):
             lines[entry.prim_path] = [f"float {name} = {view[name]:.7g}" for name in wanted]
