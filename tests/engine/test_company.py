@@ -27,7 +27,8 @@ def ran(folder: Path) -> list[str]:
 
 
 def texts(outcome, store) -> dict[str, str]:
-    return {n: store.read(r.outputs["shared.txt"].sha256).decode() for n, r in outcome.records.items()}
+    made = {n: r.outputs["shared.txt"] for n, r in outcome.records.items() if "shared.txt" in r.outputs}
+    return {n: store.read(blob.sha256).decode() for n, blob in made.items()}
 
 
 def test_company_makes_what_each_alone_makes(tmp_path, store):
@@ -88,6 +89,23 @@ def test_a_death_in_company_condemns_nobody(tmp_path, store):
     )
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert any(event.name == "retry" and "it runs alone now" in event.error for event in events)
+
+
+def test_an_input_of_a_company_that_is_damaged_is_made_again_once(tmp_path, store):
+    """All of them report it; the second found no result of the input any more, which ended the build."""
+
+    def damage(event):
+        if event.name == "started" and event.task == "b" and not damaged:
+            damaged.append(store.path("blob", store.record(key).outputs["lens.txt"].sha256))
+            damaged[0].unlink()
+
+    result, damaged = toy.graph_of(("lens", "lens", {"power": 4.0})), []
+    key = run(result, store).records["lens"].key
+    for name in "ab":
+        params = {"name": name, "value": 1, "folder": str(tmp_path)}
+        result.add(name, "toykit.tasks.shared", params, {"lens": "lens"}, together="all")
+    outcome = run(result, store, caller=Caller(on_event=damage))
+    assert damaged and texts(outcome, store).keys() >= {"a", "b"}
 
 
 def test_inputs_that_differ_are_no_company(tmp_path, store):

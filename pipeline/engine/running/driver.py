@@ -250,8 +250,8 @@ class _Driver:
         """Make inputs again that were damaged between lookup and use, then try the task once more."""
         self._rebuilt.add(name)
         for source in self.graph.sources(name):
-            result = self.outcome.results[source]
-            if result.key is not None and self.store.record(result.key) is None:
+            record = self.outcome.records.get(source)  # none: another reader has had it made again
+            if record is not None and self.store.record(record.key) is None:
                 del self.outcome.records[source], self.outcome.results[source]
                 for reader in self.graph.readers(source):
                     self._missing[reader] += 1
