@@ -140,10 +140,12 @@ def test_a_worker_with_other_code_refuses(tmp_path, cluster, store, kit):
 
 
 @pytest.mark.heavy
-def test_a_task_that_takes_too_long_is_given_up(tmp_path, cluster, store):
-    graph = toy.graph_of(("slow", "slow", {"folder": str(tmp_path), "name": "a", "seconds": 30}))
-    result = run(graph, store, engine=cluster.engine(store, timeout_s=1.0)).results["slow"]
-    assert result.state == "failed" and "longer than 1 s" in result.error
+def test_a_task_that_takes_too_long_is_given_up_also_while_others_end_all_the_time(tmp_path, cluster, store):
+    tasks = [("slow/a", 30), *((f"slow/b{number}", 0.1) for number in range(30))]
+    graph = toy.graph_of(*((n, "slow", {"folder": str(tmp_path), "name": n[5:], "seconds": s}) for n, s in tasks))
+    results = run(graph, store, BuildOptions(keep_going=True), engine=cluster.engine(store, timeout_s=1.0)).results
+    assert results["slow/a"].state == "failed" and "longer than 1 s" in results["slow/a"].error
+    assert results["slow/a"].seconds < 2
 
 
 def test_a_scheduler_that_is_not_there_is_the_machines_fault(extra, store, monkeypatch):

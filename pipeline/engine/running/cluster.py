@@ -87,9 +87,11 @@ class Dask:
 
     @property
     def free(self) -> int:
-        """Number of tasks that the cluster can take: idle threads, plus one waiting task per worker."""
+        """Number of tasks that the cluster can take: idle threads, plus one task per worker that waits, as long as
+        waiting cannot be taken for working.
+        """
         threads = self._threads()
-        return sum(threads) + len(threads) - len(self._running)
+        return sum(threads) + (len(threads) if self._timeout_s is None else 0) - len(self._running)
 
     def submit(self, job: Job) -> None:
         """Give a job to the cluster."""
@@ -120,10 +122,11 @@ class Dask:
             with self._client.as_current():
                 done = distributed.wait(list(self._running), timeout=timeout_s, return_when="FIRST_COMPLETED").done
         except TimeoutError:
-            return self._overdue()
+            done = set()
         except (distributed.CancelledError, asyncio.CancelledError, OSError):
             done = {future for future in self._running if future.done()}
-        return [reply for future in done if future in self._running for reply in self._replies(future)]
+        replies = [reply for future in done if future in self._running for reply in self._replies(future)]
+        return replies + self._overdue()
 
     def close(self) -> None:
         """Cancel unfinished tasks; the cluster goes on."""
