@@ -92,6 +92,13 @@ def test_a_lens_that_nobody_knows_is_a_thin_one(run):
     assert "usdview" not in run("check", "r.usda")[2]
 
 
+def test_a_rig_keeps_all_digits_of_what_was_asked(run):
+    asked = ("--focal-length", "12.00125", "--f-number", "2", "--focus", "500.00375")
+    assert run("new", "rig", "r.usda", *asked, "--sensor", THIN[-1])[0] == 0
+    shown = json.loads(run("show", "r.usda", "--json")[1])
+    assert shown["sensor_distance_mm"] == pytest.approx(1 / (1 / 12.00125 - 1 / 500.00375), rel=1e-12)
+
+
 def test_a_rig_that_no_distance_focuses_says_what_to_give(run):
     """As in Lytro's cameras, microlenses as far from the sensor as their focal length see every object through."""
     text = Path(share("stages") / "mlas/michels_2019.usda").read_text(encoding="utf-8")

@@ -88,7 +88,7 @@ _THIN_LENS = """    # An ideal thin lens, as camera models have it: sharp and un
 
         def PlenSurface "Stop"
         {{
-            uniform double plen:focalLength = {focal_mm:g}
+            uniform double plen:focalLength = {focal_mm:.9g}
             uniform bool plen:isStop = 1
             uniform double plen:semiDiameter = {semi_mm:.9g}
         }}
@@ -105,7 +105,7 @@ def _text(out: Path, wish: RigWish, lens: str) -> str:
         doc = f"A camera focused at {wish.focus_mm:g} mm from its stop."
         camera = "        # The sensor moves to where this distance is sharp;"
         camera += " plen:camera:sensorDistance would say where it stands.\n"
-        camera += f"        uniform double plen:camera:focusDistance = {wish.focus_mm:g}\n"
+        camera += f"        uniform double plen:camera:focusDistance = {wish.focus_mm:.9g}\n"
     numbers = {"near": wish.near_mm, "far": wish.far_mm, "circleOfConfusion": wish.circle_of_confusion_px}
     for name, value in numbers.items():
         camera += "" if value is None else f"        uniform double plen:camera:{name} = {value:.9g}\n"
