@@ -214,15 +214,13 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
-    pinhole, plain, model, images = camera.pinhole, camera.plain_pinhole, camera.central, camera.micro_images
-    if pinhole is not None:
-        pinhole = replace(pinhole, principal_point_px=convention.positions(pinhole.principal_point_px, camera.size_px))
-    if plain is not None:
-        plain = replace(plain, principal_point_px=convention.positions(plain.principal_point_px, camera.size_px))
-    if model is not None:
-        model = replace(model, principal_point_px=convention.positions(model.principal_point_px, camera.size_px))
+    images, models = camera.micro_images, dict[str, Any]()
+    for name in ("pinhole", "plain_pinhole", "central"):
+        if (model := getattr(camera, name)) is not None:
+            point_px = convention.positions(model.principal_point_px, camera.size_px)
+            models[name] = replace(model, principal_point_px=point_px)
     axis, rays = convention.positions(camera.axis, camera.size_px), replace(camera.rays, convention=convention)
-    camera = replace(camera, pinhole=pinhole, plain_pinhole=plain, central=model, axis=axis, rays=rays)
+    camera = replace(camera, **models, axis=axis, rays=rays)
     if images is None or grid is None:
         return camera
     central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())

@@ -5,15 +5,19 @@ import tempfile
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.exports.conversion import write_format
 from pipeline.exports.gathering import POSITIONS, chosen, gather
-from pipeline.exports.material import Material, Scene
+from pipeline.exports.material import Material
 from pipeline.exports.noise import Noise, with_noise
-from pipeline.exports.ray_patches import Sight
 from pipeline.formats import EXACT, Cameras, ExportError, Format, folder_of, format_of, loadable
+from pipeline.results.answers import SeenScene
 from pipeline.results.output import Output
 from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from pipeline.results.ready_camera import ReadyCamera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +39,7 @@ class Request:
 
 
 @lru_cache(maxsize=4)
-def sight_of(out: Path, name: str) -> Sight:
+def sight_of(out: Path, name: str) -> "ReadyCamera":
     """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
     from pipeline.results.opening import ready  # loads USD and the tracer, which few formats need
 
@@ -43,7 +47,7 @@ def sight_of(out: Path, name: str) -> Sight:
 
 
 @lru_cache(maxsize=1)
-def scene_of(out: Path) -> Scene:
+def scene_of(out: Path) -> SeenScene:
     """Targets and other things before the cameras of a build."""
     from pipeline.results import opening  # as above
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,16 +16,18 @@ from pipeline.exports.material import (
     Grid,
     Material,
     Observations,
-    Scene,
 )
 from pipeline.exports.micro_images import MicroImages
-from pipeline.exports.ray_patches import Sight
 from pipeline.exports.row_pinhole import row_pinhole
 from pipeline.formats import EXACT, OURS, ExportError
 from pipeline.frames import apply
+from pipeline.results.answers import SeenScene
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from pipeline.results.ready_camera import ReadyCamera  # loads the tracer, which few formats need
 
 _REGULAR_MM = 1e-9
 """Deviation of nominal points from a grid [mm]: rounding of sums, nothing else."""
@@ -33,7 +36,7 @@ POSITIONS = {EXACT: "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "cen
 
 
 def gather(
-    output: Output, sight: Callable[[str], Sight], scene: Callable[[], Scene], position: str = EXACT
+    output: Output, sight: Callable[[str], "ReadyCamera"], scene: Callable[[], SeenScene], position: str = EXACT
 ) -> Material:
     """The content of a build in our conventions, unit mm.
 
@@ -119,7 +122,7 @@ def grid_of(nominal: np.ndarray) -> Grid | None:
     return Grid(columns=columns, rows=rows, column_step=across, row_step=down, step_mm=step_mm)
 
 
-def _camera(camera: BuiltCamera, sight: Callable[[str], Sight]) -> ExportCamera:
+def _camera(camera: BuiltCamera, sight: Callable[[str], "ReadyCamera"]) -> ExportCamera:
     return ExportCamera(
         name=camera.name,
         size_px=camera.size_px,

@@ -7,16 +7,20 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.exports.micro_images import GridMesh, MicroImages
-from pipeline.exports.ray_patches import Sight, rows_of_rays
+from pipeline.exports.ray_patches import rows_of_rays
 from pipeline.fits.thin_lens import ThinLens, thin_lens
 from pipeline.formats import Convention, ExportError
 from pipeline.frames import apply, inverse
+from pipeline.results.answers import SeenScene
 from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltView
+
+if TYPE_CHECKING:
+    from pipeline.results.ready_camera import ReadyCamera  # loads the tracer, which few formats need
 
 _SHUTTER_TYPES = {
     "none": "GLOBAL",
@@ -35,11 +39,11 @@ class CameraRays:
     """A camera made ready when its rays are asked for, and its positions as a format counts them."""
 
     built: BuiltCamera = field(repr=False)
-    ready: Callable[[], Sight] = field(repr=False)
+    ready: Callable[[], "ReadyCamera"] = field(repr=False)
     convention: Convention
 
     @cached_property
-    def sight(self) -> Sight:
+    def sight(self) -> "ReadyCamera":
         """The camera made ready, in our conventions."""
         return self.ready()
 
@@ -80,6 +84,11 @@ class StatedPose:
     def numbers(self) -> list[float]:
         """Rotation, row by row, then translation."""
         return [*self.rotation.ravel().tolist(), *self.translation.tolist()]
+
+    @property
+    def matrix(self) -> list[list[float]]:
+        """Rows of a pose whose rotation is a matrix, (4, 4)."""
+        return [*np.column_stack([self.rotation, self.translation]).tolist(), [0.0, 0.0, 0.0, 1.0]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,15 +252,6 @@ class ExportView:
     at_lines: tuple[StatedPose, ...] = ()
 
 
-class Scene(Protocol):
-    """Targets and other things before cameras, as `results.answers.SeenScene` is."""
-
-    def distance_mm(
-        self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray, only: str | None = None
-    ) -> np.ndarray:
-        """Way along rays to the first surface, or to that of the target of a name; NaN: there is none."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     stage: str
@@ -260,7 +260,7 @@ class Material:
     targets: tuple[ExportTarget, ...]
     views: tuple[ExportView, ...]  # sorted by camera, frame and target; one without observations is kept
     frames: Mapping[str, tuple[int, ...]]  # of each camera, by name
-    scene: Callable[[], Scene] = field(repr=False)  # made when it is asked for
+    scene: Callable[[], SeenScene] = field(repr=False)  # made when it is asked for
 
     def write_text(self, path: Path, lines: Iterable[str]) -> None:
         """Write lines below the remarks, which begin with `# `."""

@@ -9,13 +9,14 @@ ones are traced one by one.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from pipeline.camera.parts.camera import Camera
 from pipeline.results.answers import PixelRays
+
+if TYPE_CHECKING:
+    from pipeline.results.ready_camera import ReadyCamera  # loads the tracer, which few formats need
 
 EDGE_PX = 64
 """Edge of the patches [px]: 76 traced rays stand for 4,096."""
@@ -31,17 +32,6 @@ _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of an even sequence in the square: powers of the inverse of the plastic number (Roberts 2018)."""
 _JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np.arange(1, 9), _GOLDEN) % 1) - 1])
 """Positions on a patch at which it is judged, from -1 to 1 along each axis: its corners, and eight inside."""
-
-
-class Sight(Protocol):
-    """A camera made ready, as `results.ready_camera.ReadyCamera` is."""
-
-    @property
-    def camera(self) -> Camera:
-        """Its record."""
-
-    def rays(self, x_px: ArrayLike, y_px: ArrayLike) -> PixelRays:
-        """Rays of image positions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +57,7 @@ class Patch:
 
 
 def rows_of_rays(
-    sight: Sight, width: int, rows: tuple[int, int], planes_mm: tuple[float, float]
+    sight: "ReadyCamera", width: int, rows: tuple[int, int], planes_mm: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins (h, w, 3) and directions (h, w, 3) of the pixels of some rows, vision frame.
 
@@ -99,7 +89,7 @@ def rows_of_rays(
 
 
 def _tried(
-    sight: Sight, patches: list[Patch], planes_mm: tuple[float, float]
+    sight: "ReadyCamera", patches: list[Patch], planes_mm: tuple[float, float]
 ) -> tuple[list[tuple[Patch, np.ndarray]], list[Patch]]:
     """Patches with the lines (h, w, 4) of their pixels, and those that a polynomial does not hold."""
     grid = np.stack(np.meshgrid(_CHEBYSHEV, _CHEBYSHEV), axis=-1).reshape(-1, 2)

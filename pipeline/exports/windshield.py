@@ -33,7 +33,6 @@ def windshield_model(camera: ExportCamera, others: Iterable[str]) -> CentralMode
     Raises ExportError: no model fits the lens, or the windows shift rays too much.
     """
     ready, seen = camera.rays.sight, field_of(camera)
-    assert isinstance(ready, ReadyCamera)
     alone = _without_windows(ready)
     lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: alone)), others)
     centre_mm = seen.rays.nearest_point_mm

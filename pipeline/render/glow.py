@@ -205,9 +205,6 @@ class TargetLight:
         if self._sheets is None:
             self._by_embree(origin_mm, direction, light)
             return light
-        if self._is_one_sheet:  # nothing can hide it, so only the pattern matters
-            self._lights[0].shine(np.zeros(len(light), np.int64), origin_mm, direction, light)
-            return light
         # The choice depends on the ray alone, never on other rays of the call.
         near = np.zeros(len(light), bool)
         may_meet(self._boxes, origin_mm, direction, near)

@@ -79,9 +79,7 @@ def _chain(material: Material) -> Iterator[str]:
         yield from (f"  {line}" for line in _camera(camera))
         if number and camera.pose:
             yield "  T_cn_cnm1:"
-            for turn, shift in zip(camera.pose.rotation.tolist(), camera.pose.translation.tolist(), strict=True):
-                yield f"  - [{', '.join(map(yaml_real, [*turn, shift]))}]"
-            yield "  - [0.0, 0.0, 0.0, 1.0]"
+            yield from (f"  - [{', '.join(map(yaml_real, row))}]" for row in camera.pose.matrix)
 
 
 def _camera(camera: ExportCamera) -> Iterator[str]:

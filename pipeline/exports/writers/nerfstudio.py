@@ -6,7 +6,7 @@ shutter: further keys of frames are for gsplat, which takes arrays.
 
 from pathlib import Path
 
-from pipeline.exports.material import ExportCamera, ExportView, Material, StatedPose
+from pipeline.exports.material import ExportCamera, ExportView, Material
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.formats import (
     Board,
@@ -74,14 +74,9 @@ def _intrinsics(camera: ExportCamera) -> Json:
 def _poses(camera: ExportCamera, view: ExportView) -> Json:
     """The pose at the time code; with a shutter also its type, and the poses of the first line and of the last."""
     assert view.pose is not None
-    poses: Json = {"transform_matrix": _matrix(view.pose)}
-    if not view.at_lines:
-        return poses
-    first, last = map(_matrix, view.at_lines)
-    at_lines = {"transform_matrix_start": first, "transform_matrix_end": last}
-    return {**poses, "shutter_type": camera.shutter_type, **at_lines}
-
-
-def _matrix(pose: StatedPose) -> list[list[float]]:
-    rows = zip(pose.rotation.tolist(), pose.translation.tolist(), strict=True)
-    return [*([*turn, shift] for turn, shift in rows), [0.0, 0.0, 0.0, 1.0]]
+    poses: Json = {"transform_matrix": view.pose.matrix}
+    if view.at_lines:
+        first, last = view.at_lines
+        poses |= {"shutter_type": camera.shutter_type}
+        poses |= {"transform_matrix_start": first.matrix, "transform_matrix_end": last.matrix}
+    return poses

@@ -5,7 +5,7 @@ times a coefficient. Both hold scale and bias of the texture, and the light.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -339,9 +339,3 @@ def _has_layer(material: Material) -> bool:
 def _may_vary(value: Input, idle: float) -> bool:
     """Whether an input may be anything else than a value."""
     return bool(value.texture or value.primvar or any(number != idle for number in value.value))
-
-
-def texture_names(materials: Sequence[Material]) -> list[str]:
-    """Names of the pictures that materials ask for, each once."""
-    inputs = [getattr(material, name) for material in materials for name in Material.__slots__]
-    return list(dict.fromkeys(value.texture.name for value in inputs if isinstance(value, Input) and value.texture))

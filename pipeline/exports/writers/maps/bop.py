@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, ExportView, Material, Scene
+from pipeline.exports.material import ExportCamera, ExportView, Material
 from pipeline.exports.ray_patches import bands
 from pipeline.exports.writers.maps.traced import AT_ONCE, traced
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.png import write_png
 from pipeline.formats import Board, Cameras, Format, Origin, Pose, Reads, Rotation, Unit
+from pipeline.results.answers import SeenScene
 
 FORMAT = Format(
     consumer="BOP: bop_toolkit, estimators of poses of objects",
@@ -89,7 +90,7 @@ def _pose(number: int, view: ExportView) -> Json:
 
 
 def _distances_mm(
-    camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, only: str | None = None
+    camera: ExportCamera, scene: SeenScene, frame: int, rays: np.ndarray, only: str | None = None
 ) -> np.ndarray:
     """Ways of the rays of all pixels to what they meet, (h, w)."""
     height, width = rays.shape[:2]

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, Material, Scene
+from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.writers.maps.traced import about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, Format, Origin, Reads, Unit
+from pipeline.results.answers import SeenScene
 
 FORMAT = Format(
     consumer="robotics, compositors; OpenEXR",
@@ -35,7 +36,7 @@ def write(material: Material, folder: Path) -> None:
                 write_bands(folder / camera.name / f"{frame:04d}.depth.exr", [part])
 
 
-def _rows(camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray, first: int, end: int) -> np.ndarray:
+def _rows(camera: ExportCamera, scene: SeenScene, frame: int, rays: np.ndarray, first: int, end: int) -> np.ndarray:
     """Vision z of the first surfaces that the rays of rows of pixels meet, in the unit of the format."""
     origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
     z_mm = origin[:, 2] + scene.distance_mm(frame, camera.name, origin, direction) * direction[:, 2]
