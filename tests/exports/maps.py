@@ -7,10 +7,9 @@ the table of conventions.
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import OpenEXR
-from exports.pretended import DISTORTION, same, write_camera, write_manifest
+from exports.pretended import DISTORTION, STOP_MM, projected, same, slopes_seen, write_camera, write_manifest
 
 from pipeline.exports.gathering import gather
 from pipeline.exports.material import Material
@@ -19,8 +18,6 @@ from pipeline.results.output import Output
 
 SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
 MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
-STOP_MM = np.array([0.0, 0.0, -6.0])
-"""Centre of projection in the vision frame, whose origin is the centre of the stop."""
 SHUTTER = {"scan_order": "bottomToTop", "opens_s": -0.01, "line_offset_s": 1e-3, "exposure_s": 4e-3}
 PIXEL, Z_MM = (10, 7), 400.0
 """A pixel, column and row, and the distance of a point that it sees in its middle."""
@@ -28,8 +25,7 @@ PIXEL, Z_MM = (10, 7), 400.0
 
 def undistorted(pixels: np.ndarray) -> np.ndarray:
     """Slopes that pixels (n, 2) see."""
-    stop = (cv2.TERM_CRITERIA_COUNT, 60, 0)
-    return cv2.undistortPoints(np.asarray(pixels, float)[:, None], MATRIX, DISTORTION, criteria=stop)[:, 0]
+    return slopes_seen(pixels, MATRIX)
 
 
 def point() -> np.ndarray:
@@ -78,11 +74,6 @@ def write_small_build(folder: Path) -> Path:
     return folder
 
 
-def pixels_of(directions: np.ndarray) -> np.ndarray:
-    none = np.zeros(3)
-    return cv2.projectPoints(np.ascontiguousarray(directions), none, none, MATRIX, DISTORTION)[0][:, 0]
-
-
 def channels(path: Path, *names: str) -> np.ndarray:
     """Channels of the part of an EXR file that has them, (h, w, n), by the library alone."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -122,7 +113,8 @@ def looked_at(name: str, row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Where a map of pixels looks in the other picture, (n, 2) [px]."""
     if name == "distort":
         return undistorted(np.stack([column, row], axis=1)) * F_PX + CENTRE_PX
-    return pixels_of(np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))]))
+    ahead = np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))])
+    return projected(np.eye(4), ahead, MATRIX)
 
 
 def check_depth(folder: Path) -> None:

@@ -13,6 +13,9 @@ from pipeline.frames import inverse, rigid, rotation_vector
 
 COLUMNS, ROWS, SQUARE_MM = 4, 3, 10.0
 SIZE_PX, F_PX, CENTRE_PX = (640, 480), 1000.0, np.array([300.25, 200.75])
+MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
+STOP_MM = np.array([0.0, 0.0, -6.0])
+"""Centre of projection in the vision frame, whose origin is the centre of the stop."""
 DISTORTION = np.array([0.1, -0.05, 0.001, -0.002, 0.01])
 CORNER_PX = np.array([10.0, 7.0])
 """The pixel on whose centre the left camera sees point 0 in frame 1."""
@@ -41,16 +44,21 @@ FACING = np.diag([1.0, -1.0, -1.0])
 """A board that faces a camera: y of the target is up, of the camera down."""
 
 
-def undistorted(pixel: np.ndarray) -> np.ndarray:
-    """The slopes that a pixel sees, (2,)."""
-    matrix = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
-    slopes = cv2.undistortPoints(pixel.reshape(1, 1, 2), matrix, DISTORTION, criteria=(cv2.TERM_CRITERIA_COUNT, 200, 0))
-    return slopes.ravel()
+def slopes_seen(pixels: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The slopes that pixels (n, 2) see."""
+    stop = (cv2.TERM_CRITERIA_COUNT, 200, 0)
+    return cv2.undistortPoints(np.asarray(pixels, float)[:, None], matrix, DISTORTION, criteria=stop)[:, 0]
+
+
+def projected(pose, points=None, matrix=MATRIX, distortion=DISTORTION) -> np.ndarray:
+    """Where OpenCV sees points, by default those of the board, before a camera from whose frame they have a pose."""
+    points = board_mm() if points is None else points
+    return cv2.projectPoints(points, rotation_vector(pose), pose[:3, 3], matrix, distortion)[0][:, 0]
 
 
 def _first_pose() -> np.ndarray:
     """The board faces the camera, and its point 0 is seen in the middle of a pixel."""
-    place = np.append(undistorted(CORNER_PX) * 400.0, 400.0)
+    place = np.append(slopes_seen(CORNER_PX[None], MATRIX) * 400.0, 400.0)
     return rigid(FACING, place - FACING @ board_mm()[0])
 
 
@@ -71,17 +79,14 @@ class Scene:
             3: rigid(turned(-0.3, 0.25, -0.2) @ FACING, np.array([-12.0, 4.0, 390.0])),
         }
     )
-    matrix: np.ndarray = field(
-        default_factory=lambda: np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
-    )
+    matrix: np.ndarray = field(default_factory=MATRIX.copy)
 
     def camera_from_target(self, camera: str, frame: int) -> np.ndarray:
         return self.rig[camera] @ self.poses[frame]
 
     def pixels(self, camera: str, frame: int) -> np.ndarray:
         """Positions of all points, (n, 2), hidden or not: what OpenCV projects."""
-        pose = self.camera_from_target(camera, frame)
-        return cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], self.matrix, DISTORTION)[0][:, 0]
+        return projected(self.camera_from_target(camera, frame), matrix=self.matrix)
 
     def ids(self, camera: str, frame: int) -> list[int]:
         return [point for point in range(COLUMNS * ROWS) if (camera, frame, point) not in HIDDEN]
@@ -143,26 +148,32 @@ def write_camera(
 
 
 def _write_view(folder: Path, scene: Scene, name: str, frame: int) -> None:
-    folder.mkdir(parents=True)
-    pose = scene.camera_from_target(name, frame)
-    world = scene.rig[name] @ rigid(turned(0.1, 0.2, 0.3), np.ones(3))
-    to_stop = rigid(np.eye(3), np.array([0.0, 0.0, -6.0]))
+    world, ids = scene.rig[name] @ rigid(turned(0.1, 0.2, 0.3), np.ones(3)), scene.ids(name, frame)
+    write_poses(folder, world, {"Board": scene.camera_from_target(name, frame)})
+    visibility = [DIM.get((name, frame, point), 1.0) for point in ids]
+    write_rows(folder, ids, scene.pixels(name, frame)[ids], visibility=visibility)
+
+
+def write_poses(view: Path, world: np.ndarray, targets: dict[str, np.ndarray], centre_mm: np.ndarray = STOP_MM) -> None:
+    """Poses of the world and of targets from a pinhole, and from the stop, from which its centre of projection is."""
+    to_stop = rigid(np.eye(3), centre_mm)
     poses = {
         "camera_from_world": (to_stop @ world).tolist(),
         "pinhole": {"pinhole_from_world": world.tolist(), "world_from_pinhole": inverse(world).tolist()},
         "targets": {
-            "Board": {
-                "camera_from_target": (to_stop @ pose).tolist(),
-                "pinhole": {"pinhole_from_target": pose.tolist()},
-            }
+            name: {"camera_from_target": (to_stop @ pose).tolist(), "pinhole": {"pinhole_from_target": pose.tolist()}}
+            for name, pose in targets.items()
         },
     }
-    (folder / "poses.json").write_text(json.dumps(poses))
-    ids = scene.ids(name, frame)
-    pixels = scene.pixels(name, frame)[ids]
-    columns = {"frame": [frame] * len(ids), "camera": [name] * len(ids), "target": ["Board"] * len(ids)}
-    columns |= {"point_id": ids, "microlens_k": [""] * len(ids), "microlens_l": [""] * len(ids)}
-    columns |= {"microlens_type": [""] * len(ids), "x_px": pixels[:, 0], "y_px": pixels[:, 1]}
-    columns["visibility"] = [DIM.get((name, frame, point), 1.0) for point in ids]
-    columns |= {"rho_px": np.full(len(ids), 0.1), "method": ["direct"] * len(ids)}
-    write_table(folder / "correspondences.csv", ["by a pinhole"], columns)
+    view.mkdir(parents=True)
+    (view / "poses.json").write_text(json.dumps(poses))
+
+
+def write_rows(view: Path, ids, pixels: np.ndarray, **others) -> None:
+    """Rows of the board in the view frames/FRAME/CAMERA; others replace what a pinhole says."""
+    count = len(ids)
+    columns = {"frame": [int(view.parent.name)] * count, "camera": [view.name] * count, "target": ["Board"] * count}
+    columns |= {"point_id": ids, **{f"microlens_{column}": [""] * count for column in ("k", "l", "type")}}
+    columns |= {"x_px": pixels[:, 0], "y_px": pixels[:, 1], "method": ["direct"] * count}
+    columns |= {"visibility": [1.0] * count, "rho_px": [0.1] * count}
+    write_table(view / "correspondences.csv", ["in closed form"], columns | others)

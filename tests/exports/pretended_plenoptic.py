@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from exports.pretended import FACING, board_mm, turned, write_manifest, write_target
+from exports.pretended import FACING, board_mm, turned, write_manifest, write_poses, write_rows, write_target
 
 from pipeline.files.exr import Part, write_exr
 from pipeline.files.tables import write_table
-from pipeline.frames import apply, inverse, rigid
+from pipeline.frames import apply, rigid
 
 SIZE_PX, PIXEL_MM = (241, 201), 0.01
 FOCAL_MM, LENS_TO_ARRAY_MM, ARRAY_TO_SENSOR_MM, F_NUMBER = 100.0, 123.0, 1.7, 7.0
@@ -146,19 +146,11 @@ def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
     write_table(place / "micro_images.csv", ["micro-images"], columns)
     for frame, pose in scene.poses.items():
         view = folder / f"frames/{frame:04d}/{name}"
-        view.mkdir(parents=True)
-        rows = list(zip(*scene.rows(frame), strict=True))
-        count = len(rows[0])
-        head = ("point_id", "microlens_k", "microlens_l", "microlens_type", "x_px", "y_px", "rho_px")
-        columns = {"frame": [frame] * count, "camera": [name] * count, "target": ["Board"] * count}
-        columns |= dict(zip(head, map(list, rows), strict=True))
-        write_table(view / "correspondences.csv", ["by straight lines"], columns)
-        world = np.eye(4).tolist()
-        to_stop, to_pinhole = (rigid(np.eye(3), np.array([0.0, 0.0, z])) @ pose for z in (-LENS_BEHIND_STOP_MM, -2.0))
-        target = {"camera_from_target": to_stop.tolist(), "pinhole": {"pinhole_from_target": to_pinhole.tolist()}}
-        poses = {"camera_from_world": world, "targets": {"Board": target}}
-        poses["pinhole"] = {"pinhole_from_world": world, "world_from_pinhole": inverse(np.eye(4)).tolist()}
-        (view / "poses.json").write_text(json.dumps(poses))
+        to_pinhole = rigid(np.eye(3), np.array([0.0, 0.0, -2.0]))
+        write_poses(view, to_pinhole, {"Board": to_pinhole @ pose}, np.array([0.0, 0.0, 2.0 - LENS_BEHIND_STOP_MM]))
+        point, k, l, kind, x, y, rho = zip(*scene.rows(frame), strict=True)
+        lenses = {"microlens_k": k, "microlens_l": l, "microlens_type": kind, "rho_px": rho}
+        write_rows(view, point, np.column_stack([x, y]), **lenses)
         write_exr(view / "image.exr", [Part(name="image", channels={"Y": slope_image(frame)})])
     write_target(folder, 2.0)
     write_manifest(folder)

@@ -26,6 +26,7 @@ from exports.pretended import (
     SQUARE_MM,
     Scene,
     board_mm,
+    projected,
     same,
     turned,
 )
@@ -166,9 +167,7 @@ def check_ros(folder: Path, scene: Scene) -> None:
         k, d, r, p = (np.reshape(info[key]["data"], (info[key]["rows"], info[key]["cols"])) for key in keys)
         assert info["distortion_model"] == "plumb_bob" and d.shape == (1, 5)
         same(r, np.eye(3), 0), same(p, np.column_stack([k, np.zeros(3)]), 0)
-        pose = scene.camera_from_target(name, 2)
-        seen = cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], k, d)[0][:, 0]
-        same(seen, scene.pixels(name, 2), PRINTED_PX)
+        same(projected(scene.camera_from_target(name, 2), None, k, d), scene.pixels(name, 2), PRINTED_PX)
 
 
 def check_matlab(folder: Path, scene: Scene) -> None:
@@ -206,8 +205,7 @@ def check_ncore(folder: Path, scene: Scene) -> None:
         k = [[own["focal_length"][0], 0, own["principal_point"][0]], [0, own["focal_length"][1], 0], [0, 0, 1]]
         k[1][2] = own["principal_point"][1]
         d = np.array([k1, k2, p1, p2, k3, k4, k5, k6, *own["thin_prism_coeffs"]])
-        pose = scene.camera_from_target(name, 2)
-        seen = cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], np.array(k), d)[0][:, 0]
+        seen = projected(scene.camera_from_target(name, 2), None, np.array(k), d)
         same(seen, scene.pixels(name, 2) + 0.5, PRINTED_PX)
 
 
@@ -230,8 +228,7 @@ def check_nerfstudio(folder: Path, scene: Scene) -> None:
         bent = np.array([frame[key] for key in ("k1", "k2", "p1", "p2", "k3")])
         ahead, matrix = seen_by_nerfstudio(frame, board_mm() / 1000)
         assert (ahead[:, 2] > 0).all()
-        seen = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), matrix, bent)[0][:, 0]
-        same(seen, scene.pixels(name, int(number)), PRINTED_PX)
+        same(projected(np.eye(4), ahead, matrix, bent), scene.pixels(name, int(number)), PRINTED_PX)
 
 
 def check_opentrackio(folder: Path, scene: Scene) -> None:

@@ -5,28 +5,34 @@ import json
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from exports.flipping import flips, require_notice
 from exports.maps import lit_rays
-from exports.pretended import board_mm, same, write_camera, write_manifest, write_target
+from exports.pretended import (
+    FACING,
+    STOP_MM,
+    board_mm,
+    same,
+    turned,
+    write_camera,
+    write_manifest,
+    write_poses,
+    write_rows,
+    write_target,
+)
 from exports.test_programs import clone
 
 from pipeline.exports import export
 from pipeline.files.png import read_png
-from pipeline.files.tables import write_table
 from pipeline.frames import rigid
 from pipeline.results.output import open_output
 
 SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
 K = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
-STOP_MM = np.array([0.0, 0.0, -6.0])
-"""Centre of projection in the vision frame."""
-FACING = np.diag([1.0, -1.0, -1.0])
 POSES = {
-    "Board": rigid(cv2.Rodrigues(np.array([0.2, -0.35, 0.1]))[0] @ FACING, np.array([5.0, 8.0, 400.0])),
-    "Alpha": rigid(cv2.Rodrigues(np.array([0.0, 0.2, 0.0]))[0] @ FACING, np.array([-60.0, -20.0, 380.0])),
+    "Board": rigid(turned(0.2, -0.35, 0.1) @ FACING, np.array([5.0, 8.0, 400.0])),
+    "Alpha": rigid(turned(0.0, 0.2, 0.0) @ FACING, np.array([-60.0, -20.0, 380.0])),
 }
 """Targets before the centre of projection; their folder lists Alpha first."""
 HALF_MM = np.array([40.0, 30.0])
@@ -69,18 +75,8 @@ def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bop") / "out"
     write_camera(folder / "cameras/Left", SIZE_PX, F_PX, CENTRE_PX, np.zeros(5))
     view = folder / "frames/0007/Left"
-    view.mkdir(parents=True)
-    to_stop = rigid(np.eye(3), STOP_MM)
-    targets = {
-        name: {"camera_from_target": (to_stop @ pose).tolist(), "pinhole": {"pinhole_from_target": pose.tolist()}}
-        for name, pose in POSES.items()
-    }
-    world = {"pinhole_from_world": np.eye(4).tolist()}
-    (view / "poses.json").write_text(
-        json.dumps({"camera_from_world": to_stop.tolist(), "pinhole": world, "targets": targets})
-    )
-    names = ("frame", "camera", "target", "point_id", "microlens_k", "microlens_l", "microlens_type", "x_px", "y_px")
-    write_table(view / "correspondences.csv", ["none"], {name: [] for name in (*names, "visibility", "rho_px")})
+    write_poses(view, np.eye(4), POSES)
+    write_rows(view, [], np.zeros((0, 2)))
     write_target(folder, 10.0)
     shutil.copy(folder / "targets/Board.json", folder / "targets/Alpha.json")
     write_manifest(folder)

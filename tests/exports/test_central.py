@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 import yaml
 from exports import maps
-from exports.pretended import board_mm, same, write_manifest, write_target
+from exports.pretended import board_mm, same, turned, write_manifest, write_poses, write_rows, write_target
 from exports.readers import seen_by_nerfstudio
 from fits.test_models import SPHERES, unprojected
 
 from pipeline.exports import export
 from pipeline.exports.central import central_model
 from pipeline.exports.material import ExportCamera
-from pipeline.files.tables import write_table
 from pipeline.formats import ExportError
 from pipeline.frames import apply, rigid
 from pipeline.results.output import open_output
@@ -26,7 +25,7 @@ from pipeline.results.records import BuiltPinhole
 SIZE_PX, MATRIX = (320, 240), np.array([[200.0, 0, 161.25], [0, 200.0, 118.5], [0, 0, 1]])
 STOP_MM, WORLD_MM = np.array([0.0, 0.0, 7.0]), np.array([1.0, 2.0, 3.0])
 """Centre of projection in the vision frame; of the stop in the world."""
-POSE = rigid(cv2.Rodrigues(np.array([0.2, -0.35, 0.1]))[0] @ np.diag([1.0, -1.0, -1.0]), np.array([3.0, 5.0, 60.0]))
+POSE = rigid(turned(0.2, -0.35, 0.1) @ np.diag([1.0, -1.0, -1.0]), np.array([3.0, 5.0, 60.0]))
 """Target before the centre of projection."""
 FITTED_PX = {"fisheye": 1e-6, "rational": 1e-4}
 """Largest residual that fits may leave of a camera that is their model: coefficients are held near 0, and eight of them
@@ -100,20 +99,16 @@ def exported(wide, tmp_path, monkeypatch):
     """Folder of a format, of a build with a camera in which no pinhole fits."""
     folder = tmp_path / "out"
     camera, view = folder / "cameras/Wide", folder / "frames/0001/Wide"
-    camera.mkdir(parents=True), view.mkdir(parents=True)
+    camera.mkdir(parents=True)
     lens = {"entrance_pupil": {"z_mm": 6.0}}
     figures = {"principal_distance_px": 198.0, "optical_axis_px": [160.0, 119.0], "near_far_mm": [40.0, 90.0]}
     record = {"resolution": SIZE_PX, "pixel_pitch_mm": 0.01, "pinhole": None, "lens": lens, **figures}
     (camera / "camera.json").write_text(json.dumps(record))
-    targets = {"Board": {"camera_from_target": (rigid(np.eye(3), STOP_MM) @ POSE).tolist(), "pinhole": None}}
-    poses = {"camera_from_world": rigid(np.eye(3), WORLD_MM).tolist(), "pinhole": None, "targets": targets}
+    write_poses(view, rigid(np.eye(3), WORLD_MM - STOP_MM), {"Board": POSE}, STOP_MM)
+    poses = json.loads((view / "poses.json").read_text())
+    poses["pinhole"] = poses["targets"]["Board"]["pinhole"] = None
     (view / "poses.json").write_text(json.dumps(poses))
-    count = len(board_mm())
-    columns = {"frame": [1] * count, "camera": ["Wide"] * count, "target": ["Board"] * count}
-    columns |= {"point_id": list(range(count)), "microlens_k": [""] * count, "microlens_l": [""] * count}
-    columns |= {"microlens_type": [""] * count, "x_px": wide.pixels[:, 0], "y_px": wide.pixels[:, 1]}
-    columns |= {"visibility": [1.0] * count, "rho_px": [0.1] * count, "method": ["direct"] * count}
-    write_table(view / "correspondences.csv", ["by a wide lens"], columns)
+    write_rows(view, range(len(board_mm())), wide.pixels)
     write_target(folder, 10.0)
     write_manifest(folder)
     monkeypatch.setattr(export, "sight_of", lambda out, name: wide)

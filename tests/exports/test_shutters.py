@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 from exports.pretended import (
-    CENTRE_PX,
-    DISTORTION,
     F_PX,
     SIZE_PX,
+    STOP_MM,
     Scene,
     board_mm,
+    projected,
     same,
     turned,
     write_build,
@@ -27,13 +26,12 @@ from scipy.spatial.transform import Rotation, Slerp
 from pipeline.exports.export import export
 from pipeline.files.tables import read_table, write_table
 from pipeline.formats import ExportError
-from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.frames import apply, rigid
 from pipeline.results.output import Output, open_output
 
 LINE_S, OPENS_S, EXPOSURE_S = 1e-4, 0.01, 2e-3
 ORDERS = {"topToBottom": (1, 1), "bottomToTop": (1, -1), "leftToRight": (0, 1), "rightToLeft": (0, -1)}
 """Axis of the image along which lines follow each other, and whether their time grows with it."""
-MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
 SOLVED_PX = 1e-7
 
 
@@ -75,13 +73,13 @@ class FlyingScene(Scene):
 
 
 def seen_at(pose: np.ndarray, point_mm: np.ndarray) -> np.ndarray:
-    return cv2.projectPoints(point_mm[None], rotation_vector(pose), pose[:3, 3], MATRIX, DISTORTION)[0].ravel()
+    return projected(pose, point_mm[None])[0]
 
 
 def write_flying_build(folder: Path, scene: FlyingScene) -> Path:
     """What a build would write of it; the stop stands 6 mm behind the centre of projection."""
     write_build(folder, scene)
-    to_stop = rigid(np.eye(3), np.array([0.0, 0.0, -6.0]))
+    to_stop = rigid(np.eye(3), STOP_MM)
     shutter = {"scan_order": scene.order, "opens_s": OPENS_S, "line_offset_s": LINE_S, "exposure_s": EXPOSURE_S}
     for name in scene.rig:
         file = folder / f"cameras/{name}/camera.json"
