@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from tolerances import LIT_ERRORS
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.frames import rigid
@@ -122,3 +123,15 @@ def looked(
     count = min(scrambles, rays)
     values = lit.radiance(origin, direction, named(rays // count, count)).reshape(count, -1).mean(axis=1)
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(count))
+
+
+def agrees(look: tuple[float, float], expected: float, slack: float = 0.0, noise: float | None = None) -> None:
+    """Whether a mean is the expected one within its error and `slack`, and the error within a share of it, `noise`."""
+    found, error = look
+    assert abs(found - expected) <= LIT_ERRORS * error + slack, (found, error, expected)
+    assert noise is None or LIT_ERRORS * error < noise * expected
+
+
+def sky_on(material: Material, eye_mm: Sequence[float], rays: int = RAYS) -> tuple[float, float]:
+    """Look from a place at the middle of a plate, alone below an even sky of radiance 1."""
+    return looked(scene([(plate(500.0), material)], [lamp("dome")]), (0.0, 0.0, 500.0), eye_mm, rays)

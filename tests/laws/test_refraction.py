@@ -1,11 +1,13 @@
-"""Glass in a scene: where its light goes, and how much of it."""
+"""Glass in a scene: where its light goes, and how much of it; and sheets that light passes straight on, each of which
+leaves what it does not cover.
+"""
 
 import math
 
 import numpy as np
 import pytest
-from laws.lit import block, glass, lamp, looked, matt, plate, scene, towards
-from tolerances import LIT_ERRORS
+from laws.lit import agrees, block, glass, lamp, looked, matt, plate, scene, sky_on, towards
+from tolerances import FURNACE, LIT_ERRORS
 
 from pipeline.render.lighting.records import Finish, Glass, Input, Material
 from pipeline.render.lighting.reflection import Paint
@@ -79,9 +81,8 @@ def test_black_glass_reflects_what_fresnel_says(degrees):
     """At Brewster's angle only light that swings across the plane of incidence."""
     black = glass(transmittance=(1e-12,) * 3, thickness_mm=0.1)
     angle = math.radians(degrees)
-    found, error = looked(scene([(SLAB, black)], [lamp("dome")]), (0.0, 0.0, 300.0), (-300.0 * math.tan(angle), 0, 0))
-    assert abs(found - reflectance(angle)) <= LIT_ERRORS * error
-    assert LIT_ERRORS * error < 0.05 * found
+    look = looked(scene([(SLAB, black)], [lamp("dome")]), (0.0, 0.0, 300.0), (-300.0 * math.tan(angle), 0, 0))
+    agrees(look, reflectance(angle), noise=0.05)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 50.0])
@@ -92,8 +93,7 @@ def test_a_plate_lets_through_what_it_neither_reflects_nor_absorbs(degrees):
     for front, expected in zip((False, True), of_slab(angle, left), strict=True):
         floor, eye = (plate(600.0 if not front else 100.0, 4e4), SHINING), (0.0, 0.0, 200.0)
         at = (100.0 * math.tan(angle), 0.0, 300.0)
-        found, error = looked(scene([(SLAB, grey), floor], []), at, eye)
-        assert abs(found - expected) <= LIT_ERRORS * error, (front, found, error, expected)
+        agrees(looked(scene([(SLAB, grey), floor], []), at, eye), expected)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 50.0])
@@ -101,8 +101,7 @@ def test_a_mesh_that_is_not_closed_is_a_pane(degrees):
     """It lets through what a plate does, and does not shift it."""
     angle = math.radians(degrees)
     pane, floor = (plate(300.0), glass()), (plate(500.0, 4e4), SHINING)
-    found, error = looked(scene([pane, floor], []), (math.tan(angle), 0.0, 1.0))
-    assert abs(found - of_slab(angle)[0]) <= LIT_ERRORS * error
+    agrees(looked(scene([pane, floor], []), (math.tan(angle), 0.0, 1.0)), of_slab(angle)[0])
     assert sees_edge([pane], 500.0 * math.tan(angle / 2), (math.tan(angle / 2), 0.0, 1.0))
 
 
@@ -111,8 +110,8 @@ def test_light_that_meets_a_side_face_from_inside_is_totally_reflected():
     thing, angle = block((-400.0, -400.0, 300.0), (10.0, 400.0, 400.0)), math.radians(30.0)
     beside = lamp("rect", (30.0, 30.0), towards((1.0, 0.0, 0.0), (50.0, 0.0, 350.0)), (1e3,) * 3)
     eye = (5.0 - 300.0 * math.tan(angle), 0.0, 0.0)
-    found, error = looked(scene([(thing, glass()), (plate(500.0, 4e4, -4e4), SHINING)], [beside]), (5.0, 0, 300), eye)
-    assert abs(found - of_slab(angle)[0]) <= LIT_ERRORS * error
+    lit = scene([(thing, glass()), (plate(500.0, 4e4, -4e4), SHINING)], [beside])
+    agrees(looked(lit, (5.0, 0, 300), eye), of_slab(angle)[0])
 
 
 @pytest.mark.parametrize("off_mm", [0.5, 12.0, 17.0])
@@ -129,8 +128,7 @@ def test_a_ball_images_as_its_rays_say(off_mm):
 def test_a_ball_of_glass_is_not_seen_where_light_is_the_same_everywhere():
     lit = scene([ball(20.0, 100.0, 1.8)], [lamp("dome")])
     for at in ((0.0, 0.0, 100.0), (12.0, 0.0, 100.0), (19.9, 0.0, 100.0)):
-        found, error = looked(lit, at)
-        assert abs(found - 1.0) <= LIT_ERRORS * error + 1e-9
+        agrees(looked(lit, at), 1.0, 1e-9)
 
 
 @pytest.mark.parametrize(("roughness", "lost"), [(0.1, 0.002), (0.3, 0.02), (0.5, 0.11)])
@@ -155,9 +153,8 @@ def test_a_floor_behind_a_plate_gets_what_that_lets_through(kind):
     light = mean if kind == "dome" else of_slab(slope)[0] * cosine / math.pi
     wide = block((-4e4, -4e4, 300.0), (4e4, 4e4, 310.0))
     lit = scene([(wide, glass()), (plate(400.0, 4e4), matt(reflectance_of_floor))], [sun], bounces=8)
-    found, error = looked(lit, (0.0, 0.0, 400.0), (100.0, 0.0, 380.0))
     expected = reflectance_of_floor * light / (1 - reflectance_of_floor * (1 - mean))
-    assert abs(found - expected) <= LIT_ERRORS * error + 0.002 * expected, (found, error, expected)
+    agrees(looked(lit, (0.0, 0.0, 400.0), (100.0, 0.0, 380.0)), expected, 0.002 * expected)
 
 
 def walter(index: float, alpha: float, seen: np.ndarray, lit: np.ndarray) -> float:
@@ -226,3 +223,85 @@ def test_directions_of_rough_glass_come_as_densely_as_stated(ratio, cosine):
     for side in (1, -1):
         whole = each_sr[(beyond := side * np.cos(angle).ravel() > 0)] @ on_grid[beyond, 0]
         assert whole == pytest.approx((at[:, 0] / at[:, 1])[side * lit[:, 2] > 0].sum() / total, rel=0.03, abs=0.003)
+
+
+FLOOR = (0.0, 0.0, 500.0)
+"""The point of the floor that is looked at [mm]."""
+BELOW = (150.0, 0.0, 480.0)
+"""A place below all sheets that sees it [mm]."""
+
+
+def sheet(opacity: float, **more) -> Material:
+    """Black paint, which is there in part."""
+    return Material(
+        **{"diffuse_color": Input(value=(0.0,) * 3), "ior": 1.0, "opacity": Input(value=(opacity,)), **more}
+    )
+
+
+def sheets(opacity: float, count: int, **more) -> list:
+    return [(plate(300.0 + 10.0 * k, 4e4), sheet(opacity, **more)) for k in range(count)]
+
+
+@pytest.mark.parametrize("presence", [False, True])
+@pytest.mark.parametrize(("opacity", "count"), [(0.3, 1), (0.3, 4), (0.1, 12), (0.8, 2)])
+def test_sheets_leave_each_their_part_of_what_is_seen_behind_them(opacity, count, presence):
+    lit = scene(sheets(opacity, count, is_presence=presence), [lamp("dome")])
+    agrees(looked(lit, FLOOR), (1.0 - opacity) ** count, noise=0.15)
+
+
+@pytest.mark.parametrize(("kind", "size", "pose"), [
+    ("distant", (0.0, 0.0), towards((0.6, 0.0, -1.0))),
+    ("disk", (40.0, 0.0), towards((0.0, 0.0, -1.0), (0.0, 0.0, 100.0))),
+    ("dome", (0.0, 0.0), None),
+])  # fmt: skip
+def test_sheets_leave_each_their_part_of_the_light_of_a_lamp(kind, size, pose):
+    floor, light = [(plate(500.0, 4000.0), matt(0.5))], [lamp(kind, size, pose)]
+    bare, first = looked(scene(floor, light), FLOOR, BELOW)
+    found, error = looked(scene(floor + sheets(0.3, 4), light), FLOOR, BELOW)
+    assert bare > 0
+    agrees((found, error + first), 0.7**4 * bare, 1e-9)
+
+
+def test_sheets_leave_each_their_part_of_the_light_of_a_surface_that_shines():
+    """A small one, asked as a lamp; light of the next surface passes them as often."""
+    shining = Material(diffuse_color=Input(value=(0.0,) * 3), ior=1.0, emissive_color=Input(value=(50.0,) * 3))
+    things = [(plate(500.0, 4000.0), matt(0.5)), (plate(100.0, 10.0), shining)]
+    (bare, first), (found, error) = (
+        looked(scene(things + veils, [], bounces=1), FLOOR, BELOW) for veils in ([], sheets(0.3, 4))
+    )
+    agrees((found, error + first), 0.7**4 * bare)
+    assert LIT_ERRORS * error < 0.05 * found
+
+
+def test_a_sheet_that_shines_is_as_bright_as_it_is_present():
+    for presence, expected in ((True, 0.3), (False, 1.0)):
+        glow = sheet(0.3, emissive_color=Input(value=(1.0,) * 3), is_presence=presence)
+        things = [(plate(500.0, 4000.0), matt(0.5)), (plate(400.0, 20.0), glow)]
+        solid, _ = looked(
+            scene([things[0], (things[1][0], sheet(1.0, emissive_color=glow.emissive_color))], []), FLOOR, BELOW
+        )
+        agrees(looked(scene(things[1:], []), (0.0, 0.0, 400.0)), expected, 1e-9)
+        agrees(looked(scene(things, []), FLOOR, BELOW), expected * solid, 0.005 * solid)
+
+
+@pytest.mark.parametrize("more", [{}, {"clearcoat": Input(value=(1.0,)), "clearcoat_roughness": Input(value=(0.2,))}])
+def test_white_glass_is_white_in_a_furnace_and_mirrors_where_its_paint_is_clear(more):
+    white, eye = (
+        {"diffuse_color": Input(value=(1.0,) * 3), "ior": 1.5, "roughness": Input(value=(0.2,)), **more},
+        (700.0, 0, 100),
+    )
+    for opacity in (0.0, 0.4):
+        agrees(sky_on(sheet(opacity, **white), eye), 1.0, FURNACE + 0.01 * bool(more))
+    sun = lamp("disk", (60.0, 0.0), towards((0.0, 0.0, -1.0), (0.0, 0.0, -10.0)), (9.0,) * 3)
+    mirrored = looked(scene([(plate(500.0), sheet(0.0, **white, is_presence=False))], [sun]), FLOOR)[0]
+    absent = looked(scene([(plate(500.0), sheet(0.0, **white, is_presence=True))], [sun]), FLOOR)[0]
+    assert mirrored > 0.01
+    assert absent == 0.0
+
+
+def test_opacity_one_is_what_an_opaque_surface_is():
+    sun = lamp("distant", (0.0, 0.0), towards((0.6, 0.0, -1.0)))
+    solid = Material(diffuse_color=Input(value=(0.5,) * 3), ior=1.0)
+    veiled = Material(diffuse_color=Input(value=(0.5,) * 3), ior=1.0, opacity=Input(value=(1.0,)))
+    lights = [looked(scene([(plate(500.0), one)], [sun]), FLOOR, rays=8)[0] for one in (solid, veiled)]
+    assert lights[0] == lights[1] == pytest.approx(0.5 / math.pi / math.hypot(0.6, 1.0))
