@@ -57,7 +57,8 @@ def write_stage(file: Path, path: Path) -> float:
     for prim in tops:
         box.UnionWith(cache.ComputeWorldBound(prim).ComputeAlignedRange())
     size, middle = (max(box.GetSize()), box.GetMidpoint()) if not box.IsEmpty() else (0.0, Gf.Vec3d())
-    unit = UsdGeom.GetStageMetersPerUnit(asset)
+    top = asset.GetRootLayer().pseudoRoot  # some have a float there, which the stage refuses
+    unit = top.GetInfo("metersPerUnit") if top.HasInfo("metersPerUnit") else UsdGeom.LinearUnits.centimeters
     stage = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(_SCENE)))
     xform = UsdGeom.Xform.Define(stage, "/Scene/Asset")
     double = UsdGeom.XformOp.PrecisionDouble

@@ -51,6 +51,10 @@ _UNHEARD: dict[str, tuple[Any, str]] = {
     "inputs:shadow:distance": (-1.0, "shadows reach to infinity"),
 }
 """Attributes and relationships without effect, the values with which that is right, and what is drawn instead."""
+_BRIGHT_SKY = 4.0
+"""Radiance of a sky above which an image shows little but white [1]: paper is four times as bright as mid grey."""
+_POINT_MM = 0.1
+"""Radius of the sphere that is drawn for a point that shines [mm]: of one power, far lamps of any radius are one lamp."""
 _FORMATS = ("automatic", "latlong")
 """Formats of pictures of the sky that are drawn."""
 _FAR = ("distant", "dome")
@@ -103,6 +107,8 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     whole = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
     scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy), 0.0), "cylinder": (sx, math.sqrt(sy * sz))}
     numbers = [number * unit_mm * scale for number, scale in zip(numbers, scales.get(kind, (whole,)), strict=False)]
+    if _is_point(prim):
+        numbers = [_POINT_MM]
     size = (
         (math.radians(min(need(prim, "inputs:angle"), 360.0)) / 2, 0.0)
         if kind == "distant"
@@ -120,6 +126,12 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
             what = f"the picture shines with {least * max(lamp.radiance):g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
             raise UnreadableValue(what, picture, hint="clip the picture, or lower inputs:intensity")
     return LampEntry(prim_path=str(prim.GetPath()), lamp=lamp)
+
+
+def _is_point(prim: Usd.Prim) -> bool:
+    """Whether a light is a sphere without size that has its power all the same."""
+    is_sphere = prim.GetTypeName() == "SphereLight"
+    return is_sphere and need(prim, "inputs:normalize") and not need(prim, "inputs:radius") > 0
 
 
 def _shows_picture(prim: Usd.Prim) -> bool:
@@ -179,7 +191,7 @@ def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> floa
     if kind == "dome":
         return 1.0
     if kind != "distant":
-        return area / unit_mm**2
+        return area / unit_mm**2 or 1.0  # a lamp without area is reported
     half = math.radians(min(need(prim, "inputs:angle"), 360.0) / 2)
     squared = math.sin(half) ** 2
     return math.pi * (squared if half <= math.pi / 2 else 2.0 - squared) if half > 0 else 1.0
@@ -233,6 +245,9 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if isinstance(entry, LampEntry):
             yield from _check_scale(prim, entry.lamp, frames)
             skies += [prim] if entry.lamp.texture and entry.lamp.kind == "dome" else []
+            if _is_point(prim):
+                message = f"a point is drawn as a sphere with a radius of {_POINT_MM} mm and the same power"
+                yield warning(prim, NOT_DRAWN, message, hint="write its inputs:radius")
             if entry.lamp.kind not in _FAR and not entry.lamp.area > 0:
                 yield problem(prim, "lamp-size", "a lamp without area shines nothing", hint="give it a size above 0")
     if len(skies) > 1:
@@ -302,6 +317,11 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             hint = "raise inputs:intensity, lighten inputs:color, or take the lamp out"
             message = f'"{prim.GetName()}" is a lamp without light: its radiance is 0'
             yield warning(prim, "dark-lamp", message, hint=hint)
+        brightest = max(entry.lamp.radiance)
+        if entry.lamp.kind == "dome" and not entry.lamp.texture and brightest > _BRIGHT_SKY:
+            message = f'"{prim.GetName()}" alone makes white {brightest:.3g} times as bright as the white of image.png'
+            hint = f"lower inputs:exposure by {math.log2(brightest):.2g}; image.exr and raw images hold it"
+            yield warning(prim, "bright-sky", message, hint=hint)
         for camera in _inside(dataset, entry.prim_path, entry.lamp):
             message = f'"{camera}" stands inside of this lamp: its images show the lamp and nothing else'
             hint = "move the lamp, or make it smaller"

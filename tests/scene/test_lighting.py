@@ -143,6 +143,32 @@ def test_a_normalised_lamp_lights_alike_at_any_size(tmp_path):
     assert lights[0] == pytest.approx(lights[1], rel=1e-3)
 
 
+def test_a_normalised_point_lights_by_the_square_of_its_distance(tmp_path):
+    """As spheres far away do, whose area of 4 pi r^2 its intensity is divided by: a matt wall has rho / pi of it."""
+    point = """
+        def SphereLight "Lamp"
+        {
+            float inputs:intensity = 1e6
+            bool inputs:normalize = true
+            float inputs:radius = 0
+            double3 xformOp:translate = (0, 80, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }"""
+    squared = 30.0**2 + 80.0**2 + 500.0**2
+    expected = 0.18 / math.pi * 1e6 / (4 * squared) * 500.0 / math.sqrt(squared)
+    assert wall_light(tmp_path, point + WALL % "", at=(30.0, 0.0, 500.0)) == pytest.approx(expected, rel=1e-5)
+    [told] = [problem for problem in loaded(tmp_path, point + WALL % "", 1).problems if problem.code == "not-drawn"]
+    assert "radius of 0.1 mm" in told.message
+
+
+@pytest.mark.parametrize(("intensity", "is_told"), [(3.0, False), (30.0, True)])
+def test_a_sky_that_makes_everything_white_is_told(tmp_path, intensity, is_told):
+    sky = f'def DomeLight "Sky"\n{{\nfloat inputs:intensity = {intensity}\n}}\n'
+    loaded(tmp_path, sky + WALL % "")
+    codes = [problem.code for problem in load(tmp_path / "scene.usda", look=True).problems]
+    assert ("bright-sky" in codes) == is_told
+
+
 def test_what_is_hidden_or_for_viewers_alone_is_in_no_image(tmp_path):
     veil = (WALL % "").replace('"Wall"', '"Veil"').replace("-500)", "-400)")
     shown = SUN + WALL % "color3f[] primvars:displayColor = [(0.6, 0.6, 0.6)]"
