@@ -54,7 +54,7 @@ _UNHEARD: dict[str, tuple[Any, str]] = {
 _BRIGHT_SKY = 4.0
 """Radiance of a sky above which an image shows little but white [1]: paper is four times as bright as mid grey."""
 _POINT_MM = 0.1
-"""Radius of the sphere that is drawn for a point that shines [mm]: of one power, far lamps of any radius are one lamp."""
+"""Radius of the sphere that is drawn for a point that shines [mm]: from afar all spheres of one power are one lamp."""
 _FORMATS = ("automatic", "latlong")
 """Formats of pictures of the sky that are drawn."""
 _FAR = ("distant", "dome")
@@ -247,7 +247,7 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
             skies += [prim] if entry.lamp.texture and entry.lamp.kind == "dome" else []
             if _is_point(prim):
                 message = f"a point is drawn as a sphere with a radius of {_POINT_MM} mm and the same power"
-                yield warning(prim, NOT_DRAWN, message, hint="write its inputs:radius")
+                yield not_drawn(prim, message, hint="write its inputs:radius")
             if entry.lamp.kind not in _FAR and not entry.lamp.area > 0:
                 yield problem(prim, "lamp-size", "a lamp without area shines nothing", hint="give it a size above 0")
     if len(skies) > 1:
