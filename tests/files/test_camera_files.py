@@ -186,10 +186,17 @@ def test_cameras_of_libpleno_that_cannot_be_represented_are_refused(file, said, 
     assert refused(tmp_path, "a.js", json.dumps(file)).startswith(said)
 
 
-def test_a_camera_with_more_pixels_than_a_stage_can_count_is_refused(tmp_path):
-    (tmp_path / "a.js").write_text(json.dumps(libpleno(sensor=libpleno()["sensor"] | {"width": "3000000000"})))
-    with pytest.raises(UnreadableLens, match="3000000000 pixels in a row are more than a stage can hold"):
-        import_camera(tmp_path / "a.js")
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.js", json.dumps(libpleno(sensor=libpleno()["sensor"] | {"width": "3000000000"})), "pixels in a row"),
+        ("a.csv", BLENDER.replace("blades;6", "blades;3000000000"), "blades"),
+    ],
+)
+def test_a_camera_with_more_of_a_thing_than_a_stage_can_count_is_refused(name, text, said, tmp_path):
+    (blender_folder(tmp_path) / name).write_text(text)
+    with pytest.raises(UnreadableLens, match=f"3000000000 {said} are more than a stage can hold"):
+        import_camera(tmp_path / name)
 
 
 def test_other_files_are_refused(tmp_path):

@@ -208,6 +208,8 @@ def test_constants_decide_the_powers_of_an_asphere(constants: str, powers: tuple
         ("a.txt", bench().replace("d2\t2\t3\n", ""), 'a.txt:11: the distance "d2" is not in [variable distances]'),
         ("a.txt", bench().replace("\t50\t-", "\t51\t-"), "a.txt:17: surface 1 has radius 50 mm, and 51 as an asphere"),
         ("a.txt", bench().replace("figure", "diffractive data"), "a.txt:18: [diffractive data] makes surfaces"),
+        ("a.txt", bench().replace("1\t50\t-0.6", "1\t\t-0.6"), 'a.txt:17: the radius must be a number, not ""'),
+        ("a.txt", bench().replace("1\t50\t-0.6\t1e-6\t2e-9", "1"), 'a.txt:17: the radius must be a number, not ""'),
     ],
 )
 def test_files_are_refused_with_file_and_line(name: str, text: str, words: str, tmp_path: Path) -> None:

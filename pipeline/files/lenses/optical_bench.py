@@ -157,14 +157,14 @@ def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]
     for line, cells in bench.rows("aspherical data"):
         if cells[0] not in ids:
             raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)
-        i = ids.index(cells[0])
-        numbers = [bench.number(line, cell, "a coefficient") or 0.0 for cell in cells[2:]]
-        radius_mm = math.inf if cells[1].upper() in _FLAT else number(bench.path, line, cells[1], "the radius")
+        i, (_, radius, *terms) = ids.index(cells[0]), cells + [""] * (2 - len(cells))
+        numbers = [bench.number(line, cell, "a coefficient") or 0.0 for cell in terms]
+        radius_mm = math.inf if radius.upper() in _FLAT else number(bench.path, line, radius, "the radius")
         if not math.isclose(radius_mm, surfaces[i].radius_mm, rel_tol=_SAME_RADIUS):
             reason = f"surface {cells[0]} has radius {surfaces[i].radius_mm:g} mm, and {radius_mm:g} as an asphere"
             raise UnreadableLens(bench.path, reason, line=line)
-        terms = zip(_powers(bench, odd, len(numbers) - 1), numbers[1:], strict=True)
-        asphere = tuple((power, value) for power, value in terms if value)
+        powers = _powers(bench, odd, len(numbers) - 1)
+        asphere = tuple((power, value) for power, value in zip(powers, numbers[1:], strict=True) if value)
         shaped[i] = replace(surfaces[i], conic=numbers[0] if numbers else 0.0, asphere=asphere)
     return shaped
 
@@ -173,6 +173,7 @@ def _powers(bench: _Bench, odd: int, count: int) -> list[int]:
     """Powers of the height to which `count` coefficients belong: 4, 6, 8 …, with A2 from 2, with `AsphericalOddCount` n
     the odd powers 3, 5 … in between as long as there are n of them.
     """
-    powers = [2 * i + 3 for i in range(odd)] + [2 * i + 4 for i in range(max(count, 0))]
+    count = max(count, 0)
+    powers = [2 * i + 3 for i in range(min(odd, count))] + [2 * i + 4 for i in range(count)]
     has_2 = not odd and any(cells[0] == "AsphericalA2" for _, cells in bench.rows("constants"))
-    return sorted([2] * has_2 + powers)[: max(count, 0)]
+    return sorted([2] * has_2 + powers)[:count]

@@ -120,7 +120,7 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     elif surface.inner_semi_diameter_mm:
         _author(prim, apertureShape="annular", innerSemiDiameter=surface.inner_semi_diameter_mm)
     elif surface.blades:
-        _author(prim, apertureShape="polygonal", apertureRotation=rotation_deg, blades=surface.blades)
+        _author(prim, apertureShape="polygonal", apertureRotation=rotation_deg, blades=_int(surface.blades, "blades"))
 
 
 def camera_text(camera: PrintedCamera) -> str:
