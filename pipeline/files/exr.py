@@ -10,6 +10,7 @@ The Python binding can lose data silently; this module prevents that:
   parts, and what does not match is refused.
 """
 
+import contextlib
 import errno
 import io
 import os
@@ -127,7 +128,8 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
         if 4 * width * height > MAX_COMPRESSION_RATIO * path.stat().st_size:
             raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
         require_few(sum(_values(part) for part in headers.parts))
-        file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
+        with contextlib.redirect_stdout(io.StringIO()):  # of pixels that are damaged it prints warnings, and has none
+            file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
         channels = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
     except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
         raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error

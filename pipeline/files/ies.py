@@ -54,6 +54,8 @@ def _numbers(text: str) -> list[float]:
         return []
     try:
         numbers = [float(word) for word in text[found.end() :].replace(",", " ").split()]
+        if not np.isfinite(numbers).all():
+            raise ValueError("one of its numbers is not finite")
     except ValueError as error:
         raise PipelineError(f"is no IES file that can be read: {error}") from error
     if found[1].upper() == "INCLUDE" and len(numbers) > 1:

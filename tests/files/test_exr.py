@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.files.damaged import DamagedFile
-from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.exr import Part, read_exr, read_foreign_exr, write_exr
 
 
 def noise(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -113,6 +113,16 @@ def test_a_damaged_size_costs_neither_memory_nor_time(
 def test_a_folder_that_is_missing_is_no_bug_of_the_library(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write_exr(tmp_path / "no folder" / "x", [Part(name="a", channels={"X": noise(2, 2)})])
+
+
+def test_a_picture_that_is_cut_is_refused_and_nothing_is_printed_among_data(tmp_path, capsys) -> None:
+    """OpenEXR's binding prints a warning to stdout, where `check --json` prints its object."""
+    path = tmp_path / "x.exr"
+    write_exr(path, [Part(name="a", channels={"Y": noise(200, 200)})])
+    path.write_bytes(path.read_bytes()[:90_000])
+    with pytest.raises(DamagedFile):
+        read_foreign_exr(path, lambda values: None)
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(
