@@ -1,6 +1,7 @@
 """A designed plenoptic camera and its judgement as a page for a terminal."""
 
 import math
+from dataclasses import asdict
 
 from pipeline.camera.figures.plenoptic_design import PlenopticDesign
 from pipeline.files.jsonfile import Json
@@ -27,7 +28,7 @@ def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -
         "micro_image_gap_px": design.gap_px,
         "airy_disc_px": design.airy_px(wavelength_nm),
     }
-    return {"design": parts, "promised": promised, "judged": judgement.to_plain()}
+    return {"design": parts, "promised": promised, "judged": asdict(judgement)}
 
 
 def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> list[str]:

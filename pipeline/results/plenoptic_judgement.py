@@ -4,10 +4,8 @@ Distances are vision z [mm]. A view takes from every micro-image the pixel at th
 move by so many microlenses per pixel, see `camera.figures.plenoptic_design`.
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,10 +80,6 @@ class Judgement:
     views: tuple[ViewRow, ...]
     viewpoints: tuple[Viewpoint, ...]
     entrance_pupil_mm: float
-
-    def to_plain(self) -> dict[str, Any]:
-        """Plain values."""
-        return dataclasses.asdict(self)
 
 
 def judged(ready: ReadyCamera, range_mm: tuple[float, float]) -> Judgement:

@@ -39,25 +39,6 @@ def test_sheets_behind_the_start_and_rays_without_numbers_are_passed_over() -> N
     assert sheets_hit(origins, directions).tolist() == [2, -1, -1, -1]
 
 
-def test_one_board_alone_shines_as_among_others() -> None:
-    """A second board that no ray meets changes nothing: the way for one board gives the bits of that for several."""
-    board = Target(Checkerboard(columns=20, rows=19, square_mm=4.0))
-    here, away = facing(420.0, 15.0, 2.0), facing(420.0)
-    away[0, 3] += 1e6
-    origins, directions = lens_rays(20_000, seed=4)
-    alone = TargetLight([(board, here)], 0.25).radiance(origins, directions)
-    assert set(np.unique(alone)) == {0.0, 0.25, 1.0}
-    assert np.array_equal(alone, TargetLight([(board, here), (board, away)], 0.25).radiance(origins, directions))
-
-
-def test_one_board_alone_is_not_seen_behind_the_start_or_by_rays_without_numbers() -> None:
-    light = TargetLight([(Target(Checkerboard(columns=20, rows=19, square_mm=4.0)), facing(420.0))], 0.25)
-    origins = np.array([[0.0, 0.0, 450.0], [np.nan] * 3, [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [np.nan] * 3, [0.0, 0.0, 1.0]])
-    assert light.radiance(origins, directions).tolist()[:3] == [0.25] * 3
-    assert light.radiance(origins, directions)[3] in (0.0, 1.0)
-
-
 def rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Origins about the vision frame's own, unit directions within 30 degrees or so of the axis."""
     rng = np.random.default_rng(8)

@@ -104,6 +104,7 @@ def test_it_equals_the_rows_of_the_table(plenoptic_build, ready_plenoptic):
         np.testing.assert_allclose(found.x_px, rows.x_px, rtol=0, atol=SAME_PX)
         np.testing.assert_allclose(found.y_px, rows.y_px, rtol=0, atol=SAME_PX)
         np.testing.assert_allclose(found.hit_fraction, rows.hit_fraction, rtol=1e-9)
+        np.testing.assert_allclose(found.rho_px, rows.rho_px, rtol=0, atol=SAME_PX)
     upright = ready_plenoptic.project(points[:1])  # tilted by 20 degrees in the last frame: the surface matters
     same = upright.x_px[:, None] - rows.x_px[rows.point_id == 0]
     assert np.abs(same).min(axis=1).max() > 100 * SAME_PX

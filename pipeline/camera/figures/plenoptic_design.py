@@ -128,18 +128,20 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
         circle_of_confusion_px=wish.blur_px,
     )
     camera = with_stop(camera, _rounded(stop_mm))
-    share = solved.gap / solved.to_array
-    at_far, at_near = solved.vergence, solved.vergence - 2 * wish.types * wish.step
-    if wish.unfocused:
-        ranges: tuple[tuple[float, float], ...] = (_views_range(lens, solved, wish.image_px),)
+    if wish.unfocused:  # nothing in focus decides the planes of rays: the ends of the range are these
+        near, far = _views_range(lens, solved, wish.image_px)
+        camera = dataclasses.replace(camera, near_mm=_rounded(near), far_mm=_rounded(min(far, 3 * near)))
+        ranges: tuple[tuple[float, float], ...] = ((near, far),)
+        depths = None
     else:
         ranges = tuple(focus.depth_of_field_mm for focus in foci(camera))
+        depths = 1 / solved.vergence, 1 / (solved.vergence - 2 * wish.types * wish.step)
     return PlenopticDesign(
-        camera=_settled(camera, ranges) if wish.unfocused else camera,
+        camera=camera,
         f_number=first_order(camera.prescription).f_number,
         depth_of_field_mm=ranges,
-        virtual_depths=None if wish.unfocused else (1 / at_far, 1 / at_near),
-        gap_px=wish.image_px * share,
+        virtual_depths=depths,
+        gap_px=wish.image_px * solved.gap / solved.to_array,
     )
 
 
@@ -243,12 +245,6 @@ def _views_range(lens: FirstOrder, solved: _Solution, image_px: float) -> tuple[
     to_array, reach = solved.to_array, solved.gap * image_px
     near = lens.front_focus_mm if reach >= to_array else _object(lens, to_array**2 / (to_array - reach))
     return near, _object(lens, to_array**2 / (to_array + reach))
-
-
-def _settled(camera: Camera, ranges: tuple[tuple[float, float], ...]) -> Camera:
-    """An unfocused camera with planes of rays, which nothing in focus decides: the ends of its range."""
-    near, far = ranges[0]
-    return dataclasses.replace(camera, near_mm=_rounded(near), far_mm=_rounded(min(far, 3 * near)))
 
 
 def _pupil(lens: FirstOrder, f_number: float | None) -> float:
