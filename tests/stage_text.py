@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from places import DATA
 
@@ -59,6 +60,11 @@ def over_tiny(camera: str = "", lens: str = "") -> str:
     overs = "".join(f'over "{name}"\n{{\n{text}\n}}\n' for name, text in (("Camera", camera), ("Lens", lens)))
     top = edited(head("TinyConventional", end=2), (")\n", sublayer))
     return f'{top}over "TinyConventional"\n{{\nover "Rig"\n{{\n{overs}}}\n}}\n'
+
+
+def plen(at: str, **values: Any) -> dict[tuple[str, str], Any]:
+    """Values by prim and attribute, of attributes that are named without their namespace and with __ for a colon."""
+    return {(at, f"plen:{name.replace('__', ':')}"): value for name, value in values.items()}
 
 
 def without_method(stage: str) -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 from places import DATA
 from pxr import Gf, Sdf, Sdr, Usd, UsdGeom, UsdShade
+from stage_text import plen
 
 BASE = (DATA / "hostile.usda").read_text(encoding="utf-8")
 _SHADERS = ("Paint/Surface", "Paint/Picture", "Paint/Turn", "Paint/Reader")
@@ -112,25 +113,17 @@ def put(stage: Usd.Stage, at: str, name: str, value: Any) -> None:
         prim.GetAttribute(name).Set(value)
 
 
-def _of(at: str, **values: Any) -> dict[tuple[str, str], Any]:
-    return {(at, f"plen:{name.replace('__', ':')}"): value for name, value in values.items()}
-
-
-def _shape(shape: str, **values: Any) -> dict[tuple[str, str], Any]:
-    return _of("Board", shape=shape) | {("Board", f"plen:shape:{name}"): value for name, value in values.items()}
-
-
-_SINGLET = {("Lens", "plen:indexSource"): "catalogue", ("Lens/Front", "plen:glass"): "schott:N-BK7"}
-_THREE = {("Array", "plen:focalLengths"): [1.2, 1.25, 1.3]}
-_PLENOPTIC = {
-    ("Camera", "plen:camera:microlenses"): [Sdf.Path("/Scene/Array")],
-    ("Camera", "plen:camera:microlensDistance"): 1.5,
-    ("Camera", "plen:camera:sensorDistance"): 62.4,
-    ("Sensor", "plen:pixelPitch"): 0.05,
-}
-_MARKED = _of("Board", points=[(5.0, 1.0, -300.0)], normals=[(0.0, 0.0, 1.0)], mesh=[Sdf.Path("/Scene/Board/Mesh")])
-_FACES = _of("Array", model="refractive", index=1.5, thickness=0.1, frontRadii=[0.7], rearRadii=[-5.0])
-_RAW = _of("Camera", image__exposure="level", image__whiteLevel=0.8, image__exposureTime=0.01) | _of(
+_SINGLET = plen("Lens", indexSource="catalogue") | plen("Lens/Front", glass="schott:N-BK7")
+_THREE = plen("Array", focalLengths=[1.2, 1.25, 1.3])
+_PLENOPTIC = plen("Sensor", pixelPitch=0.05) | plen(
+    "Camera",
+    camera__microlenses=[Sdf.Path("/Scene/Array")],
+    camera__microlensDistance=1.5,
+    camera__sensorDistance=62.4,
+)
+_MARKED = plen("Board", points=[(5.0, 1.0, -300.0)], normals=[(0.0, 0.0, 1.0)], mesh=[Sdf.Path("/Scene/Board/Mesh")])
+_FACES = plen("Array", model="refractive", index=1.5, thickness=0.1, frontRadii=[0.7], rearRadii=[-5.0])
+_RAW = plen("Camera", image__exposure="level", image__whiteLevel=0.8, image__exposureTime=0.01) | plen(
     "Sensor",
     response__fullWell=9000.0,
     response__gain=0.4,
@@ -151,21 +144,21 @@ _RAW = _of("Camera", image__exposure="level", image__whiteLevel=0.8, image__expo
     response__nonlinearity=[(0.5, 0.01), (1.0, -0.01)],
     response__crosstalk=[0.0, 0.1, 0.0, 0.1, 0.6, 0.1, 0.0, 0.1, 0.0],
 )
-_PHOTONS = _of("Camera", image__exposure="photons", image__photonRate=1e6, image__exposureTime=0.01) | _of(
+_PHOTONS = plen("Camera", image__exposure="photons", image__photonRate=1e6, image__exposureTime=0.01) | plen(
     "Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12
 )
 _RADIANCE = (
-    _of("Camera", image__exposure="radiance", image__radiance=2.0, image__exposureTime=0.01)
-    | _of("Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12)
-    | _of("Lens", transmission="surfaces")
+    plen("Camera", image__exposure="radiance", image__radiance=2.0, image__exposureTime=0.01)
+    | plen("Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12)
+    | plen("Lens", transmission="surfaces")
 )
-_TABLES = _of("Lens/Front", coatingWavelengths=[500.0, 600.0], coatingAngles=[0.0, 40.0]) | _of(
+_TABLES = plen("Lens/Front", coatingWavelengths=[500.0, 600.0], coatingAngles=[0.0, 40.0]) | plen(
     "Lens/Front",
     coatingReflectance=[0.01, 0.02, 0.02, 0.03],
     internalTransmittanceWavelengths=[500.0, 600.0],
     internalTransmittanceTable=[0.97, 0.98],
 )
-_FILMS = _of("Lens", transmittanceSource="catalogue") | _of(
+_FILMS = plen("Lens", transmittanceSource="catalogue") | plen(
     "Lens/Front",
     coatingFilmIndices=[1.38, 2.1],
     coatingFilmThicknesses=[100.0, 120.0],
@@ -174,54 +167,54 @@ _FILMS = _of("Lens", transmittanceSource="catalogue") | _of(
 )
 
 SCENES: dict[str, Scene] = {
-    "glass": Scene(_of("Paint", glass="schott:N-BK7"), whole=("Paint",), is_glass=True),
+    "glass": Scene(plen("Paint", glass="schott:N-BK7"), whole=("Paint",), is_glass=True),
     "conventional": Scene(
         whole=("", "Camera", "Lens", "Lens/Front", "Lens/Stop", "Lens/Group", "Sensor", "Board", "Screen")
     ),
     "plenoptic": Scene(_PLENOPTIC, whole=("Array",)),
-    "tolerances": Scene(_of("Tolerance", tolerance__distribution="truncated"), whole=("Tolerance",)),
+    "tolerances": Scene(plen("Tolerance", tolerance__distribution="truncated"), whole=("Tolerance",)),
     "focus": Scene(
-        _of("Camera", camera__focusDistance=500.0, camera__focusGroups=["Group"])
-        | _of("Lens/Group", pivot=1.0, decentre=(0.1, 0.0), tilt=(0.1, 0.0))
+        plen("Camera", camera__focusDistance=500.0, camera__focusGroups=["Group"])
+        | plen("Lens/Group", pivot=1.0, decentre=(0.1, 0.0), tilt=(0.1, 0.0))
     ),
-    "focused": Scene({("Camera", "plen:camera:sensorDistance"): None} | _of("Camera", camera__focusDistance=500.0)),
+    "focused": Scene(plen("Camera", camera__sensorDistance=None, camera__focusDistance=500.0)),
     "matched": Scene(
         _PLENOPTIC
-        | {("Camera", "plen:camera:sensorDistance"): None}
-        | _of("Camera", camera__focusDistance=500.0, camera__stopMatch="microlenses", camera__focusType=0)
+        | plen("Camera", camera__sensorDistance=None, camera__focusDistance=500.0)
+        | plen("Camera", camera__stopMatch="microlenses", camera__focusType=0)
     ),
-    "model": Scene(_of("Camera", camera__model="thinLens", camera__distortion=[0.1, 0.0, 0.01, 0.0, 0.0])),
-    "planes": Scene(_of("Camera", camera__near=400.0, camera__far=600.0, truth__columns=["chief", "saddle"])),
-    "two-plane method": Scene(_of("Camera", truth__method="two-plane", truth__search="nearest")),
-    "direct method": Scene(_of("Camera", truth__method="direct", truth__accuracy=0.01)),
-    "image method": Scene(_of("Camera", truth__method="image", truth__extent="full", truth__footprint="pixel")),
+    "model": Scene(plen("Camera", camera__model="thinLens", camera__distortion=[0.1, 0.0, 0.01, 0.0, 0.0])),
+    "planes": Scene(plen("Camera", camera__near=400.0, camera__far=600.0, truth__columns=["chief", "saddle"])),
+    "two-plane method": Scene(plen("Camera", truth__method="two-plane", truth__search="nearest")),
+    "direct method": Scene(plen("Camera", truth__method="direct", truth__accuracy=0.01)),
+    "image method": Scene(plen("Camera", truth__method="image", truth__extent="full", truth__footprint="pixel")),
     "exports": Scene(
-        _of("", exports=["npz", "opencv"], exports__position="exact", exports__noise=0.1, exports__outliers=0.1)
-        | _of("", exports__outlierReach=9.0, exports__missed=0.1, exports__noiseSeed=2)
+        plen("", exports=["npz", "opencv"], exports__position="exact", exports__noise=0.1, exports__outliers=0.1)
+        | plen("", exports__outlierReach=9.0, exports__missed=0.1, exports__noiseSeed=2)
     ),
     "exports behind microlenses": Scene(
-        _PLENOPTIC | _of("", exports=["libpleno"]) | _of("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0),
+        _PLENOPTIC | plen("", exports=["libpleno"]) | plen("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0),
         "PlenCharuco",
     ),
-    "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0], image__diffraction=True)),
-    "catalogue": Scene(_SINGLET | {("Lens/Front", "plen:abbe"): 64.17}),
-    "ideal": Scene(_of("Lens/Stop", focalLength=5000.0)),
-    "asphere": Scene(_of("Lens/Front", conic=-0.1, evenCoefficients=[0.0, 1e-6], oddCoefficients=[1e-6])),
-    "annular": Scene(_of("Lens/Stop", apertureShape="annular", innerSemiDiameter=1.0)),
-    "rectangular": Scene(_of("Lens/Stop", apertureShape="rectangular", halfWidths=(2.0, 2.0), apertureRotation=5.0)),
-    "polygonal": Scene(_of("Lens/Stop", apertureShape="polygonal", blades=5)),
-    "cosine": Scene(_of("Sensor", acceptance="cosine", acceptancePower=2.0)),
-    "cone": Scene(_of("Sensor", acceptance="cone", acceptanceHalfAngle=20.0, acceptanceRollOff=2.0)),
+    "white images": Scene(_PLENOPTIC | plen("Camera", image__fNumbers=[16.0], image__diffraction=True)),
+    "catalogue": Scene(_SINGLET | plen("Lens/Front", abbe=64.17)),
+    "ideal": Scene(plen("Lens/Stop", focalLength=5000.0)),
+    "asphere": Scene(plen("Lens/Front", conic=-0.1, evenCoefficients=[0.0, 1e-6], oddCoefficients=[1e-6])),
+    "annular": Scene(plen("Lens/Stop", apertureShape="annular", innerSemiDiameter=1.0)),
+    "rectangular": Scene(plen("Lens/Stop", apertureShape="rectangular", halfWidths=(2.0, 2.0), apertureRotation=5.0)),
+    "polygonal": Scene(plen("Lens/Stop", apertureShape="polygonal", blades=5)),
+    "cosine": Scene(plen("Sensor", acceptance="cosine", acceptancePower=2.0)),
+    "cone": Scene(plen("Sensor", acceptance="cone", acceptanceHalfAngle=20.0, acceptanceRollOff=2.0)),
     "channel": Scene(
-        _SINGLET | _of("Sensor/Red", wavelengths=[580.0, 620.0, 660.0], response=[0.1, 0.5, 0.2], nodes=2)
+        _SINGLET | plen("Sensor/Red", wavelengths=[580.0, 620.0, 660.0], response=[0.1, 0.5, 0.2], nodes=2)
     ),
-    "known camera": Scene(_SINGLET | _of("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
+    "known camera": Scene(_SINGLET | plen("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
     "raw images": Scene(_RAW, responds=True),
     "lit": Scene(
-        _of("Board", coat__roughness=0.2, coat__ior=1.4)
-        | _of("Board", ink__wavelengths=[500.0, 600.0], ink__reflectance=[0.1, 0.2])
-        | _of("Board", paper__wavelengths=[500.0, 600.0], paper__reflectance=[0.8, 0.9])
-        | _of("Camera", image__bounces=1),
+        plen("Board", coat__roughness=0.2, coat__ior=1.4)
+        | plen("Board", ink__wavelengths=[500.0, 600.0], ink__reflectance=[0.1, 0.2])
+        | plen("Board", paper__wavelengths=[500.0, 600.0], paper__reflectance=[0.8, 0.9])
+        | plen("Camera", image__bounces=1),
         whole=("Lamp", "Screen"),
     ),
     "painted": Scene(
@@ -230,34 +223,36 @@ SCENES: dict[str, Scene] = {
         whole=("Lamp", "Paint", *_SHADERS),
         lamp="DistantLight",
     ),
-    "painted without lamps": Scene({("Board", "plen:white"): 0.9}, whole=_SHADERS[1:2]),
+    "painted without lamps": Scene(plen("Board", white=0.9), whole=_SHADERS[1:2]),
     "sky": Scene({("Lamp", "inputs:texture:file"): Sdf.AssetPath("./picture.png")}, whole=("Lamp",), lamp="DomeLight"),
     **{f"{kind} lamp": Scene(whole=("Lamp",), lamp=f"{kind}Light") for kind in ("Disk", "Sphere", "Cylinder")},
     "other sky": Scene(whole=("Lamp",), lamp="DomeLight_1"),
-    "patches": Scene(_of("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
+    "patches": Scene(plen("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
     "photons": Scene(_PHOTONS, responds=True),
     "radiance": Scene(_RADIANCE | _TABLES, responds=True),
     "films": Scene(_RADIANCE | _FILMS, responds=True),
-    "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
-    "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
-    "plates": Scene(_PLENOPTIC | _of("Array", model="two-plane", index=1.5, thickness=0.1)),
-    "faces": Scene(_PLENOPTIC | _FACES | _of("Array", frontConics=[-0.1], rearConics=[-0.1])),
-    "glass of faces": Scene(_PLENOPTIC | _FACES | _of("Array", index=None, glass="schott:N-BK7")),
-    "discs": Scene(_PLENOPTIC | _of("Array", aperture="disc", discDiameter=0.15)),
-    "warped": Scene(_shape("warped", deflection=(0.2, 0.1))),
-    "height map": Scene(_shape("heightMap", resolution=Gf.Vec2i(2, 2), heights=[0.0, 0.1, 0.0, 0.1])),
-    "cylinder": Scene(_shape("cylinder", radius=30.0)),
-    "cube": Scene(_shape("cube", edge=30.0)),
-    "stairs": Scene(_shape("stairs", steps=2, depth=2.0)),
-    "charuco": Scene(_of("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0), "PlenCharuco", ("Board",)),
-    "tags": Scene(_of("Board", columns=2, rows=2, tagSize=5.0), "PlenAprilGrid", ("Board",)),
-    "circles": Scene(_of("Board", columns=3, rows=3, spacing=4.0, diameter=2.0), "PlenCircleGrid", ("Board",)),
-    "triangles": Scene(_of("Board", columns=3, rows=2, edgeLength=4.0), "PlenDeltille", ("Board",)),
-    "stars": Scene(_of("Board", columns=3, rows=2, spacing=5.0, diameter=4.0), "PlenStars", ("Board",)),
-    "siemens": Scene(_of("Board", spokes=6, diameter=15.0), "PlenSiemensStar", ("Board",)),
-    "edge": Scene(_of("Board", width=20.0, height=15.0), "PlenSlantedEdge", ("Board",)),
+    "counted": Scene(_PLENOPTIC | plen("Array", width=None, height=None, columns=3, rows=3)),
+    "three types": Scene(_PLENOPTIC | _THREE | plen("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
+    "plates": Scene(_PLENOPTIC | plen("Array", model="two-plane", index=1.5, thickness=0.1)),
+    "faces": Scene(_PLENOPTIC | _FACES | plen("Array", frontConics=[-0.1], rearConics=[-0.1])),
+    "glass of faces": Scene(_PLENOPTIC | _FACES | plen("Array", index=None, glass="schott:N-BK7")),
+    "discs": Scene(_PLENOPTIC | plen("Array", aperture="disc", discDiameter=0.15)),
+    "warped": Scene(plen("Board", shape="warped", shape__deflection=(0.2, 0.1))),
+    "height map": Scene(
+        plen("Board", shape="heightMap", shape__resolution=Gf.Vec2i(2, 2), shape__heights=[0.0, 0.1, 0.0, 0.1])
+    ),
+    "cylinder": Scene(plen("Board", shape="cylinder", shape__radius=30.0)),
+    "cube": Scene(plen("Board", shape="cube", shape__edge=30.0)),
+    "stairs": Scene(plen("Board", shape="stairs", shape__steps=2, shape__depth=2.0)),
+    "charuco": Scene(plen("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0), "PlenCharuco", ("Board",)),
+    "tags": Scene(plen("Board", columns=2, rows=2, tagSize=5.0), "PlenAprilGrid", ("Board",)),
+    "circles": Scene(plen("Board", columns=3, rows=3, spacing=4.0, diameter=2.0), "PlenCircleGrid", ("Board",)),
+    "triangles": Scene(plen("Board", columns=3, rows=2, edgeLength=4.0), "PlenDeltille", ("Board",)),
+    "stars": Scene(plen("Board", columns=3, rows=2, spacing=5.0, diameter=4.0), "PlenStars", ("Board",)),
+    "siemens": Scene(plen("Board", spokes=6, diameter=15.0), "PlenSiemensStar", ("Board",)),
+    "edge": Scene(plen("Board", width=20.0, height=15.0), "PlenSlantedEdge", ("Board",)),
     "mesh": Scene(_MARKED, "PlenMeshTarget", ("Board", "Board/Mesh")),
-    "lines": Scene(_of("Board", columns=2, rows=2, spacing=5.0, lineWidth=1.0), "PlenLines", ("Board",)),
+    "lines": Scene(plen("Board", columns=2, rows=2, spacing=5.0, lineWidth=1.0), "PlenLines", ("Board",)),
 }
 
 _FEW = (UsdGeom.XformOp.TypeTranslate, UsdGeom.XformOp.TypeOrient, UsdGeom.XformOp.TypeTransform)

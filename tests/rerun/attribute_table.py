@@ -4,6 +4,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from pxr import Gf
+from stage_text import plen
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
@@ -54,84 +55,66 @@ CHARUCO, TAGS, CIRCLES, TRIANGLES = "More/Charuco", "More/Tags", "More/Circles",
 STARS, SIEMENS, EDGE, LINES, MESH = "More/Stars", "More/Siemens", "More/Edge", "More/Lines", "More/Marked"
 
 PORT, OUTER = "A/Camera/Port", "A/Camera/Port/Outer"
-PORTED: dict[tuple[str, str], Any] = {(A, "plen:camera:windows"): [PORT]}
-UNEVEN = PORTED | {
-    (OUTER, f"plen:{name}"): value
-    for name, value in (("heights", [0.0] * 63 + [0.01]), ("heightColumns", 8), ("heightSpacing", 60.0))
-}
-NO_GLASS: dict[tuple[str, str], Any] = {(OUTER, "plen:glass"): None}
-POLYGON = {(STOP, "plen:apertureShape"): "polygonal", (STOP, "plen:blades"): 6}
-FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDistance"): None}
-CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
+PORTED = plen(A, camera__windows=[PORT])
+UNEVEN = PORTED | plen(OUTER, heights=[0.0] * 63 + [0.01], heightColumns=8, heightSpacing=60.0)
+NO_GLASS = plen(OUTER, glass=None)
+POLYGON = plen(STOP, apertureShape="polygonal", blades=6)
+FOCUSED = plen(B, camera__focusDistance=420.0, camera__sensorDistance=None)
+CATALOGUE = plen(LENS, indexSource="catalogue")
 SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
-MOMENTS = {(A, "plen:truth:method"): "moments"}
-PINHOLE_MODEL = {(A, "plen:camera:model"): "pinhole"}
-TWO_PLANE = {(A, "plen:truth:method"): "two-plane"}
-NEAREST = MOMENTS | {(A, "plen:truth:search"): "nearest"}
-DELIVERED = {(A, "plen:truth:rays"): True}
-SADDLE = {(A, "plen:truth:columns"): ["saddle"]}
-AUTHORED = {(A, "plen:camera:near"): 400.0, (A, "plen:camera:far"): 500.0}
+MOMENTS = plen(A, truth__method="moments")
+PINHOLE_MODEL = plen(A, camera__model="pinhole")
+TWO_PLANE = plen(A, truth__method="two-plane")
+NEAREST = MOMENTS | plen(A, truth__search="nearest")
+DELIVERED = plen(A, truth__rays=True)
+SADDLE = plen(A, truth__columns=["saddle"])
+AUTHORED = plen(A, camera__near=400.0, camera__far=500.0)
 # The method image takes no mesh.
-BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
-IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
+BOARDS = plen("", targets=["One", "Two"])
+IMAGE = BOARDS | plen(A, truth__method="image")
 TIMED = {"first_order", "frame_poses"} | TRUTH
 MOVED = {"image"} | TIMED
 FLIES = BOARDS | {("One", "xformOp:translate"): {number: (0.2 * number, 0.0, -434.4) for number in range(4)}}
-SCANNED = FLIES | {(A, "plen:shutter:scanOrder"): "topToBottom", (A, "plen:shutter:lineOffset"): (1.0, 2000.0)}
+SCANNED = FLIES | plen(A, shutter__scanOrder="topToBottom", shutter__lineOffset=(1.0, 2000.0))
 
 
-COLOUR: dict[tuple[str, str], Any] = {("", "plen:cameras"): ["A/Camera", "C/Camera"]}
-EXPORTED: dict[tuple[str, str], Any] = {("", "plen:exports"): ["npz"]}
-RAYS_EXPORTED: dict[tuple[str, str], Any] = {("", "plen:exports"): ["rays"]}
-ONE_CAMERA: dict[tuple[str, str], Any] = {("", "plen:cameras"): ["A/Camera"]}
+COLOUR = plen("", cameras=["A/Camera", "C/Camera"])
+EXPORTED = plen("", exports=["npz"])
+RAYS_EXPORTED = plen("", exports=["rays"])
+ONE_CAMERA = plen("", cameras=["A/Camera"])
 IN_COLOUR = {"first_order", "channel", "colour_image"} | IMAGES | TRUTH
 RED = "C/Sensor/Red"
-NAMED = COLOUR | {
-    (RED, "plen:wavelengths"): [],
-    (RED, "plen:response"): [],
-    (RED, "plen:sensitivity"): "Nikon 5100 (NPL)",
-    (RED, "plen:component"): "green",
-}
+NAMED = COLOUR | plen(RED, wavelengths=[], response=[], sensitivity="Nikon 5100 (NPL)", component="green")
 
 
 def _each(
     at: str, kinds: set[str], given: dict[tuple[str, str], Any] | None = None, **values: Any
 ) -> dict[str, list[Case]]:
     """Attributes of one prim, by their names without the namespace, on which the same kinds of tasks depend."""
-    return {
-        f"plen:{name.replace('__', ':')}": [Case(at, value, kinds, given=given or {})] for name, value in values.items()
-    }
+    return {name: [Case(at, value, kinds, given=given or {})] for (_, name), value in plen(at, **values).items()}
 
 
-def _array(**values: Any) -> dict[tuple[str, str], Any]:
-    return {(ARRAY, f"plen:{name}"): value for name, value in values.items()}
-
-
-def _shaped(shape: str, **values: Any) -> dict[tuple[str, str], Any]:
-    return {("One", "plen:shape"): shape} | {("One", f"plen:shape:{name}"): value for name, value in values.items()}
-
-
-COUNTED = _array(width=None, height=None, columns=100, rows=115)
-TABLED = _array(typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))
-PLATES = _array(model="two-plane", index=1.5, thickness=0.1)
-FACES = _array(model="refractive", index=1.5, thickness=0.1, frontRadii=[1.0, 1.1, 1.2], rearRadii=[-9.0] * 3)
-DISCS = _array(aperture="disc", discDiameter=0.2)
-COSINE = {(SENSOR, "plen:acceptance"): "cosine", (SENSOR, "plen:acceptancePower"): 2.0}
-CONE = {(SENSOR, "plen:acceptance"): "cone", (SENSOR, "plen:acceptanceHalfAngle"): 20.0}
+COUNTED = plen(ARRAY, width=None, height=None, columns=100, rows=115)
+TABLED = plen(ARRAY, typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))
+PLATES = plen(ARRAY, model="two-plane", index=1.5, thickness=0.1)
+FACES = plen(ARRAY, model="refractive", index=1.5, thickness=0.1, frontRadii=[1.0, 1.1, 1.2], rearRadii=[-9.0] * 3)
+DISCS = plen(ARRAY, aperture="disc", discDiameter=0.2)
+COSINE = plen(SENSOR, acceptance="cosine", acceptancePower=2.0)
+CONE = plen(SENSOR, acceptance="cone", acceptanceHalfAngle=20.0)
 LIT: dict[tuple[str, str], Any] = {("Sun", "visibility"): "inherited"}
-DECENTRED = {(GROUP, "plen:decentre"): (0.1, 0.0)}
-TILTED = {(GROUP, "plen:tilt"): (0.1, 0.0)}
-WARPED = _shaped("warped", deflection=(0.1, 0.2))
-MEASURED = _shaped("heightMap", resolution=Gf.Vec2i(2, 3), heights=[0.0, 0.1, 0.0, 0.2, 0.0, 0.1])
-ROLLED = _shaped("cylinder", radius=20.0)
-CUBE = _shaped("cube", edge=10.0)
-STAIRS = _shaped("stairs", steps=2, depth=1.0)
+DECENTRED = plen(GROUP, decentre=(0.1, 0.0))
+TILTED = plen(GROUP, tilt=(0.1, 0.0))
+WARPED = plen("One", shape="warped", shape__deflection=(0.1, 0.2))
+MEASURED = plen(
+    "One", shape="heightMap", shape__resolution=Gf.Vec2i(2, 3), shape__heights=[0.0, 0.1, 0.0, 0.2, 0.0, 0.1]
+)
+ROLLED = plen("One", shape="cylinder", shape__radius=20.0)
+CUBE = plen("One", shape="cube", shape__edge=10.0)
+STAIRS = plen("One", shape="stairs", shape__steps=2, shape__depth=1.0)
 
 ALONE = CAMERA - {"micro_images", "baselines"}
-WET = ONE_CAMERA | AUTHORED | {("", "plen:medium"): "water"}
-WET |= {
-    (camera, f"plen:camera:{end}"): mm for camera in (B, "C/Camera") for end, mm in (("near", 400.0), ("far", 500.0))
-}
+WET = ONE_CAMERA | plen("", medium="water") | AUTHORED
+WET |= plen(B, camera__near=400.0, camera__far=500.0) | plen("C/Camera", camera__near=400.0, camera__far=500.0)
 
 DATASET = {
     # J and position images do not depend on what stands between camera and target.
@@ -148,7 +131,7 @@ DATASET = {
     "plen:medium:salinity": [Case("", 35.0), Case("", 35.0, ALONE, given=WET)],
     # Points that have such a position; rays have no points.
     "plen:exports:position": [
-        Case("", "chief", {"export"}, given=EXPORTED | {(A, "plen:truth:columns"): ["chief"]} | ONE_CAMERA)
+        Case("", "chief", {"export"}, given=EXPORTED | plen(A, truth__columns=["chief"]) | ONE_CAMERA)
     ],
     "plen:exports:noise": [Case("", 0.1, {"export"}, given=EXPORTED), Case("", 0.1, given=RAYS_EXPORTED)],
     "plen:illuminant": [Case("", "A"), Case("", "A", IN_COLOUR, given=COLOUR)],
@@ -157,8 +140,8 @@ DATASET = {
     "plen:background": [Case("", 0.5, {"image"})],
     **_each("", CAMERA, medium="vacuum", medium__pressure=90.0),
     **_each("", {"export"}, EXPORTED, exports=["npz", "rays"], exports__outliers=0.1, exports__missed=0.1),
-    "plen:exports:outlierReach": [Case("", 9.0, {"export"}, given=EXPORTED | {("", "plen:exports:outliers"): 0.1})],
-    "plen:exports:noiseSeed": [Case("", 2, {"export"}, given=EXPORTED | {("", "plen:exports:noise"): 0.1})],
+    "plen:exports:outlierReach": [Case("", 9.0, {"export"}, given=EXPORTED | plen("", exports__outliers=0.1))],
+    "plen:exports:noiseSeed": [Case("", 2, {"export"}, given=EXPORTED | plen("", exports__noise=0.1))],
 }
 
 MAIN_LENS = {
@@ -166,26 +149,26 @@ MAIN_LENS = {
     # Printed indices stay what they are: only what says the wavelength has to be written again.
     "plen:wavelength": [
         Case(PORT, 546.1, CAMERA, given=PORTED | {(OUTER, "plen:index"): 1.52, (OUTER, "plen:abbe"): 60.0} | NO_GLASS),
-        Case(LENS, 587.6, {"first_order"} | IMAGES | TRUTH, along={(A, "plen:camera:wavelength"): 587.6}),
+        Case(LENS, 587.6, {"first_order"} | IMAGES | TRUTH, along=plen(A, camera__wavelength=587.6)),
         Case(
             LENS,
             587.6,
             {"first_order", "rays"} | IMAGES | TRUTH,
             given=MOMENTS,
-            along={(A, "plen:camera:wavelength"): 587.6},
+            along=plen(A, camera__wavelength=587.6),
         ),
     ],
     "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
-    "plen:apertureShape": [Case(STOP, "polygonal", CAMERA, along={(STOP, "plen:blades"): 6})],
-    "plen:innerSemiDiameter": [Case(STOP, 1.0, CAMERA, along={(STOP, "plen:apertureShape"): "annular"})],
-    "plen:halfWidths": [Case(STOP, (3.0, 3.0), CAMERA, along={(STOP, "plen:apertureShape"): "rectangular"})],
-    "plen:isStop": [Case(STOP, False, CAMERA, along={("A/Lens/S5", "plen:isStop"): True})],
+    "plen:apertureShape": [Case(STOP, "polygonal", CAMERA, along=plen(STOP, blades=6))],
+    "plen:innerSemiDiameter": [Case(STOP, 1.0, CAMERA, along=plen(STOP, apertureShape="annular"))],
+    "plen:halfWidths": [Case(STOP, (3.0, 3.0), CAMERA, along=plen(STOP, apertureShape="rectangular"))],
+    "plen:isStop": [Case(STOP, False, CAMERA, along=plen("A/Lens/S5", isStop=True))],
     "plen:abbe": [Case(GLASS, 47.11), Case(GLASS, 47.11, given=CATALOGUE)],
     "plen:decentre": [Case(GLASS, (0.1, 0.0), CAMERA), Case(GROUP, (0.1, 0.0), CAMERA)],
     "plen:name": [Case(LENS, "mine", {"first_order"})],
     "plen:nominalFocalLength": [Case(LENS, 101.0)],
     "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
-    "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | {(OUTER, "plen:radius"): 500.0})],
+    "plen:cylindrical": [Case(OUTER, True, CAMERA, given=PORTED | plen(OUTER, radius=500.0))],
     **_each(OUTER, CAMERA, UNEVEN, heights=[0.01] + [0.0] * 63, heightColumns=4, heightSpacing=61.0),
     **_each(GLASS, CAMERA, conic=-0.1, evenCoefficients=[1e-9], oddCoefficients=[1e-9]),
     **_each(STOP, CAMERA, focalLength=5000.0, semiDiameter=4.0),
@@ -209,8 +192,8 @@ PARTS = {
     ],
     "plen:glass": [
         Case(GLASS, "SCHOTT N-BK7"),
-        Case(GLASS, "constant(1.6701)", CAMERA, given=CATALOGUE, along={(GLASS, "plen:abbe"): None}),
-        Case(ARRAY, "schott:N-BK7", CAMERA, given=FACES, along=_array(index=None)),
+        Case(GLASS, "constant(1.6701)", CAMERA, given=CATALOGUE, along=plen(GLASS, abbe=None)),
+        Case(ARRAY, "schott:N-BK7", CAMERA, given=FACES, along=plen(ARRAY, index=None)),
         Case("Clear", "constant(1.6)"),
         Case("Clear", "constant(1.6)", {"image"}, given=LIT),
     ],
@@ -258,48 +241,20 @@ CHANNELS = {
     **_each(RED, IN_COLOUR, NAMED, sensitivity="Sigma SDMerill (NPL)", component="blue"),
 }
 
-LEVEL: dict[tuple[str, str], Any] = {
-    (A, "plen:image:exposure"): "level",
-    (A, "plen:image:whiteLevel"): 0.8,
-    (A, "plen:image:exposureTime"): 0.01,
-    **{
-        (SENSOR, f"plen:response:{name}"): value for name, value in (("fullWell", 9e3), ("gain", 0.4), ("bitDepth", 12))
-    },
-}
-PHOTONS = LEVEL | {
-    (A, "plen:image:exposure"): "photons",
-    (A, "plen:image:whiteLevel"): None,
-    (A, "plen:image:photonRate"): 1e6,
-}
-RADIANCE = LEVEL | {
-    (A, "plen:image:exposure"): "radiance",
-    (A, "plen:image:whiteLevel"): None,
-    (A, "plen:image:radiance"): 2.0,
-}
-LOSSY = RADIANCE | {(LENS, "plen:transmission"): "surfaces"}
-COATED = LOSSY | {(GLASS, "plen:coatingWavelengths"): [500.0, 600.0], (GLASS, "plen:coatingReflectance"): [0.01, 0.02]}
-BY_ANGLE = COATED | {
-    (GLASS, "plen:coatingAngles"): [0.0, 30.0],
-    (GLASS, "plen:coatingReflectance"): [0.01, 0.02, 0.03, 0.04],
-}
-FILMS = LOSSY | {
-    (GLASS, "plen:coatingFilmIndices"): [1.38, 2.1],
-    (GLASS, "plen:coatingFilmThicknesses"): [99.0, 130.0],
-}
-ABSORBING = LOSSY | {
-    (GLASS, "plen:internalTransmittanceWavelengths"): [500.0, 600.0],
-    (GLASS, "plen:internalTransmittanceTable"): [0.9, 0.97],
-}
-KNOWN = {("A/Lens/S8", "plen:internalTransmittance"): 0.99}
+LEVEL = plen(A, image__exposure="level", image__whiteLevel=0.8, image__exposureTime=0.01)
+LEVEL |= plen(SENSOR, response__fullWell=9e3, response__gain=0.4, response__bitDepth=12)
+PHOTONS = LEVEL | plen(A, image__exposure="photons", image__whiteLevel=None, image__photonRate=1e6)
+RADIANCE = LEVEL | plen(A, image__exposure="radiance", image__whiteLevel=None, image__radiance=2.0)
+LOSSY = RADIANCE | plen(LENS, transmission="surfaces")
+COATED = LOSSY | plen(GLASS, coatingWavelengths=[500.0, 600.0], coatingReflectance=[0.01, 0.02])
+BY_ANGLE = COATED | plen(GLASS, coatingAngles=[0.0, 30.0], coatingReflectance=[0.01, 0.02, 0.03, 0.04])
+FILMS = LOSSY | plen(GLASS, coatingFilmIndices=[1.38, 2.1], coatingFilmThicknesses=[99.0, 130.0])
+ABSORBING = LOSSY | plen(GLASS, internalTransmittanceWavelengths=[500.0, 600.0], internalTransmittanceTable=[0.9, 0.97])
+KNOWN = plen("A/Lens/S8", internalTransmittance=0.99)
 """The one glass of the lens whose absorption the catalogue does not have."""
-HOT = LEVEL | {(SENSOR, "plen:response:hotShare"): 0.01, (SENSOR, "plen:response:hotCurrent"): 900.0}
-WARM = LEVEL | {
-    (SENSOR, f"plen:response:{name}"): value
-    for name, value in (
-        *(("darkCurrent", 10.0), ("temperature", 30.0)),
-        *(("darkCurrentTemperature", 20.0), ("doublingTemperature", 7.0)),
-    )
-}
+HOT = LEVEL | plen(SENSOR, response__hotShare=0.01, response__hotCurrent=900.0)
+WARM = LEVEL | plen(SENSOR, response__darkCurrent=10.0, response__temperature=30.0)
+WARM |= plen(SENSOR, response__darkCurrentTemperature=20.0, response__doublingTemperature=7.0)
 
 
 RAW_IMAGES = {
@@ -319,7 +274,7 @@ RAW_IMAGES = {
         Case(PORT, "catalogue", LOST, given=LOSSY | PORTED),
     ],
     "plen:internalTransmittanceThickness": [
-        Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99}),
+        Case(GLASS, 25.0, LOST, given=LOSSY | plen(GLASS, internalTransmittance=0.99)),
         Case("Clear", 20.0, {"image"}, given=LIT),
     ],
     "plen:response:filters": [Case(SENSOR, ["red", "green", "green", "blue"], given=LEVEL, refused=True)],
@@ -348,11 +303,8 @@ RAW_IMAGES = {
     "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
 }
 
-PRINTED = {
-    ("One", f"plen:{what}:{name}"): values
-    for what, reflectance in (("ink", [0.1, 0.2]), ("paper", [0.8, 0.9]))
-    for name, values in (("wavelengths", [500.0, 600.0]), ("reflectance", reflectance))
-}
+PRINTED = plen("One", ink__wavelengths=[500.0, 600.0], ink__reflectance=[0.1, 0.2])
+PRINTED |= plen("One", paper__wavelengths=[500.0, 600.0], paper__reflectance=[0.8, 0.9])
 TARGETS = {
     # A colour moves no point, but the saddle of a corner that is not sharp.
     "plen:white": [
@@ -411,10 +363,10 @@ TARGETS = {
 
 CAMERAS = {
     "plen:camera:microlenses": [
-        Case(B, [], CAMERA - {"micro_images"}, along={(B, "plen:camera:microlensDistance"): None}),
+        Case(B, [], CAMERA - {"micro_images"}, along=plen(B, camera__microlensDistance=None)),
     ],
     "plen:camera:windows": [Case(A, [PORT], CAMERA), Case(A, ["Pane"], SEEN)],
-    "plen:camera:focusGroups": [Case(A, ["Rear"], CAMERA, along={(A, "plen:camera:focusDistance"): 434.0})],
+    "plen:camera:focusGroups": [Case(A, ["Rear"], CAMERA, along=plen(A, camera__focusDistance=434.0))],
     "plen:camera:model": [Case(A, "pinhole", CAMERA), Case(B, "thinLens", CAMERA)],
     "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],
     # Planes of J: no image depends on them, and no truth that is solved without position images.
@@ -429,8 +381,8 @@ CAMERAS = {
         Case(A, 400.0, PLANES),
         Case(A, 400.0, PLANES | RAYS | TRUTH, given=MOMENTS),
         Case(B, 400.0, PLANES),
-        Case(B, 400.0, PLANES | RAYS | TRUTH, given={(B, "plen:truth:method"): "two-plane"}),
-        Case(B, 400.0, PLANES | RAYS, given={(B, "plen:truth:rays"): True}),
+        Case(B, 400.0, PLANES | RAYS | TRUTH, given=plen(B, truth__method="two-plane")),
+        Case(B, 400.0, PLANES | RAYS, given=plen(B, truth__rays=True)),
     ],
     "plen:camera:far": [
         Case(A, 500.0, PLANES),
@@ -439,13 +391,13 @@ CAMERAS = {
     ],
     "plen:image:labels": [
         Case(A, ["depth", "flow"], LABELS),
-        Case(A, ["depth", "targets"], LABELS, given={(A, "plen:image:labels"): ["depth"]}),
+        Case(A, ["depth", "targets"], LABELS, given=plen(A, image__labels=["depth"])),
         Case(B, ["prim"], LABELS),
     ],
     "plen:shutter:opens": [Case(A, (1.0, 500.0), TIMED), Case(B, (1.0, 500.0), MOVED, given=FLIES)],
     "plen:image:noise": [
         Case(A, 0.1, IN_PASSES),
-        Case(A, 0.05, IN_PASSES - {"noise_level"}, given={(A, "plen:image:noise"): 0.1}),
+        Case(A, 0.05, IN_PASSES - {"noise_level"}, given=plen(A, image__noise=0.1)),
         Case(B, 0.1, IN_PASSES),
     ],
     "plen:image:denoised": [Case(A, True, {"denoised"}), Case(B, True, {"denoised"})],
@@ -453,7 +405,7 @@ CAMERAS = {
     "plen:image:fNumbers": [
         Case(A, [8.0], FURTHER),
         Case(B, [22.0], FURTHER),
-        Case(B, [22.0, 16.0], FURTHER, given={(B, "plen:image:fNumbers"): [22.0]}),
+        Case(B, [22.0, 16.0], FURTHER, given=plen(B, image__fNumbers=[22.0])),
     ],
     **_each(A, CAMERA, camera__lens=["B/Lens"], camera__sensor=["B/Sensor"], camera__sensorDistance=131.9),
     **_each(B, CAMERA, FOCUSED, camera__focusDistance=421.0, camera__focusType=2),
@@ -463,7 +415,7 @@ CAMERAS = {
     "plen:image:samples": [Case(A, 128, IMAGES)],
     "plen:shutter:scanOrder": [Case(A, "bottomToTop", MOVED - {"frame_poses"}, given=SCANNED)],
     **_each(A, MOVED, SCANNED, shutter__lineOffset=(1.0, 1000.0), shutter__exposure=(1.0, 100.0)),
-    "plen:shutter:instants": [Case(A, 4, {"image"}, given=FLIES | {(A, "plen:shutter:exposure"): (1.0, 100.0)})],
+    "plen:shutter:instants": [Case(A, 4, {"image"}, given=FLIES | plen(A, shutter__exposure=(1.0, 100.0)))],
 }
 
 METHOD = {
@@ -491,7 +443,7 @@ METHOD = {
         Case(A, 2, RAYS, given=DELIVERED),
         Case(A, 2, TRUTH | RAYS, given=MOMENTS),
         Case(A, 2, POSITIONS | RAYS, given=IMAGE),
-        Case(A, 2, TRUTH, given={(A, "plen:truth:footprint"): "pixel"}),
+        Case(A, 2, TRUTH, given=plen(A, truth__footprint="pixel")),
     ],
     "plen:truth:samples": [
         Case(A, 128),
@@ -506,9 +458,7 @@ METHOD = {
     ],
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
-    "plen:truth:derivatives": [
-        Case(A, ["Two"], {"derivatives"}, given=BOARDS | {(A, "plen:truth:derivatives"): ["One"]})
-    ],
+    "plen:truth:derivatives": [Case(A, ["Two"], {"derivatives"}, given=BOARDS | plen(A, truth__derivatives=["One"]))],
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 
@@ -529,7 +479,7 @@ TEMPERATURE = {
     **_each(LENS, CAMERA, HEATED, temperature=31.0, prescriptionTemperature=21.0, mountExpansion=10.0),
 }
 
-TRUNCATED: dict[tuple[str, str], Any] = {("Tolerance", "plen:tolerance:distribution"): "truncated"}
+TRUNCATED = plen("Tolerance", tolerance__distribution="truncated")
 TOLERANCES = {  # they decide which cameras `pipeline ensemble` draws, and nothing of a build
     **_each(
         "Tolerance",
@@ -542,7 +492,7 @@ TOLERANCES = {  # they decide which cameras `pipeline ensemble` draws, and nothi
     "plen:tolerance:limit": [Case("Tolerance", 3.0, given=TRUNCATED)],
 }
 
-COATED = {("One", "plen:coat:roughness"): 0.2}
+COATED = plen("One", coat__roughness=0.2)
 LIGHTING = {
     # With lamps a mesh that nobody named is in the image, so it may hide points, too.
     "visibility": [Case("Sun", "inherited", {"image"} | TRUTH)],
