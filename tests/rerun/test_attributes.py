@@ -7,10 +7,11 @@ cutoff. What was edited is known from the test; the line is looked for in the te
 """
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from places import DATA
 from pxr import Sdf, Usd
-from rerun.attribute_stage import STAGE, path_of, write
 from rerun.attribute_table import CASES, LENS, STOP, TRUTH, A
 from rerun.pretended import Pretended, project_of
 
@@ -23,6 +24,10 @@ from pipeline.engine.store.store import Store
 from pipeline.folders import share
 from pipeline.scene.load import load
 
+STAGE = (DATA / "every_attribute.usda").read_text(encoding="utf-8")
+"""A stage with values of the table: an occluder, a target of every kind, a conventional and a plenoptic camera, and one
+with a channel that takes part where a case says so.
+"""
 QUICK = 32
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""
 FOR_THE_CHECKS = {
@@ -32,6 +37,36 @@ FOR_THE_CHECKS = {
 }
 """Attributes that no task reads, and those that change with them: the checks alone want the wavelength of printed
 indices to be that of the camera, and tasks read how much light there is and how many blades, not what says so."""
+
+
+def path_of(at: str) -> str:
+    return f"/Scene/{at}".rstrip("/")
+
+
+def write(path: Path, values: dict[tuple[str, str], Any], is_whole: bool = True) -> Path:
+    """The stage with some values of (prim, attribute), as one file; None blocks one, and a dict has its
+    samples. Whole, or with two targets.
+    """
+    path.write_text(STAGE, encoding="utf-8")
+    stage = Usd.Stage.Open(str(path))
+    stage.Reload()
+    stage.GetPrimAtPath("/Scene/More").SetActive(is_whole)
+    targets: dict[tuple[str, str], Any] = {} if is_whole else {("", "plen:targets"): ["One", "Two"]}
+    for (at, name), value in (targets | values).items():
+        prim = stage.GetPrimAtPath(path_of(at))
+        assert prim, at
+        if isinstance(value, list) and prim.GetRelationship(name):
+            prim.GetRelationship(name).SetTargets([Sdf.Path(f"/Scene/{target}") for target in value])
+            continue
+        attribute = prim.GetAttribute(name)
+        assert attribute, f"{at} has no {name}"
+        if isinstance(value, dict):
+            for time, sample in value.items():
+                attribute.Set(sample, time)
+        else:
+            attribute.Block() if value is None else attribute.Set(value)
+    stage.Save()
+    return path
 
 
 @pytest.fixture(scope="module")
