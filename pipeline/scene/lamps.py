@@ -14,7 +14,7 @@ from pipeline.render.lighting.records import Lamp, Rgb, Shaping
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
-from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
+from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, plain, take, target_paths
 from pipeline.spelling import frames_in_words
 
@@ -240,7 +240,7 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         try:
             entry = read_lamp_entry(prim, frames) if kind in KINDS else mesh_light(prim)
         except UnreadableValue as error:
-            yield problem(error.thing, error.code, error.what, hint=error.hint)
+            yield of_reader(error.thing, error)
             continue
         if isinstance(entry, LampEntry):
             yield from _check_scale(prim, entry.lamp, frames)

@@ -26,7 +26,7 @@ from pipeline.scene.tolerances import check_effect
 from pipeline.scene.usd.opening import check_instances, open_stage
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import frame_numbers
-from pipeline.scene.usd.problems import Problem, StageError, problem, shortened, shown_path, without_followers
+from pipeline.scene.usd.problems import Problem, StageError, of_reader, shortened, shown_path, without_followers
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need, unchanging
 from pipeline.scene.usd.writing_out import write_out
@@ -107,7 +107,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         dataset = with_varied(root, read_dataset(root), lambda: read_dataset(root)) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
     except UnreadableValue as error:  # no check has reported it
-        return _refused([*problems, problem(error.thing, error.code, error.what, hint=error.hint)])
+        return _refused([*problems, of_reader(error.thing, error)])
     except PipelineError as error:  # nor this
         file, code = shown_path(stage.GetRootLayer().realPath), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
@@ -160,7 +160,7 @@ def varied_cameras(
         with unchanging(), reading_below(allowed_roots(path, tuple(allow_roots))):
             return list(varied_numbers(stage, wanted, cameras))
     except UnreadableValue as error:
-        raise StageError([problem(error.thing, error.code, error.what, hint=error.hint)]) from None
+        raise StageError([of_reader(error.thing, error)]) from None
 
 
 @arguments_settled(UsageError)

@@ -10,7 +10,7 @@ from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn
-from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
+from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
 
 
@@ -142,5 +142,5 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
             for flaw in _carried(prim, None)[2]:
                 remarks[flaw] = None
         except UnreadableValue as error:
-            yield problem(error.thing, error.code, error.what, hint=error.hint)
+            yield of_reader(error.thing, error)
     yield from remarks

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
+from pipeline.scene.usd.roots import PLUGIN_NAME
 from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import (
     FOREIGN,
@@ -22,7 +23,7 @@ from pipeline.scene.usd.values import (
     numbers,
     read,
     rule_of,
-    schema_facts,
+    rules_of,
     target_paths,
 )
 from pipeline.spelling import nearest
@@ -98,7 +99,7 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
 
 def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
     """Problems of required names that are missing; `meant` holds those that are present but misspelt."""
-    for name in [name for names in schema_facts(prim, "plenRequired") for name in names if name not in meant]:
+    for name in [name for names in _schema_facts(prim, "plenRequired") for name in names if name not in meant]:
         relationship = prim.GetRelationship(name)
         if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
             wanted = _wanted_target(prim, name)
@@ -112,8 +113,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
     def stated(rule: Condition) -> str:
         return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
-    names = (name for name in prim.GetPrimDefinition().GetPropertyNames() if name.startswith("plen:"))
-    for name, rule in ((name, rule) for name in names if (rule := rule_of(prim, name)) and rule.conditions):
+    for name, rule in ((name, rule) for name, rule in rules_of(prim).items() if rule.conditions):
         written = is_written(prim, name)
         needing = next((each for each in rule.conditions if each.kind == "Needed" and each.holds(prim)), None)
         if needing and not written and name not in meant:
@@ -163,9 +163,23 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
             yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
 
+def _schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
+    """Entries under `key` in our plugInfo.json for the type and the applied schemas of a prim."""
+    registry = Usd.SchemaRegistry()
+    facts = []
+    for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
+        identifier, _ = registry.GetTypeNameAndInstance(schema)
+        tf_type = registry.GetTypeFromSchemaTypeName(identifier)
+        plugin = None if tf_type == Tf.Type.Unknown else Plug.Registry().GetPluginForType(tf_type)
+        if plugin and plugin.name == PLUGIN_NAME:
+            fact = plugin.GetMetadataForType(tf_type).get(key)
+            facts += [fact] if fact is not None else []
+    return facts
+
+
 def _wanted_target(prim: Usd.Prim, name: str) -> str | None:
     """The type of prim to which a relationship must point by our plugInfo.json."""
-    return next((types[name] for types in schema_facts(prim, "plenTargets") if name in types), None)
+    return next((types[name] for types in _schema_facts(prim, "plenTargets") if name in types), None)
 
 
 def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -> Iterator[Problem]:

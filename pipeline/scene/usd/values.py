@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
-from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
+from pxr import Gf, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.records.declared import attributes_of
-from pipeline.scene.usd.roots import PLUGIN_NAME
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
@@ -179,6 +178,8 @@ def plain(value: Any) -> Any:
         return value.path
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
+    if not hasattr(value, "__len__"):
+        return value  # a time code, or of a type that nothing here reads
     if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
         array = np.asarray(value)
         if array.dtype.kind in "if":
@@ -279,15 +280,22 @@ class Rule:
         return bool(np.all(self.span.holds(array) if self.span else np.isfinite(array)))
 
 
-_RULES: dict[tuple[str, tuple[str, ...], str], Rule | None] = {}
+_RULES: dict[tuple[str, tuple[str, ...]], dict[str, Rule]] = {}
+
+
+def rules_of(prim: Usd.Prim) -> dict[str, Rule]:
+    """Rules of all attributes that the schemas of a prim have."""
+    key = str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas())
+    if key not in _RULES:
+        definition = prim.GetPrimDefinition()
+        rules = {name: _rule(definition, name) for name in definition.GetPropertyNames()}
+        _RULES[key] = {name: rule for name, rule in rules.items() if rule}
+    return _RULES[key]
 
 
 def rule_of(prim: Usd.Prim, name: str) -> Rule | None:
     """The rule of an attribute; None if no schema of the prim has it."""
-    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()), name)
-    if key not in _RULES:
-        _RULES[key] = _rule(prim.GetPrimDefinition(), name)
-    return _RULES[key]
+    return rules_of(prim).get(name)
 
 
 def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
@@ -341,28 +349,21 @@ def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
     """Values of the fields of a record that are annotated with attributes of a prim, but for attributes that have no
     effect beside a token of another one; None where a field may lack a value. UnreadableValue: as of `need`.
     """
-    hints, values = get_type_hints(record), {}
-    for name, attribute in attributes_of(record).items():
+    values = {}
+    for name, (attribute, may_lack) in _annotated(record).items():
         rule = rule_of(prim, attribute)
         decided = [(each.kind, each.holds(prim)) for each in rule.conditions if each.tokens] if rule else []
         if ("Only", False) not in decided:
-            may_lack = type(None) in get_args(hints[name]) and ("Needed", True) not in decided
-            values[name] = read(prim, attribute) if may_lack else need(prim, attribute)
+            is_free = may_lack and ("Needed", True) not in decided
+            values[name] = read(prim, attribute) if is_free else need(prim, attribute)
     return values
 
 
-def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
-    """Entries under `key` in our plugInfo.json for the type and the applied schemas of a prim."""
-    registry = Usd.SchemaRegistry()
-    facts = []
-    for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
-        identifier, _ = registry.GetTypeNameAndInstance(schema)
-        tf_type = registry.GetTypeFromSchemaTypeName(identifier)
-        plugin = None if tf_type == Tf.Type.Unknown else Plug.Registry().GetPluginForType(tf_type)
-        if plugin and plugin.name == PLUGIN_NAME:
-            fact = plugin.GetMetadataForType(tf_type).get(key)
-            facts += [fact] if fact is not None else []
-    return facts
+@functools.cache  # taking annotations apart costs more than reading values
+def _annotated(record: type) -> dict[str, tuple[str, bool]]:
+    """Attribute of each annotated field of a record, and whether the field may lack a value."""
+    hints = get_type_hints(record)
+    return {name: (attribute, type(None) in get_args(hints[name])) for name, attribute in attributes_of(record).items()}
 
 
 def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
