@@ -48,13 +48,16 @@ def test_a_record_of_another_form_is_a_miss_also_with_its_digest(store, record, 
 
 
 def test_a_note_of_another_form_keeps_nothing(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), ALONE)
-    (path,) = (cache / "history").iterdir()
+    project = replace(toy.project(tmp_path / "out"), source={"written": {}})
+    build(project, ALONE)
+    paths = [path for folder in ("history", "sources") for path in (cache / folder).iterdir()]
+    assert len(paths) == 2
     for note in ({}, [], {"out": 5}, {"out": "\ud800", "keys": {}}, {"out": str(tmp_path / "out"), "keys": [1]}):
-        path.unlink()
-        path.write_bytes(seal(note))
+        for path in paths:
+            path.unlink()
+            path.write_bytes(seal(note))
         collect(Store(cache), 10**9)
-        assert build(toy.project(tmp_path / "out"), ALONE).exit_code == 0
+        assert build(project, ALONE).exit_code == 0
 
 
 @pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES, errno.EIO, errno.ESTALE])

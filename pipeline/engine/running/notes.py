@@ -24,6 +24,14 @@ class History:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Sources:
+    """Sources of a project, each once, and of each task the number of that from which it was last built."""
+
+    sources: tuple[Any, ...] = ()
+    of: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TaskLog:
     """The last run of a task: how it ended, its log if it printed anything, and what its record says of it."""
 
@@ -71,8 +79,8 @@ def keep_history(project: Project, store: Store, outcome: Outcome, before: Histo
 
 def sources_of(project: Project, *, store: Store | None = None) -> Mapping[str, Any]:
     """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
-    note = (store or Store()).read_note("sources", _name(project)) or {"sources": [], "of": {}}
-    return {name: note["sources"][index] for name, index in note["of"].items()}
+    note = (store or Store()).read_record(_Sources, "sources", _name(project)) or _Sources()
+    return {name: note.sources[number] for name, number in note.of.items()}
 
 
 def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
@@ -80,14 +88,14 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
     before = sources_of(project, store=store)
     of = {name: source for name, source in before.items() if name in project.graph}
     of |= dict.fromkeys([*finished, ""], project.source)
-    sources: list[Any] = []
-    numbers: dict[int, int] = {}
-    for source in {id(source): source for source in of.values()}.values():
+    if of == before:
+        return
+    sources, numbers = list[Any](), dict[int, int]()
+    for source in {id(source): source for source in of.values()}.values():  # thousands of tasks have the same one
         sources += [] if source in sources else [source]
         numbers[id(source)] = sources.index(source)
-    if of != before:
-        note = {"sources": sources, "of": {name: numbers[id(source)] for name, source in of.items()}}
-        store.write_note("sources", _name(project), note)
+    note = _Sources(sources=tuple(sources), of={name: numbers[id(source)] for name, source in of.items()})
+    store.write_note("sources", _name(project), note)
 
 
 def logs_of(project: Project, target: str) -> list[TaskLog]:
