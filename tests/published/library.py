@@ -20,8 +20,10 @@ def prescription(name: str) -> Prescription:
     return read_prescription(stage.GetDefaultPrim())
 
 
-def optic_of(lens: Prescription) -> Any:
-    """A lens as optiland's, for an object at infinity; its image surface is the last vertex."""
+def optic_of(
+    lens: Prescription, behind_mm: float = 0.0, fields_deg: tuple[float, ...] = (0.0,), wavelength_nm: float = 587.6
+) -> Any:
+    """A lens as optiland's, for objects at infinity; its image surface lies behind the last vertex."""
     from optiland.materials import IdealMaterial
     from optiland.optic import Optic
 
@@ -31,13 +33,14 @@ def optic_of(lens: Prescription) -> Any:
         optic.surfaces.add(
             index=number,
             radius=surface.radius_mm,
-            thickness=surface.thickness_mm if number < len(lens.surfaces) else 0.0,
+            thickness=surface.thickness_mm if number < len(lens.surfaces) else behind_mm,
             material=IdealMaterial(n=surface.index),
             is_stop=surface.is_stop,
         )
     optic.surfaces.add(index=len(lens.surfaces) + 1)
-    optic.set_aperture("EPD", 1.0)
+    optic.set_aperture("float_by_stop_size", 2 * lens.stop.semi_diameter_mm)
     optic.fields.set_type("angle")
-    optic.fields.add(y=0)
-    optic.wavelengths.add(value=0.5876, is_primary=True)
+    for angle in fields_deg:
+        optic.fields.add(y=angle)
+    optic.wavelengths.add(value=wavelength_nm / 1e3, is_primary=True)
     return optic

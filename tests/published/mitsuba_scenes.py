@@ -137,24 +137,23 @@ class Both:
 
     def reference(self, bounces: int, samples: int, seeds: int) -> np.ndarray:
         """Mitsuba's pictures with several seeds, (seeds, h, w)."""
-        sensor = {
-            "type": "perspective",
-            "fov": FOV_DEG,
-            "near_clip": 1.0,
-            "far_clip": 1e6,
-            "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
-            "film": {
-                "type": "hdrfilm",
-                "width": WIDTH_PX,
-                "height": HEIGHT_PX,
-                "pixel_format": "rgb",
-                "rfilter": {"type": "box"},
-            },
-            "sampler": {"type": "independent", "sample_count": samples},
-        }
+        sensor = pinhole(samples, near_clip=1.0, far_clip=1e6)
         path = {"type": self.integrator, "max_depth": bounces + 2, "rr_depth": 100}
         loaded = mi.load_dict({"type": "scene", "integrator": path, "sensor": sensor, **self.theirs})
         return np.array([np.array(mi.render(loaded, spp=samples, seed=seed))[..., 0] for seed in range(seeds)])
+
+
+def pinhole(samples: int, fov_deg: float = FOV_DEG, size_px=(WIDTH_PX, HEIGHT_PX), **more: Any) -> dict[str, Any]:
+    """Mitsuba's sensor at the origin of the vision frame: a horizontal field of view, and pixels without a filter."""
+    film = {"type": "hdrfilm", "width": size_px[0], "height": size_px[1], "rfilter": {"type": "box"}}
+    return {
+        "type": "perspective",
+        "fov": fov_deg,
+        "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
+        "film": {**film, "pixel_format": "rgb"},
+        "sampler": {"type": "independent", "sample_count": samples},
+        **more,
+    }
 
 
 def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:

@@ -25,7 +25,7 @@ WEIGHED = 0.01
 
 @pytest.fixture(scope="module")
 def pictures() -> tuple[Labelled, dict[str, np.ndarray]]:
-    from published.mitsuba_scenes import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi
+    from published.mitsuba_scenes import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi, pinhole
     from published.test_mitsuba import room
 
     both = room()
@@ -33,14 +33,7 @@ def pictures() -> tuple[Labelled, dict[str, np.ndarray]]:
     edge_mm = 2 * camera.sensor_distance_mm * np.tan(np.radians(FOV_DEG) / 2)
     camera = replace(camera, sensor=replace(camera.sensor, pitch_mm=edge_mm / WIDTH_PX))
     ours = labelled(model(camera, "pinhole"), occluders=[(mesh, np.eye(4)) for mesh, _ in both.things], samples=SAMPLES)
-    sensor = {
-        "type": "perspective",
-        "fov": FOV_DEG,
-        "near_clip": NEAR_MM,
-        "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
-        "film": {"type": "hdrfilm", "width": WIDTH_PX, "height": HEIGHT_PX, "rfilter": {"type": "box"}},
-        "sampler": {"type": "independent", "sample_count": SAMPLES},
-    }
+    sensor = pinhole(SAMPLES, near_clip=NEAR_MM)
     aovs = {"type": "aov", "aovs": "d:depth,p:position,n:sh_normal,i:shape_index"}
     loaded = mi.load_dict({"type": "scene", "integrator": aovs, "sensor": sensor, **both.theirs})
     values = np.array(mi.render(loaded, spp=SAMPLES), float)[..., -8:]

@@ -21,25 +21,17 @@ SAMPLES, BINNED, REGION = 256, 4, 10
 
 def rendered(board, vision_from_target, slabs, fov_deg: float, size: tuple[int, int]) -> np.ndarray:
     """Mean radiance of a board in a medium behind slabs, (h, w); `board` is its texture, the top row first."""
+    from published.mitsuba_scenes import pinhole
+
     transform = mitsuba.ScalarTransform4f
     (half_x, half_y), texture = board
     pixels = mitsuba.Bitmap(np.repeat(texture[:, :, None], 3, axis=2).astype(np.float32))
     light = {"type": "bitmap", "bitmap": pixels, "raw": True, "filter_type": "nearest"}
     placed = transform(vision_from_target @ np.diag([half_x, half_y, 1.0, 1.0]))
-    film = {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}}
-    film["pixel_format"] = "luminance"
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 12},
-        "sensor": {
-            "type": "perspective",
-            "fov": fov_deg,
-            "fov_axis": "x",
-            "near_clip": 1.0,
-            "to_world": transform().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
-            "film": film,
-            "sampler": {"type": "independent", "sample_count": SAMPLES},
-        },
+        "sensor": pinhole(SAMPLES, fov_deg, size, near_clip=1.0),
         "board": {"type": "rectangle", "to_world": placed, "emitter": {"type": "area", "radiance": light}},
     }
     for number, (vision_from_plane, before, behind) in enumerate(slabs):  # the normal of a rectangle points to `before`
@@ -52,7 +44,6 @@ def rendered(board, vision_from_target, slabs, fov_deg: float, size: tuple[int, 
 @pytest.mark.heavy
 @pytest.mark.parametrize("turn", ["", "(25, -20, 0)"])
 def test_a_picture_through_a_slab_is_mitsubas(tmp_path, common_store, turn):
-    mitsuba.set_variant("scalar_rgb")
     file = stage(tmp_path, "port", window(-PORT_MM, turn=turn), dataset=WATER)
     result = made(file, tmp_path / "out", common_store)
     dataset = open_dataset(file)

@@ -6,11 +6,11 @@ It is installed by `pip install optiland`; without it there is nothing to compar
 import json
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from laws import rigs
+from published.library import optic_of
 from tolerances import OPTILAND_CONTRAST, OPTILAND_STREHL
 
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -25,26 +25,6 @@ PER_MM = np.array([50.0, 100.0, 200.0])
 KEPT = json.loads((Path(__file__).parent / "optiland_contrast.json").read_text(encoding="utf-8"))["lenses"]
 
 
-def optic(stop_semi_mm: float, back_mm: float) -> Any:
-    """The double Gauss as optiland's, for objects at infinity, with the sensor in its rear focus."""
-    from optiland.materials import IdealMaterial
-    from optiland.optic import Optic
-
-    lens, prescription = Optic(), rigs.tronnier(stop_semi_mm)
-    lens.surfaces.add(index=0, thickness=np.inf)
-    vertices = [*prescription.vertices_from_stop_mm, back_mm]
-    for i, surface in enumerate(prescription.surfaces):
-        gap, glass = vertices[i + 1] - vertices[i], IdealMaterial(n=surface.index)
-        lens.surfaces.add(index=i + 1, radius=surface.radius_mm, thickness=gap, material=glass, is_stop=surface.is_stop)
-    lens.surfaces.add(index=len(vertices))
-    lens.set_aperture("float_by_stop_size", 2 * stop_semi_mm)
-    lens.fields.set_type("angle")
-    for angle in (0, FIELD_DEG):
-        lens.fields.add(y=angle)
-    lens.wavelengths.add(value=WAVELENGTH_NM / 1e3, is_primary=True)
-    return lens
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("field", [0.0, 1.0])
 @pytest.mark.parametrize("stop_semi_mm", [4.5, 9.0])
@@ -53,14 +33,15 @@ def test_optiland_finds_the_same_image_of_a_point(stop_semi_mm: float, field: fl
     from optiland.mtf import FFTMTF
     from optiland.psf import FFTPSF
 
-    lens = first_order(rigs.tronnier(stop_semi_mm))
-    back_mm, sensor = -lens.rear_focus_mm, Sensor(width_px=64, height_px=64, pitch_mm=0.3)
-    camera = Camera(prescription=rigs.tronnier(stop_semi_mm), sensor=sensor, sensor_distance_mm=back_mm)
+    prescription, sensor = rigs.tronnier(stop_semi_mm), Sensor(width_px=64, height_px=64, pitch_mm=0.3)
+    lens = first_order(prescription)
+    camera = Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=-lens.rear_focus_mm)
     height = lens.efl_mm * np.tan(np.deg2rad(FIELD_DEG * field))
     front = wavefront(Tracer(camera), View(np.array([0.0, height]), NO_MICROLENS, np.inf), WAVELENGTH_NM)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        theirs, at = optic(stop_semi_mm, back_mm), ((0.0, field), WAVELENGTH_NM / 1e3)
+        theirs = optic_of(prescription, lens.bfd_mm, (0.0, FIELD_DEG), WAVELENGTH_NM)
+        at = (0.0, field), WAVELENGTH_NM / 1e3
         strehl = FFTPSF(theirs, *at, num_rays=256, grid_size=1024).strehl_ratio()
         curves = FFTMTF(theirs, [at[0]], at[1], num_rays=256, grid_size=1024)
     assert strehl_ratio(front) == pytest.approx(strehl, abs=OPTILAND_STREHL)
