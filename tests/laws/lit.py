@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tolerances import LIT_ERRORS
 
 from pipeline.camera.parts.spectrum import alone
@@ -12,6 +13,7 @@ from pipeline.records.plain import to_plain
 from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Coat, Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
+from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -41,11 +43,16 @@ def lamp(
     return PlacedLamp(lamp=plain, vision_from_lamp=(np.eye(4) if pose is None else pose).tolist())
 
 
+def mesh(points: ArrayLike, triangles: ArrayLike = ((0, 1, 2), (0, 2, 3)), radiance: float = 0.0) -> Occluder:
+    """Points (n, 3) and triangles: of four points, unless they are named, those of a quadrangle."""
+    corners, faces = np.array(points, float).tolist(), np.array(triangles).tolist()
+    return Occluder(vertices_mm=tuple(map(tuple, corners)), triangles=tuple(map(tuple, faces)), radiance=radiance)
+
+
 def plate(z_mm: float, half_mm: float = 400.0, x_mm: float = 0.0) -> Occluder:
     """A square across the axis."""
     a, b = x_mm - half_mm, x_mm + half_mm
-    corners = ((a, -half_mm, z_mm), (b, -half_mm, z_mm), (b, half_mm, z_mm), (a, half_mm, z_mm))
-    return Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)))
+    return mesh([(a, -half_mm, z_mm), (b, -half_mm, z_mm), (b, half_mm, z_mm), (a, half_mm, z_mm)])
 
 
 def block(low_mm: Sequence[float], high_mm: Sequence[float], pose: np.ndarray | None = None) -> Occluder:
@@ -54,10 +61,14 @@ def block(low_mm: Sequence[float], high_mm: Sequence[float], pose: np.ndarray | 
     places = [(ends[a][0], ends[b][1], ends[c][2], 1.0) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
     faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     points = (np.array(places) @ (np.eye(4) if pose is None else pose).T)[:, :3]
-    return Occluder(
-        vertices_mm=tuple(map(tuple, points.tolist())),
-        triangles=tuple(three for a, b, c, d in faces for three in ((a, b, c), (a, c, d))),
-    )
+    return mesh(points, [three for a, b, c, d in faces for three in ((a, b, c), (a, c, d))])
+
+
+def ball(centre_mm: Sequence[float], radius_mm: float, material: Material, sag: float) -> tuple[Occluder, Finish]:
+    """A ball as triangles, whose middles lie within `sag` of its radius from it, and its normals."""
+    solid = solids.sphere(radius_mm, sag * radius_mm)
+    normals = tuple(map(tuple, solid.normals.reshape(-1, 9).tolist()))
+    return mesh(solid.points + centre_mm, solid.triangles), Finish(materials=(material,), normals=normals)
 
 
 def glass(index: float = 1.5, roughness: float = 0.0, **more: Any) -> Material:

@@ -11,7 +11,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.targets.target import Target
+from pipeline.targets.target import AnyTarget, Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.correspond import find, with_light
 from pipeline.truth.grid.position_image import on_target
@@ -26,8 +26,7 @@ STEPS = np.array([[0.0, 0.0], [0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.0
 
 
 def rig_of(camera: Camera, seed: int = 0) -> Rig:
-    tracer = Tracer(camera, seed)
-    return Rig.of(tracer)
+    return Rig.of(Tracer(camera, seed))
 
 
 def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float = 1e-4) -> Correspondences:
@@ -81,11 +80,13 @@ class Case:
         return self.solutions.xy_px
 
 
-def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
-    tracer = Tracer(camera)
-    rig = Rig.of(tracer)
+def planes_of(target: AnyTarget, pose: np.ndarray) -> np.ndarray:
     points = target.points()
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    return tangent_planes(pose, points.position_mm, points.plane_axes)
+
+
+def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
+    rig, planes = rig_of(camera), planes_of(target, pose)
     solved = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05)
     return Case(rig, target, pose, planes, solved.solutions)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from colour.characterisation import SDS_COLOURCHECKERS
 from laws import rigs
-from laws.lit import lamp, looked
+from laws.lit import lamp, looked, mesh
 from laws.rigs import at, in_light
 from laws.solving import board, case_of, off_axis, rig_of, saddles, solved
 from naive import polar
@@ -30,7 +30,6 @@ from pipeline.render.spectral.nodes import gauss_nodes, points_of, slices_of
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.render.spectral.spectra import illuminant, reflectance
 from pipeline.render.surroundings import Surroundings
-from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
@@ -193,8 +192,7 @@ def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light()
     plane, target = target_plane(pose), Target(Checkerboard(columns=2, rows=1, square_mm=6.0))
     bundle = Bundles(x_px, behind, np.stack([plane, plane])[None])
     edge_mm = pipeline.bundle(camera, *x_px[0], samples=4096).mean_at(300.0)[0]
-    corners = ((edge_mm, -90.0, 300.0), (90.0, -90.0, 300.0), (90.0, 90.0, 300.0), (edge_mm, 90.0, 300.0))
-    wall = Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)), radiance=0.0)
+    wall = mesh([(edge_mm, -90.0, 300.0), (90.0, -90.0, 300.0), (90.0, 90.0, 300.0), (edge_mm, 90.0, 300.0)])
     around, rig = Surroundings([(target, pose)], [(wall, np.eye(4))]), rig_of(camera)
     points = PointBundles(behind, x_px, plane[None])
     joined = shares(rig, around, 0, points, 1 << 12)[0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from laws import rigs
-from laws.lit import matt, plate, scene
+from laws.lit import matt, mesh, plate, scene
 from laws.solving import rig_of, solved
 from laws.test_model_cameras import model
 
@@ -23,7 +23,6 @@ from pipeline.render.labels.pixels import RANKS, Asked, labels_of
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.lighting.records import Input, Material
 from pipeline.render.pixel_rays import Band
-from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, Warped
 from pipeline.targets.target import Target
@@ -254,8 +253,7 @@ def test_light_through_other_microlenses_is_seen_and_does_not_flow():
     lens, array = rigs.tronnier(9.0), rigs.michels_array(1.5)
     camera = focused(Camera(prescription=lens, sensor=sensor, sensor_distance_mm=125.0, microlenses=array))
     here, still = plate(434.4, 60.0), np.eye(4)
-    corners = tuple((growth * x, growth * y, z) for x, y, z in here.vertices_mm)
-    there = Occluder(vertices_mm=corners, triangles=here.triangles)
+    there = mesh([(growth * x, growth * y, z) for x, y, z in here.vertices_mm])
     seen = labelled(camera, occluders=[(here, still)], later=Later([], [(there, still)]))
     y, x = np.mgrid[: sensor.height_px, : sensor.width_px].reshape(2, -1)
     at_mm, images = seen.rig.tracer.positions_mm(x, y), seen.rig.images
@@ -280,8 +278,7 @@ def test_light_through_other_microlenses_is_seen_and_does_not_flow():
 def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
     """A plate twice as large flows away from its middle; one that is gone, or has other faces, has no flow."""
     here = plate(434.4, 10.0)
-    larger = Occluder(vertices_mm=tuple((2 * x, 2 * y, z) for x, y, z in here.vertices_mm), triangles=here.triangles)
-    other = Occluder(vertices_mm=here.vertices_mm, triangles=here.triangles[:1])
+    larger, other = mesh(np.array(here.vertices_mm) * [2, 2, 1]), mesh(here.vertices_mm, here.triangles[:1])
     still = np.eye(4)
     seen = labelled(pinhole(), occluders=[(here, still)], later=Later([], [(larger, still)]))
     inside = (np.abs(slopes(seen.rig)) * 434.4 < 9.0).all(axis=2)

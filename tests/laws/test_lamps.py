@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from laws.lit import RAYS, agrees, lamp, looked, matt, plate, scene, towards
+from laws.lit import RAYS, agrees, lamp, looked, matt, mesh, plate, scene, towards
 from laws.rigs import facing
 from tolerances import LIT_ERRORS, PROFILE_FLUX
 
@@ -122,7 +122,7 @@ def test_the_edge_of_a_shadow_lies_where_geometry_says():
 
 def test_rays_of_a_pixel_are_evenly_spread_over_a_sky_that_is_half_hidden():
     """Half of all light arrives. A point by chance would bring all or nothing, and so add as much noise as light."""
-    wall = Occluder(vertices_mm=((0.0, 900.0, 500.0), (0.0, -900.0, 500.0), (0.0, 0.0, -9e5)), triangles=((0, 1, 2),))
+    wall = mesh([(0.0, 900.0, 500.0), (0.0, -900.0, 500.0), (0.0, 0.0, -9e5)], [(0, 1, 2)])
     hidden = scene([(plate(500.0), matt(0.5)), (wall, matt(0.0))], [lamp("dome")])
     mean, error = looked(hidden, (1e-3, 0.0, 500.0), (10.0, 0.0, 400.0), rays=64 * 64, scrambles=64)
     assert mean == pytest.approx(0.25, rel=0.02)
@@ -151,8 +151,7 @@ def test_half_a_lamp_lights_half():
 def glowing_square(half_mm: float, beside_mm: float = 0.0) -> Occluder:
     """A square across the axis, 100 mm before the spot, or so far beside that place."""
     x, y, z = SPOT[0] + beside_mm, SPOT[1], SPOT[2] - 100.0
-    corners = tuple((x + a * half_mm, y + b * half_mm, z) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
-    return Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)))
+    return mesh([(x + a * half_mm, y + b * half_mm, z) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
 def shining(emission: Input) -> Material:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builds import made
 from laws import rigs
+from laws.lit import mesh
 from laws.solving import rig_of
 from scipy.spatial.transform import Rotation
 from stage_text import stage_in, tiny_text
@@ -23,7 +24,6 @@ from pipeline.frames import rigid
 from pipeline.motion import Motion, Shutter
 from pipeline.records.plain import to_plain
 from pipeline.render.surroundings import Surroundings
-from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
@@ -220,8 +220,7 @@ def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exp
     rig, shutter = rig_of(rigs.conventional()), Shutter(scan_order="topToBottom", line_s=1e-3, exposure_s=exposure_s)
     size_px, board = rig.tracer.camera.sensor.size_px, Target(BOARD)
     pose = rigs.facing(DISTANCE_MM) @ rigid(Rotation.from_rotvec([0, 0, 0.4]).as_matrix(), np.zeros(3))
-    corners = [(-900, 0, 390), (900, 0, 390), (900, -900, 390), (-900, -900, 390)]
-    wall = Occluder(vertices_mm=tuple(map(tuple, np.array(corners, float).tolist())), triangles=((0, 1, 2), (0, 2, 3)))
+    wall = mesh([(-900, 0, 390), (900, 0, 390), (900, -900, 390), (-900, -900, 390)])
 
     def fallen(time_s: float) -> np.ndarray:
         return rigid(np.eye(3), np.array([0.0, 60 * (time_s - 0.036), 0.0]))

@@ -8,8 +8,9 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from laws.lit import mesh
 from laws.rigs import thin
-from laws.solving import rig_of
+from laws.solving import planes_of, rig_of
 from naive import brute
 from scipy.integrate import quad
 from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
@@ -26,7 +27,7 @@ from pipeline.targets.patterns.tags import Charuco
 from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.planes import faces_camera, tangent_planes
+from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.visibility import LOOK_RAYS, RAYS, PointBundles, seen, shares, visibility
 
@@ -49,15 +50,10 @@ def pinhole() -> Rig:
     return rig_of(rigs.bare(rigs.hole(1e-4), sensor, PINHOLE_MM, (300.0, 500.0)))
 
 
-def polygon(corners: np.ndarray, z_mm: float, radiance: float = 0.0) -> Occluder:
-    fan = tuple((0, i, i + 1) for i in range(1, len(corners) - 1))
-    return Occluder(vertices_mm=tuple((x, y, z_mm) for x, y in corners.tolist()), triangles=fan, radiance=radiance)
-
-
 def half_plane(edge_mm: float, angle_rad: float, z_mm: float) -> Occluder:
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     flat = np.array([[edge_mm, -900.0], [900.0, -900.0], [900.0, 900.0], [edge_mm, 900.0]])
-    return polygon(flat @ np.array([[c, s], [-s, c]]), z_mm)
+    return mesh([(x, y, z_mm) for x, y in flat @ np.array([[c, s], [-s, c]])])
 
 
 def ring(inner_mm: float, z_mm: float, corners: int = 256) -> Occluder:
@@ -67,16 +63,18 @@ def ring(inner_mm: float, z_mm: float, corners: int = 256) -> Occluder:
     both = np.concatenate([around * inner_mm / math.cos(math.pi / corners), 500.0 * around])
     i, j = np.arange(corners), (np.arange(corners) + 1) % corners
     triangles = np.concatenate([np.stack(t, axis=1) for t in ((i, j, j + corners), (i, j + corners, i + corners))])
-    return Occluder(
-        vertices_mm=tuple((x, y, z_mm) for x, y in both.tolist()),
-        triangles=tuple(map(tuple, triangles.tolist())),
-    )
+    return mesh([(x, y, z_mm) for x, y in both], triangles)
+
+
+def facing_planes(points_mm: np.ndarray) -> np.ndarray:
+    """Planes of points, of which visibility asks nothing but their normals."""
+    planes = np.zeros((len(points_mm), 4, 3))
+    planes[:, 0], planes[:, 3] = points_mm, [0.0, 0.0, -1.0]
+    return planes
 
 
 def at(rig: Rig, surroundings: Surroundings, points_mm: np.ndarray, x_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    planes = np.zeros((len(points_mm), 4, 3))
-    planes[:, 0], planes[:, 3] = points_mm, [0.0, 0.0, -1.0]
-    return visibility(rig, surroundings, 0, np.full(len(points_mm), -1), x_px, planes)
+    return visibility(rig, surroundings, 0, np.full(len(points_mm), -1), x_px, facing_planes(points_mm))
 
 
 def share_of_segment(cut_mm: float) -> float:
@@ -143,8 +141,7 @@ def through_pinhole(rig: Rig, points_mm: np.ndarray) -> np.ndarray:
 
 def seen_of(rig: Rig, target, pose: np.ndarray, others=()) -> tuple[np.ndarray, np.ndarray]:
     """Visibility of all points of a target that face a pinhole, and their numbers."""
-    points = target.points()
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    planes = planes_of(target, pose)
     facing = np.flatnonzero(faces_camera(planes))
     planes = planes[facing]
     around = Surroundings([(target, pose), *others])
@@ -179,8 +176,7 @@ def test_of_a_cube_no_face_hides_another_and_the_far_ones_face_away() -> None:
     share, facing = seen_of(pinhole(), cube, pose)
     assert len(set(facing // 9)) == 3 and len(facing) == 27
     assert (share == 1).all()
-    points = cube.points()
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)[facing]
+    planes = planes_of(cube, pose)[facing]
     assert not Surroundings([(cube, pose)]).may_hide(planes[:, 0], planes[:, 3]).any()
 
 
@@ -208,15 +204,13 @@ def test_steps_hide_each_other_as_occluders_of_their_shape_do() -> None:
     """A wide lens far out of focus, seen from below: feet of the upper step, against that step alone behind meshes."""
     board = Checkerboard(columns=6, rows=5, square_mm=0.8)
     stairs, pose = Target(board, Stairs(steps=2, depth_mm=20.0)), rigs.facing(380.0, 0.0, 0.0, -14.0)
-    rig, points = rig_of(rigs.conventional(17.1)), stairs.points()
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)[30:]
+    rig, planes = rig_of(rigs.conventional(17.1)), planes_of(stairs, pose)[30:]
     lens, x_px = np.full(30, -1), positions_of(rig, planes[:, 0], 400.0)
     lower, upper, tread = stairs.patches()
     others = []
     for patch in (lower, tread):
-        corners = apply(patch.target_from_patch, patch.mesh().reshape(-1, 3)).tolist()
-        triangles = tuple((i, i + 1, i + 2) for i in range(0, len(corners), 3))
-        others.append((Occluder(vertices_mm=tuple(map(tuple, corners)), triangles=triangles), pose))
+        corners = apply(patch.target_from_patch, patch.mesh().reshape(-1, 3))
+        others.append((mesh(corners, np.arange(len(corners)).reshape(-1, 3)), pose))
     alone = Surroundings([(Target(board), pose @ upper.target_from_patch)], others)
     expected, _ = visibility(rig, alone, 0, lens, x_px, planes)
     share, _ = visibility(rig, Surroundings([(stairs, pose)]), 0, lens, x_px, planes)
@@ -243,8 +237,7 @@ def test_a_bent_sheet_does_not_hide_its_own_points(surface) -> None:
     rig, target = rig_of(camera), Target(BOARD, surface)
     for distance_mm in (415.0, 460.0):
         pose = rigs.facing(distance_mm, 20.0)
-        points = target.points()
-        planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+        planes = planes_of(target, pose)
         x_px = positions_of(rig, planes[:, 0], distance_mm)
         share, _ = visibility(rig, Surroundings([(target, pose)]), 0, np.full(len(planes), -1), x_px, planes)
         assert share.tolist() == [1.0] * len(planes)
@@ -304,11 +297,10 @@ def test_a_tip_that_is_marked_on_a_mesh_is_seen_from_the_front_and_not_through_a
     one = np.array([[-5, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0], [0, 0, 6]], float)
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
     for beside, expected in ((12.0, 1.0), (0.0, 0.0)):
-        vertices = np.concatenate([one, one + np.array([beside, 0, 20])])
-        triangles = np.concatenate([faces, faces + 5])
+        both = mesh([*one, *(one + np.array([beside, 0, 20]))], [*faces, *(faces + 5)])
         target = MeshTarget(
-            vertices_mm=tuple(map(tuple, vertices.tolist())),
-            triangles=tuple(map(tuple, triangles.tolist())),
+            vertices_mm=both.vertices_mm,
+            triangles=both.triangles,
             albedo=((1.0, 1.0, 1.0),) * 8,
             points_mm=((0.0, 0.0, 6.0),),
             normals=((0.0, 0.0, 1.0),),
@@ -354,8 +346,7 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
 
 
 def solved_rows(rig: Rig, target, pose: np.ndarray):
-    points = target.points()
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    planes = planes_of(target, pose)
     return solve(rig, guesses(rig, planes)[0], planes, 1e-3, 0.05), planes
 
 
@@ -399,9 +390,7 @@ def test_more_rays_go_where_a_row_is_partly_hidden() -> None:
     point, x_px = np.array([[0.0, 0.0, FOCUS_MM]]), np.array([[2.0, 2.0]])
     errors = {rays: [] for rays in (LOOK_RAYS, RAYS)}
     expected = share_of_segment(0.7 / (1 - 150.0 / FOCUS_MM))
-    planes = np.zeros((1, 4, 3))
-    planes[:, 0], planes[:, 3] = point, [0.0, 0.0, -1.0]
-    bundle = PointBundles(np.array([-1]), x_px, planes)
+    bundle = PointBundles(np.array([-1]), x_px, facing_planes(point))
     for seed in range(10):
         rig = ideal(seed)
         assert at(rig, around, point, x_px)[0] == shares(rig, around, 0, bundle, RAYS)[0]
@@ -433,8 +422,7 @@ def test_the_light_in_an_image_falls_as_the_visibility(rig: Rig) -> None:
     bright = own_light((dataclasses.replace(wall, radiance=0.25), HERE)) / free
     across, down = np.arange(float(sensor.width_px)), np.arange(float(sensor.height_px))
     x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    planes = np.zeros((len(x_px), 4, 3))
-    planes[:, 0], planes[:, 3] = [0.0, 0.0, distance_mm], [0.0, 0.0, -1.0]
+    planes = facing_planes(np.tile([0.0, 0.0, distance_mm], (len(x_px), 1)))
     lens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
     share, _ = visibility(rig, Surroundings([(card, pose)], [(wall, HERE)]), 0, lens, x_px, planes)
     assert share.min() > 0.3 and share.max() < 0.9

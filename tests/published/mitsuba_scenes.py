@@ -6,7 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from laws.lit import block, lamp, named, scene
+from laws.lit import ball, block, lamp, named, scene
 from pxr import Usd, UsdGeom
 
 from pipeline.files.pictures import decoded
@@ -16,7 +16,6 @@ from pipeline.render.lighting.records import Finish, Material, PlacedLamp, Shapi
 from pipeline.scene.materials import read_finish
 from pipeline.scene.occluders import read_occluder
 from pipeline.scene.pictures import name_of, named_by, picture_of, reading_below
-from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
 
 mi.set_variant("scalar_rgb")
@@ -56,11 +55,7 @@ class Both:
         self, centre_mm: tuple[float, float, float], radius_mm: float, material: Material, bsdf: dict, **more: Any
     ) -> None:
         """A ball of glass, as fine triangles here."""
-        ball = solids.sphere(radius_mm, 2e-4 * radius_mm)
-        points = tuple(map(tuple, (ball.points + centre_mm).tolist()))
-        mesh = Occluder(vertices_mm=points, triangles=tuple(map(tuple, ball.triangles.tolist())))
-        normals = tuple(map(tuple, ball.normals.reshape(-1, 9).tolist()))
-        self.things.append((mesh, Finish(materials=(material,), normals=normals)))
+        self.things.append(ball(centre_mm, radius_mm, material, 2e-4))
         shape = {"type": "sphere", "center": list(centre_mm), "radius": radius_mm, "bsdf": bsdf, **more}
         self.theirs[f"ball{len(self.things)}"] = shape
 
