@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from builds import made
 from laws import rigs
-from laws.solving import rig_of
+from laws.solving import planes_of, rig_of
 from scipy.spatial.transform import Rotation
 from stage_text import DATA, over_tiny
 
@@ -244,9 +244,8 @@ def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.nda
     rig, points = rig_of(camera.camera), target.target.points()
 
     def planes(of: pipeline.scene.dataset.Dataset) -> np.ndarray:
-        there = of.targets[0].target.points()
         pose = of.frames[frame].vision_from_target(camera.name, target.name)
-        return tangent_planes(pose, there.position_mm, there.plane_axes)
+        return planes_of(of.targets[0].target, pose)
 
     here = planes(dataset)
     rows = solve(rig, guesses(rig, here)[0], here, 1e-9, 0.05).solutions

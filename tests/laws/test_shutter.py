@@ -10,7 +10,7 @@ import pytest
 from builds import made
 from laws import rigs
 from laws.lit import mesh
-from laws.solving import rig_of
+from laws.solving import planes_of, rig_of, solved
 from scipy.spatial.transform import Rotation
 from stage_text import stage_in, tiny_text
 
@@ -26,7 +26,7 @@ from pipeline.records.plain import to_plain
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
-from pipeline.targets.target import Target
+from pipeline.targets.target import AnyTarget, Target
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.truth.direct.direct_rows import guesses, solve
@@ -38,6 +38,7 @@ from pipeline.truth.visibility import PointBundles, visibility
 
 EXACT_PX = 1e-9
 BOARD = Checkerboard(columns=4, rows=3, square_mm=2.0)
+FLAT = Target(BOARD)
 DISTANCE_MM = 434.4
 Path_ = Callable[[float], np.ndarray]
 """Place of the board by time [s]."""
@@ -54,11 +55,11 @@ def motion_of(pose: Path_, edges_s: list[float]) -> Motion:
     return Motion(edges_s=tuple(edges_s), poses=tuple([[pose(t).tolist() for t in piece] for piece in times.tolist()]))
 
 
-def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float) -> MovingPlanes:
+def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float, target: AnyTarget = FLAT) -> MovingPlanes:
     size_px = rig.tracer.camera.sensor.size_px
     first, end = shutter.window_s(size_px)
     motion = motion_of(pose, [first - 0.01, *bends_s, end + 0.01])
-    return MovingPlanes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, size_px)
+    return MovingPlanes(planes_of(target, np.eye(4)), motion, shutter, size_px)
 
 
 def shifted(x: float, y: float) -> np.ndarray:
@@ -69,9 +70,8 @@ def shifted(x: float, y: float) -> np.ndarray:
 
 def still(rig: Rig, pose: np.ndarray, accuracy_px: float = 1e-6) -> np.ndarray:
     """Positions of all points of the board, (p, 2)."""
-    planes = tangent_planes(pose, BOARD.points_mm())
-    solutions = solve(rig, guesses(rig, planes)[0], planes, accuracy_px, 0.05).solutions
-    assert len(solutions.point) == len(planes)
+    solutions = solved(rig, BOARD, pose, accuracy_px).solutions
+    assert len(solutions.point) == len(BOARD.points_mm())
     return solutions.xy_px
 
 
@@ -130,8 +130,7 @@ def test_each_row_is_that_of_a_still_board_at_its_own_time(kind, request):
     time = time_of_rows(rig, planes, rows).middle_s
     assert len(rows.point) >= len(planes.of_target) and np.ptp(time) > 0.002
     for number in range(0, len(time), 1 + len(time) // 8):
-        at = tangent_planes(turning(time[number]), BOARD.points_mm())
-        alone = solve(rig, guesses(rig, at)[0], at, 1e-5, 0.05).solutions
+        alone = solved(rig, BOARD, turning(time[number]), 1e-5).solutions
         same = (alone.point == rows.point[number]) & (alone.cell == rows.cell[number])
         np.testing.assert_allclose(alone.xy_px[same], rows.xy_px[None, number], rtol=0, atol=2e-5)
 
@@ -168,21 +167,18 @@ def test_other_positions_of_a_moving_point_are_those_of_a_still_one_at_their_own
 
     pattern = CircleGrid(columns=2, rows=1, spacing_mm=3.0, diameter_mm=1.0)
     target = Target(pattern if name == "centroid" else Checkerboard(columns=2, rows=1, square_mm=2.0))
-    points, rig = target.points(), rig_of(rigs.conventional())
+    rig = rig_of(rigs.conventional())
     shutter = Shutter(scan_order="leftToRight", opens_s=-0.01, line_s=2e-4, exposure_s=1e-3)
-    size_px = rig.tracer.camera.sensor.size_px
-    motion = motion_of(pose, [-0.02, shutter.window_s(size_px)[1] + 0.01])
-    of_target = tangent_planes(np.eye(4), points.position_mm, points.plane_axes)
-    planes = MovingPlanes(of_target, motion, shutter, size_px)
+    planes = moving(rig, pose, shutter, target=target)
     rows = solve_moving(rig, planes, slice(None), 1e-5, 0.05).solutions
     x_px = moving_column_set(name, rig, target, planes, rows).x_px
 
     def still(t: float) -> np.ndarray:
-        at = tangent_planes(pose(t), points.position_mm, points.plane_axes)
-        return column_set(name, rig, target, pose(t), at, rows).x_px
+        return column_set(name, rig, target, pose(t), planes_of(target, pose(t)), rows).x_px
 
+    size_px = rig.tracer.camera.sensor.size_px
     own_s, that_of_j_s = (shutter.middle_s(x, size_px).tolist() for x in (x_px, rows.xy_px))
-    for row in range(len(points.kinds)):
+    for row in range(len(target.points().kinds)):
         np.testing.assert_allclose(x_px[row], still(own_s[row])[row], rtol=0, atol=1e-6)
         assert np.abs(x_px[row] - still(that_of_j_s[row])[row]).max() > 1e-5
 
@@ -218,7 +214,7 @@ def test_an_exposure_becomes_an_instant_by_its_square(pinhole):
 def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exposure(exposure_s):
     """To the nearest of 33 instants: the share lies between those half a step before and after."""
     rig, shutter = rig_of(rigs.conventional()), Shutter(scan_order="topToBottom", line_s=1e-3, exposure_s=exposure_s)
-    size_px, board = rig.tracer.camera.sensor.size_px, Target(BOARD)
+    size_px, board = rig.tracer.camera.sensor.size_px, FLAT
     pose = rigs.facing(DISTANCE_MM) @ rigid(Rotation.from_rotvec([0, 0, 0.4]).as_matrix(), np.zeros(3))
     wall = mesh([(-900, 0, 390), (900, 0, 390), (900, -900, 390), (-900, -900, 390)])
 
