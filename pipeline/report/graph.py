@@ -4,8 +4,8 @@ Boxes are in the order of the work, so that most arcs lead down; the farther an 
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
+from pipeline.engine.planning.collapsed_graph import Node
 from pipeline.files import svg as svg_file
 
 _MARGIN = 20.0
@@ -15,19 +15,6 @@ WIDTH, HEIGHT, GAP = 210.0, 44.0, 18.0
 """Size of a box, and room between boxes [px]."""
 _NEAREST, _STEP, _WIDEST = 24.0, 16.0, 320.0
 """Bend of an arc to the next box, what each further box adds, and the widest bend [px]: thousands of tasks fit."""
-
-
-class Node(Protocol):
-    """A node that is drawn: see `engine.planning.collapsed_graph.Node`."""
-
-    name: str
-    reads: list[str]
-
-    @property
-    def label(self) -> tuple[str, str]: ...
-
-    @property
-    def colour(self) -> str: ...
 
 
 def svg(groups: Sequence[Node], title: str) -> str:

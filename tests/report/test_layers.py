@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,33 +11,27 @@ import pytest
 from places import TINY_PLENOPTIC
 
 from pipeline.app.build import project
+from pipeline.engine.planning.collapsed_graph import Node
 from pipeline.report.graph import HEIGHT, WIDTH, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@dataclass
-class Node:
-    name: str
-    reads: list[str] = field(default_factory=list)
-    colour: str = "#fff"
-
-    @property
-    def label(self) -> tuple[str, str]:
-        return self.name, ""
+def node(name: str, reads: list[str] = ()) -> Node:
+    return Node(name, Counter(run=1), list(reads))
 
 
 def tasks(stage: Path) -> list[Node]:
     graph = project(stage).graph
-    return [Node(name, list(graph.sources(name))) for name in graph]
+    return [node(name, graph.sources(name)) for name in graph]
 
 
 @pytest.mark.parametrize(
     "nodes",
     [
-        [Node("alone")],
-        [Node("a"), Node("b", ["a"]), Node("c", ["b"]), Node("d", ["a", "c"]), Node("e", ["b", "d"])],
-        [Node("a", ["c"]), Node("b", ["a"]), Node("c", ["b"])],  # one reads a later one, as collapsed passes do
+        [node("alone")],
+        [node("a"), node("b", ["a"]), node("c", ["b"]), node("d", ["a", "c"]), node("e", ["b", "d"])],
+        [node("a", ["c"]), node("b", ["a"]), node("c", ["b"])],  # one reads a later one, as collapsed passes do
         tasks(TINY_PLENOPTIC),
     ],
     ids=("alone", "chain", "back", "tiny"),
