@@ -182,9 +182,11 @@ def graph(
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:
-        from pipeline.app.stages import draw
+        from pipeline.engine.files import chosen_place
+        from pipeline.files.drawings import write_drawing
 
-        draw(svg(groups, str(project.head.get("stage"))), picture)
+        with chosen_place("write", picture):
+            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
         note(f"wrote {picture}")
     elif form == "json":
         say_json({"groups": [group.to_dict() for group in groups]})
