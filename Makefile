@@ -35,7 +35,7 @@ referees: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio
 	$(BIN)/python -m pytest -q -rP -n $(WORKERS) -m "heavy or not heavy" tests/published/test_mitsuba.py \
 		tests/published/test_emva1288.py tests/laws/test_colours.py tests/laws/test_reflection.py \
-		tests/laws/test_radiometry.py tests/laws/test_diffracted_images.py \
+		tests/laws/test_radiometry.py tests/laws/test_diffraction.py \
 		tests/render/test_raw_colours.py tests/rerun/test_raw_images.py
 	$(BIN)/python benchmarks/sensor.py
 	$(BIN)/python benchmarks/diffraction.py
