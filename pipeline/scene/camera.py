@@ -165,8 +165,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         relationship = camera.GetRelationship(name)
         count = len(target_paths(relationship))
         if count > 1:
-            message = f'"{name}" has {count} targets, a camera has one'
-            yield problem(relationship, "several-targets", message)
+            yield problem(relationship, "several-targets", f'"{name}" has {count} targets, a camera has one')
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
     problems = list(check_shutter(camera))
@@ -236,8 +235,7 @@ def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Pr
     for name, plane_mm in (("plen:camera:near", near_mm), ("plen:camera:far", far_mm)):
         if plane_mm is not None and plane_mm <= first_mm:
             inside = f"inside the lens, whose first vertex is {first_mm:g} mm before the stop"
-            message = f'"{name}" = {plane_mm:g} mm lies {inside}'
-            yield problem(camera.GetAttribute(name), "inside-lens", message)
+            yield problem(camera.GetAttribute(name), "inside-lens", f'"{name}" = {plane_mm:g} mm lies {inside}')
 
 
 def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
@@ -341,8 +339,7 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
         except CameraError as error:
             yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
     if repeated := [f_number for f_number, count in Counter(f_numbers).items() if count > 1]:
-        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
-        yield problem(attribute, "repeated-f-number", message)
+        yield problem(attribute, "repeated-f-number", f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once')
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

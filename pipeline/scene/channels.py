@@ -192,8 +192,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     if array and read(array, "plen:model") != "thin" and not read(array, "plen:glass"):
         message = "the microlenses have the same index at all wavelengths, and the sensor has channels"
-        hint = "plen:glass on the array says what they are made of"
-        yield warning(array, "printed-wavelength", message, hint=hint)
+        yield warning(array, "printed-wavelength", message, hint="plen:glass on the array says what they are made of")
     for prim in channel_prims(sensor):
         try:
             _read_channel(camera, prim, illuminant_of(camera))

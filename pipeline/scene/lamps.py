@@ -324,8 +324,7 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             yield warning(prim, "bright-sky", message, hint=hint)
         for camera in _inside(dataset, entry.prim_path, entry.lamp):
             message = f'"{camera}" stands inside of this lamp: its images show the lamp and nothing else'
-            hint = "move the lamp, or make it smaller"
-            yield warning(prim, "lamp-around-camera", message, hint=hint)
+            yield warning(prim, "lamp-around-camera", message, hint="move the lamp, or make it smaller")
     bright = {entry.prim_path: entry.lamp for entry in dataset.lamps if any(entry.lamp.radiance)}
     for target in dataset.targets if bright else ():
         dark = [frame.number for frame in dataset.frames if not _is_reached(target, frame, bright)]
@@ -335,8 +334,7 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
                 f'no lamp shines on the front of "{prim.GetName()}" in {len(dark)} of {len(dataset.frames)} frames: '
                 f"{frames_in_words(dark)}"
             )
-            hint = f"turn a lamp, or add a DomeLight: {_DIRECTED}"
-            yield warning(prim, "unlit", message, hint=hint)
+            yield warning(prim, "unlit", message, hint=f"turn a lamp, or add a DomeLight: {_DIRECTED}")
 
 
 def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:

@@ -277,8 +277,7 @@ def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
             hint = did_you_mean(name, children)
             yield problem(order, "surface-order", f'"{name}" is no PlenSurface below the lens', hint=hint)
     for name in sorted(set(children) - set(names)):
-        message = f'surface "{name}" is missing in "plen:surfaceOrder"'
-        yield problem(lens.GetChild(name), "surface-order", message)
+        yield problem(lens.GetChild(name), "surface-order", f'surface "{name}" is missing in "plen:surfaceOrder"')
 
 
 def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surface) -> Iterator[Problem]:

@@ -125,13 +125,11 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         coat = prim.GetAttribute("plen:coat:roughness")
         if not has_light and coat and coat.HasAuthoredValue():
             message = "the coat of a target is not seen, because the dataset has no lamp"
-            hint = "add a light of UsdLux, such as a RectLight"
-            yield warning(coat, "unused-value", message, hint=hint)
+            yield warning(coat, "unused-value", message, hint="add a light of UsdLux, such as a RectLight")
         for name in ("plen:white", "plen:black") if has_light else ():
             if (read(prim, name) or 0.0) > 1:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
-                hint = "make the lamps brighter instead"
-                yield problem(prim.GetAttribute(name), "reflectance", message, hint=hint)
+                yield problem(prim.GetAttribute(name), "reflectance", message, hint="make the lamps brighter instead")
     remarks = dict[Problem, None]()  # meshes share materials
     for prim in seen_meshes(root) if has_light else ():
         if prim.GetPath() in wrong:

@@ -201,14 +201,12 @@ def check_motions(
                 message = (
                     f"<{prim.GetPath()}> changes its shape, and keeps that of the time code while a shutter is open"
                 )
-                hint = "its transform may move meanwhile"
-                yield not_drawn(prim, message, hint=hint)
+                yield not_drawn(prim, message, hint="its transform may move meanwhile")
         for prim in filter(_is_placed_at_frames, root.GetStage().Traverse()):
             message = (
                 f"what <{prim.GetPath()}> moves is placed at time codes of frames alone, and a shutter is open longer"
             )
-            hint = "prims that move by their own xformOps move meanwhile"
-            yield not_drawn(prim, message, hint=hint)
+            yield not_drawn(prim, message, hint="prims that move by their own xformOps move meanwhile")
 
 
 def _is_placed_at_frames(prim: Usd.Prim) -> bool:

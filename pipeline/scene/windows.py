@@ -182,9 +182,8 @@ def check_window(window: Usd.Prim) -> Iterator[Problem]:
     panes, root = ordered_surfaces(window), window.GetStage().GetDefaultPrim()
     has_glass = (read(pane, "plen:glass") or pane.GetAttribute("plen:index").HasAuthoredValue() for pane in panes)
     if panes and not any(has_glass) and (not root or read(root, "plen:medium") in (None, AIR)):
-        message = f"<{window.GetPath()}> is air in air: it bends no light"
         hint = "write plen:glass on each surface behind which there is glass, as light meets them"
-        yield warning(window, "unused-window", message, hint=hint)
+        yield warning(window, "unused-window", f"<{window.GetPath()}> is air in air: it bends no light", hint=hint)
 
 
 def check_medium(root: Usd.Prim) -> Iterator[Problem]:

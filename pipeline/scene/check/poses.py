@@ -92,12 +92,10 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
     attribute = op.GetAttr()
     value = attribute.Get(float(number))
     if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
-        message = f'"{attribute.GetName()}" has no value at time code {number}'
-        yield problem(attribute, "no-pose-sample", message)
+        yield problem(attribute, "no-pose-sample", f'"{attribute.GetName()}" has no value at time code {number}')
     elif op.GetOpType() == UsdGeom.XformOp.TypeTransform and Gf.Matrix4d(value).GetColumn(3) != Gf.Vec4d(0, 0, 0, 1):
         message = f'"{attribute.GetName()}" is no affine matrix: its last column is {value.GetColumn(3)}'
-        hint = "it counts as (0, 0, 0, 1)"
-        yield warning(attribute, "not-affine", message, hint=hint, time=sample)
+        yield warning(attribute, "not-affine", message, hint="it counts as (0, 0, 0, 1)", time=sample)
     elif is_orient(op):
         parts = quaternion(op, float(number)) or (math.nan,)
         off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)

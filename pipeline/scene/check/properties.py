@@ -148,9 +148,8 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
         fitting = _existing(stage, path, wanted)
         is_telling = wanted not in (None, "Imageable") and fitting  # nearly all prims are imageable
         there = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if is_telling else None
-        hint = did_you_mean(str(path), fitting) or there
         message = f'"{name}" points at <{path}>, which does not exist'
-        yield problem(relationship, "missing-target", message, hint=hint)
+        yield problem(relationship, "missing-target", message, hint=did_you_mean(str(path), fitting) or there)
     if len(missing) > _TARGETS_NAMED:
         message = f'"{name}" points at {len(missing) - _TARGETS_NAMED:,} others that do not exist'
         yield problem(relationship, "missing-target", message)
@@ -211,12 +210,10 @@ def _check_value(attribute: Usd.Attribute, value: Any, time: float | None, rule:
     """Problems of one value as read by USD: it must have the right type and length, and be finite and in range."""
     name, wanted = attribute.GetName(), attribute.GetTypeName()
     if type(value) is not type(wanted.defaultValue):
-        message = f'"{name}" must hold a {wanted}, not {shortened(str(value))}'
-        yield problem(attribute, "wrong-type", message, time=time)
+        yield problem(attribute, "wrong-type", f'"{name}" must hold a {wanted}, not {shortened(str(value))}', time=time)
     elif rule and rule.entries and not rule.entries[0] <= len(value) <= rule.entries[1]:
         fewest, most = rule.entries
-        message = f'"{name}" has {len(value)} entries, not {fewest} to {most}'
-        yield problem(attribute, "entries", message, time=time)
+        yield problem(attribute, "entries", f'"{name}" has {len(value)} entries, not {fewest} to {most}', time=time)
     else:
         if (text := bad_text(value)) is not None:
             what, hint = "characters that cannot be printed", "remove line breaks, tabs and control characters"

@@ -206,15 +206,13 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     # Anything but an array of tokens is reported as a wrong type.
     named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
     if len(named) > _MOST_OPS:
-        message = f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}'
-        yield problem(order, "entries", message)
+        yield problem(order, "entries", f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}')
         return
     for name in named:
         if name != "!resetXformStack!" and not prim.HasProperty(name):
             # USD raises an error only later, when the transform is read.
             hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
-            message = f'xformOpOrder names "{name}", which does not exist'
-            yield problem(order, "missing-xform-op", message, hint=hint)
+            yield problem(order, "missing-xform-op", f'xformOpOrder names "{name}", which does not exist', hint=hint)
     ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
     # A stronger order leaves out what a weaker file moves, as USD intends.
     strongest = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118
@@ -226,8 +224,7 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
         whole = ", ".join(f'"{name}"' for name in [*named, *usual])
         stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
         hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
-        message = f"{names} {stand} in no xformOpOrder, so {move} nothing"
-        yield problem(unused[0], "unused-xform-op", message, hint=hint)
+        yield problem(unused[0], "unused-xform-op", f"{names} {stand} in no xformOpOrder, so {move} nothing", hint=hint)
 
 
 def _rank(op: str) -> int:

@@ -225,6 +225,5 @@ def _is_skinned(prim: Usd.Prim) -> bool:
 
 
 def _unbaked(prim: Usd.Prim) -> Problem:
-    message = f"UsdSkel cannot move <{prim.GetPath()}>: it is drawn as it was modelled"
     hint = "see that its skeleton, joints and weights fit each other"
-    return not_drawn(prim, message, hint=hint)
+    return not_drawn(prim, f"UsdSkel cannot move <{prim.GetPath()}>: it is drawn as it was modelled", hint=hint)
