@@ -85,7 +85,7 @@ def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
             names = ("f6", "f0", "f1", "f2", "f3")  # frame, column and row of the micro-image, x and y
             answers["corners"] = np.stack([features[name].astype(float) for name in names], axis=1)
             own = calibrated("own", observations)
-            if not own["poses"]:
+            if len(own["poses"]) == 0:
                 raise Failed("it throws every board away, because it finds too few or too many corners")
             answers["own"] = own
         except Failed as error:  # its calibration from exact rows is worth keeping
