@@ -1,5 +1,6 @@
 """Materials of the meshes of a lit scene, with their normals and texture coordinates, and which meshes these are."""
 
+import math
 from collections.abc import Iterator, Set
 
 import numpy as np
@@ -115,7 +116,7 @@ def _at_corners(
 
 
 def _rows(corners: np.ndarray) -> tuple[Numbers, ...]:
-    return tuple(map(tuple, (corners.reshape(len(corners), -1) + 0.0).tolist()))
+    return tuple(map(tuple, (corners.reshape(len(corners), math.prod(corners.shape[1:])) + 0.0).tolist()))
 
 
 def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:

@@ -169,6 +169,17 @@ def test_a_sky_that_makes_everything_white_is_told(tmp_path, intensity, is_told)
     assert ("bright-sky" in codes) == is_told
 
 
+def test_normals_of_a_mesh_without_faces_are_no_traceback(tmp_path):
+    mesh = """
+        def Mesh "Nothing"
+        {
+            point3f[] points = [(-1, -1, 0), (1, -1, 0), (-1, 1, 0)]
+            normal3f[] normals = [(0, 0, 1), (0, 0, 1), (0, 0, 1)] (interpolation = "faceVarying")
+        }"""
+    [told] = [problem for problem in loaded(tmp_path, SUN + mesh).problems if "Nothing" in (problem.at or "")]
+    assert told.code == "not-drawn" and "no faces" in told.message
+
+
 def test_what_is_hidden_or_for_viewers_alone_is_in_no_image(tmp_path):
     veil = (WALL % "").replace('"Wall"', '"Veil"').replace("-500)", "-400)")
     shown = SUN + WALL % "color3f[] primvars:displayColor = [(0.6, 0.6, 0.6)]"
