@@ -8,7 +8,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.render.lighting.records import Finish, Numbers
 from pipeline.scene.lamps import is_in_images, is_lit
-from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades
+from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades, values_of
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
@@ -86,8 +86,7 @@ def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -
     """Values of a primvar at the corners of all triangles; without one the coordinates of a solid, or its fallback."""
     primvar, size = primvar_of(prim, wanted), len(wanted.fallback)
     if primvar is not None:
-        values = plain(primvar.ComputeFlattened(time) or ())
-        return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
+        return _at_corners(values_of(primvar, time), primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
     if shape.st is not None and size == shape.st.shape[1]:
         return _rows(shape.st[shape.corners])
     return (wanted.fallback * 3,) * len(shape.corners)

@@ -127,7 +127,13 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
     """The primvar of a shape that a material reads; None if it has none."""
     primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name)
-    return primvar if primvar and primvar.HasValue() and len(primvar.Get(Usd.TimeCode.EarliestTime()) or ()) else None
+    return primvar if primvar and primvar.HasValue() and values_of(primvar, Usd.TimeCode.EarliestTime()) else None
+
+
+def values_of(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> tuple[Any, ...]:
+    """All values of a primvar; what is no array is a single one."""
+    values = plain(primvar.ComputeFlattened(time))
+    return (values or ()) if primvar.GetTypeName().isArray else (values,)
 
 
 def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
@@ -154,7 +160,7 @@ def _display_colours(mesh: Usd.Prim) -> Shaded:
     inputs, primvars = list[Input](), list[Wanted]()
     for wanted in (Wanted("displayColor", _GREY), Wanted("displayOpacity", (1.0,))):
         primvar = primvar_of(mesh, wanted)
-        values = plain(primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())) if primvar else ()
+        values = values_of(primvar, Usd.TimeCode.EarliestTime()) if primvar else ()
         if not primvar or len(set(values)) < 2 or primvar.GetInterpolation() == UsdGeom.Tokens.constant:
             value = values[0] if values else wanted.fallback
             inputs.append(Input(value=value if isinstance(value, tuple) else (value,)))

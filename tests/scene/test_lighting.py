@@ -333,6 +333,19 @@ def test_a_primvar_that_is_not_there_is_its_fallback(tmp_path):
     assert len(warnings) == 1 and '"primvars:paint"' in warnings[0].message and "0.4, 0.4, 0.4" in warnings[0].message
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "value", "output", "expected"),
+    [("diffuseColor", "float3", "color3f primvars:paint = (0.6, 0.6, 0.6)", "float3", 0.6),
+     ("opacity", "float", "float primvars:paint = 0", "float", 0.0)],
+)  # fmt: skip
+def test_a_primvar_that_is_no_array_is_its_value_everywhere(tmp_path, name, kind, value, output, expected):
+    reader = f"{'color3f' if kind == 'float3' else kind} inputs:{name}.connect = </Scene/Paper/Reader.outputs:result>"
+    material = SURFACE % (reader, READER % ("", kind, "paint", f"{output} outputs:result"))
+    shade, warnings = drawn_with(tmp_path, BOUND % value + material)
+    assert shade == pytest.approx(expected, rel=1e-6)
+    assert not any("paint" in warning.message for warning in warnings)
+
+
 def test_two_textures_of_a_material_have_each_their_coordinates(tmp_path):
     """Half as opaque, and only where the second set says so."""
     pixels = np.zeros((1, 2, 3), np.uint8)
