@@ -38,15 +38,13 @@ class Request:
             raise ExportError(f"there is no position {self.position!r}", hint=hint)
 
 
-@lru_cache(maxsize=4)
 def sight_of(out: Path, name: str) -> "ReadyCamera":
-    """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
+    """A camera of the stage that was built, made ready."""
     from pipeline.results.opening import ready  # loads USD and the tracer, which few formats need
 
     return ready(out, name)
 
 
-@lru_cache(maxsize=1)
 def scene_of(out: Path) -> SeenScene:
     """Targets and other things before the cameras of a build."""
     from pipeline.results import opening  # as above
@@ -61,7 +59,9 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there.
     """
     asked = _asked(formats, folder, request or Request())
-    sight, scene = partial(sight_of, output.path), partial(scene_of, output.path)
+    # Formats share them, but not with another call: the folder may have been built again
+    sight = lru_cache(maxsize=4)(partial(sight_of, output.path))
+    scene = lru_cache(maxsize=1)(partial(scene_of, output.path))
     materials = {
         wish: with_noise(chosen(gather(output, sight, scene, wish.position), wish.only), wish.noise)
         for _, wish in asked.values()

@@ -5,13 +5,14 @@
 import numpy as np
 import pytest
 from exports.flipping import flips, require_notice
-from exports.maps import CHECKS, channels, lit_rays, write_small_build
+from exports.maps import CHECKS, PinholeSight, channels, lit_rays, write_small_build
 from exports.pretended import CORNER_PX, Scene
 from exports.readers import CHECKS as BOARD_CHECKS
 
 import pipeline
 from pipeline.exports.export import export
 from pipeline.exports.ray_patches import rows_of_rays
+from pipeline.results import opening
 from pipeline.results.output import open_output
 
 
@@ -111,6 +112,16 @@ def test_bands_do_not_show(small, tmp_path, monkeypatch):
     (bands,) = export(small, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name
+
+
+def test_each_export_makes_its_camera_ready_anew(small, tmp_path, monkeypatch):
+    """In a notebook, the folder may have been built again in between; formats of one call share a camera."""
+    monkeypatch.undo()  # what stands for cameras of pretended builds
+    made = []
+    monkeypatch.setattr(opening, "ready", lambda out, name: made.append(name) or PinholeSight())
+    for number in range(2):
+        export(small, ["rays", "stmap"], tmp_path / str(number))
+    assert made == ["Left"] * 2
 
 
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
