@@ -83,14 +83,15 @@ def ensemble(stage: Path, out: Path, count: int, options: BuildOptions, run: Run
     options = replace(options, allow_roots=roots)
     names = [f"member_{number:04d}" for number in range(1, count + 1)]
     layers = {name: out / f"{name}.usda" for name in names}
-    numbers = {}
-    with chosen_place("write", out):
-        out.mkdir(parents=True, exist_ok=True)
-        for member, (name, layer) in enumerate(layers.items(), 1):
-            text, numbers[name] = drawn(stage, member, layer)
-            layer.write_text(text, encoding="utf-8")
+    texts, numbers = {}, {}
+    for member, (name, layer) in enumerate(layers.items(), 1):
+        texts[name], numbers[name] = drawn(stage, member, layer)
     if not numbers[names[0]]:
         raise _no_tolerance(stage)
+    with chosen_place("write", out):
+        out.mkdir(parents=True, exist_ok=True)
+        for name, layer in layers.items():
+            layer.write_text(texts[name], encoding="utf-8")
     for layer in layers.values():
         sound(layer, roots)  # all of them before the first is built
     certificates = {}

@@ -147,7 +147,7 @@ def write_whole(text: str, out: Path) -> Loaded:
         out.unlink()
         raise StageError(unwritten(errors, out, out))
     fix(out)
-    return load(out)
+    return load(out, look=True)
 
 
 def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:

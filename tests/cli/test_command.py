@@ -126,6 +126,8 @@ def test_plan_explain_and_status_agree(pipeline, stage):
         (["build", "s.json", "-o", "s.json/below/it"], "below the file"),
         (["build", "missing.json"], "does not exist"),
         (["check", "missing.json"], "does not exist"),
+        (["build", "s.json", "-o", ""], "an argument is empty: pipeline build s.json -o ''"),
+        (["plan", "s.json", "--specs="], "an argument is empty"),
     ],
 )
 def test_wrong_usage_ends_with_2_and_a_word(pipeline, stage, arguments, message):
@@ -220,6 +222,11 @@ def test_specs_go_into_no_folder_with_other_peoples_numbered_files(pipeline, sta
     code, _, log = pipeline("plan", stage(), "--specs", "specs")
     assert code == 2 and "2024.json is not the spec of a task" in log
     assert [path.name for path in (tmp_path / "specs").iterdir()] == ["2024.json"]
+
+
+def test_specs_in_a_place_without_folders_end_with_5(pipeline, stage):
+    code, _, log = pipeline("plan", stage(), "--specs", "/dev/null/specs")
+    assert code == 5 and "cannot write /dev/null/specs" in log
 
 
 def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path):

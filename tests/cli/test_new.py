@@ -79,6 +79,12 @@ def test_a_new_rig_is_focused_and_stopped_as_asked(run):
     assert load("d.usda").errors == []
 
 
+def test_a_new_rig_says_what_check_would_say_of_it(run):
+    parts = ("--lens", "lenses/tessar_100mm_zemax.usda", "--sensor", "sensors/sensor_640x480_10um.usda")
+    code, _, log = run("new", "rig", "r.usda", *parts, "--focus", "1000", "--f-number", "0.1")
+    assert code == 0 and "[wide-stop]" in log and "[wide-stop]" in run("check", "r.usda")[1]
+
+
 THIN = ("--focal-length", "12", "--f-number", "2", "--sensor", "sensors/sensor_640x480_10um.usda")
 
 

@@ -185,6 +185,7 @@ def test_what_stops_an_ensemble_is_named(tmp_path):
     ):
         with pytest.raises(error, match=said):
             ensembles.ensemble(stage(tmp_path, *tolerances), tmp_path / "out", 3, BuildOptions(), run)
+        assert (tmp_path / "out").exists() == bool(tolerances)
     assert built == ["nominal", "member_0001", "member_0002"]
 
 

@@ -37,7 +37,7 @@ def dataset(
     tilt: Annotated[float, _option("DEGREES", "Largest tilt of the target.", min=0, max=80)] = 40.0,
     seen: Annotated[float, _option("SHARE", "Least share of its points that a pose shows.", min=0.01, max=1)] = 1.0,
     blur: Annotated[
-        float | None, _option("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1)
+        float | None, _option("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1, max=1e4)
     ] = None,
     seed: Annotated[int, _option("S", "Other poses of the same kind.", min=0)] = 1,
     fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
@@ -64,10 +64,10 @@ def rig(
     out: NewFile,
     sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
     lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
-    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3)] = None,
+    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)] = None,
     focus: Annotated[float | None, _option("MM", "Object distance from the stop in focus; inf.", min=0)] = None,
     sensor_distance: Annotated[float | None, _option("MM", "Instead of --focus: from stop to sensor.")] = None,
-    f_number: Annotated[float | None, _option("N", "By default as the lens is.", min=1e-3)] = None,
+    f_number: Annotated[float | None, _option("N", "By default as the lens is.", min=1e-3, max=1e4)] = None,
     microlenses: Annotated[Path | None, _option("ARRAY", f"{_LIBRARY} mlas/michels_2019.usda.")] = None,
     microlens_distance: Annotated[float | None, _option("MM", "From the sensor to the microlenses.")] = None,
     near: Annotated[float | None, _option("MM", "Plane of rays, where focus is at infinity.")] = None,
@@ -95,11 +95,11 @@ def plenoptic(
     out: NewFile,
     sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
     lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
-    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3)] = None,
+    focal_length: Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)] = None,
     near: Annotated[float | None, _option("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
     far: Annotated[float | None, _option("MM", "Its far end; inf.", min=0)] = None,
     magnification: Annotated[
-        float | None, _option("M", "Instead of a range: of the main lens, in its middle.", min=1e-6)
+        float | None, _option("M", "Instead of a range: of the main lens, in its middle.", min=1e-6, max=1e6)
     ] = None,
     types: Annotated[int | None, _option("N", "Focal lengths of the microlenses, 1 or 3; else 3.")] = None,
     unfocused: Annotated[
@@ -110,7 +110,7 @@ def plenoptic(
         Literal["hexagonal", "hexagonal-columns", "square"], _option("LAYOUT", "Of the microlenses.")
     ] = "hexagonal",
     f_number: Annotated[
-        float | None, _option("N", "Of the main lens; else what matches the microlenses.", min=1e-3)
+        float | None, _option("N", "Of the main lens; else what matches the microlenses.", min=1e-3, max=1e4)
     ] = None,
     virtual_depth: Annotated[float | None, _option("V", "The least one; else 2.", min=1)] = None,
     blur: Annotated[float, _option("PX", "Largest blur that counts as sharp.", min=0.01)] = 1.0,

@@ -138,6 +138,7 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
 def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, specs: Path | None = None) -> bool:
     """Print the plan of a build with these `BuildOptions`; whether there is work to do."""
     from pipeline.app.build import project as project_made_of
+    from pipeline.engine.files import chosen_place
     from pipeline.engine.planning.explain import describe
     from pipeline.engine.running.session import forecast_of, plan_of, write_specs
     from pipeline.graph.sizes import assumed_cost, size
@@ -155,7 +156,8 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     else:
         say(*describe(tasks, to_come))
     if specs is not None:
-        note(f"{len(write_specs(tasks, specs))} specs in {specs}")
+        with chosen_place("write", specs):
+            note(f"{len(write_specs(tasks, specs))} specs in {specs}")
     return any(task.state != "cached" for task in tasks)
 
 

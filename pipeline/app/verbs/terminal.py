@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -92,7 +93,14 @@ class _PlainFlags:
 
 
 class Verb(_PlainFlags, typer.core.TyperCommand):
-    """A verb of the command."""
+    """A verb of the command. No argument of it may be empty: as a path that would be the working directory."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """What is left of the arguments."""
+        if not ctx.resilient_parsing and any(not arg or (arg[:2] == "--" and arg[-1] == "=") for arg in args):
+            hint = "a variable that is not set leaves an empty one"
+            raise UsageError(f"an argument is empty: {ctx.command_path} {shlex.join(args)}", hint=hint)
+        return super().parse_args(ctx, args)
 
 
 class Family(_PlainFlags, typer.core.TyperGroup):
