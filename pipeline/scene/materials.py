@@ -79,7 +79,7 @@ def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers,
         mesh = UsdGeom.PointBased(prim)
         attribute = mesh.GetNormalsAttr()
         values, interpolation = attribute.Get(time), mesh.GetNormalsInterpolation()
-    return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
+    return _at_corners(plain(values), interpolation, shape, attribute, 3) if values else ()
 
 
 def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -> tuple[Numbers, ...]:
@@ -96,8 +96,6 @@ def _at_corners(
     values: tuple[Numbers, ...], interpolation: str, shape: Drawn, attribute: Usd.Attribute, size: int
 ) -> tuple[Numbers, ...]:
     """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
-    if not values:
-        return ()
     try:
         table = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
@@ -110,7 +108,8 @@ def _at_corners(
             raise IndexError
         return _rows(shape.at_corners(table, interpolation, indices))
     except IndexError:
-        what = f'"{attribute.GetName()}" has {len(table)} values, too few for the faces'
+        lost = f"{len(table)} values, too few for the faces" if values else "indices of values that it does not have"
+        what = f'"{attribute.GetName()}" has {lost}'
         raise UnreadableValue(what, attribute) from None
 
 

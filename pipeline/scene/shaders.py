@@ -126,12 +126,13 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
 
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
     """The primvar of a shape that a material reads; None if it has none."""
-    primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name)
-    return primvar if primvar and primvar.HasValue() and values_of(primvar, Usd.TimeCode.EarliestTime()) else None
+    primvar, time = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name), Usd.TimeCode.EarliestTime()
+    is_there = primvar and primvar.HasValue() and (not primvar.GetTypeName().isArray or len(primvar.Get(time) or ()))
+    return primvar if is_there else None
 
 
 def values_of(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> tuple[Any, ...]:
-    """All values of a primvar; what is no array is a single one."""
+    """Values of a primvar, of one that is no array its only one; none if its indices name values that are not there."""
     values = plain(primvar.ComputeFlattened(time))
     return (values or ()) if primvar.GetTypeName().isArray else (values,)
 
@@ -161,7 +162,7 @@ def _display_colours(mesh: Usd.Prim) -> Shaded:
     for wanted in (Wanted("displayColor", _GREY), Wanted("displayOpacity", (1.0,))):
         primvar = primvar_of(mesh, wanted)
         values = values_of(primvar, Usd.TimeCode.EarliestTime()) if primvar else ()
-        if not primvar or len(set(values)) < 2 or primvar.GetInterpolation() == UsdGeom.Tokens.constant:
+        if not primvar or (len(set(values)) == 1 and not primvar.ValueMightBeTimeVarying()):
             value = values[0] if values else wanted.fallback
             inputs.append(Input(value=value if isinstance(value, tuple) else (value,)))
         else:

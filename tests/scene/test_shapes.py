@@ -362,6 +362,23 @@ def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path)
     assert replace(before[0], frame=2).occluder != before[1].occluder
 
 
+@pytest.mark.parametrize("is_inherited", [False, True])
+def test_an_animated_display_colour_is_that_of_the_frame(is_inherited: bool, tmp_path):
+    colours = "color3f[] primvars:displayColor.timeSamples = {\n1: [(1, 0, 0)],\n2: [(0, 0, 1)],\n}\n"
+    ball = f'def Sphere "Ball"\n{{\n{"" if is_inherited else colours}}}\n'
+    content = f'def Xform "Group"\n{{\n{colours if is_inherited else ""}{ball}}}\n'
+    dataset = load(scene(tmp_path, content, 2, lit=True)).dataset
+    drawn_colours = [entry.finish.primvars["displayColor"][0][:3] for entry in dataset.occluders]
+    assert drawn_colours == [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
+    assert {entry.finish.materials[0].diffuse_color.primvar for entry in dataset.occluders} == {"displayColor"}
+
+
+def test_indices_of_colours_that_are_not_there_are_named(tmp_path):
+    colours = "color3f[] primvars:displayColor = [(1, 0, 0)]\nint[] primvars:displayColor:indices = [0, 7]\n"
+    loaded = load(scene(tmp_path, f'def Sphere "Ball"\n{{\n{colours}}}\n', lit=True))
+    assert [(each.code, "indices of values" in each.message) for each in loaded.problems] == [("not-drawn", True)]
+
+
 def test_what_is_not_drawn_is_named_prim_by_prim(tmp_path):
     kinds = ["BasisCurves", "Points", "NurbsPatch", "TetMesh", "HermiteCurves", "Volume"]
     content = "".join(f'        def {kind} "{kind}{n}"\n        {{\n        }}\n' for kind in kinds for n in (1, 2))

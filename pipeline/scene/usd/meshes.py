@@ -100,15 +100,13 @@ def is_drawn(prim: Usd.Prim) -> bool:
 
 
 def is_animated(prim: Usd.Prim, *, with_primvars: bool) -> bool:
-    """Whether the shape of a prim changes with time, or with primvars anything on it."""
+    """Whether the shape of a prim changes with time, or with primvars anything on it, inherited or not."""
     solid = _SOLIDS.get(str(prim.GetTypeName()))
     names = {"points", *TOPOLOGY} if solid is None else set(solid[1])
-    return any(
-        attribute.ValueMightBeTimeVarying()
-        for attribute in prim.GetAuthoredAttributes()
-        if (name := attribute.GetName()) in names
-        or (with_primvars and (name == "normals" or name.startswith("primvars:")))
-    )
+    looks = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if with_primvars else []
+    names |= {"normals"} if with_primvars else set()
+    things = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName() in names]
+    return any(thing.ValueMightBeTimeVarying() for thing in [*things, *looks])
 
 
 @read_once
