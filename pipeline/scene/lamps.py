@@ -103,6 +103,9 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     kind, names, factors = KINDS[str(prim.GetTypeName())]
     unit_mm = stage_mm_per_unit(prim)
     numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
+    for name, number in zip(names, numbers, strict=True):
+        if number < 0:
+            raise UnreadableValue(f'"{name}" is below 0', prim.GetAttribute(name), hint="sizes are 0 or more")
     sx, sy, sz = (1.0, 1.0, 1.0) if kind in _FAR else frame_of(world_from(prim, times[:1], 1.0)[0])[1]
     whole = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
     scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy), 0.0), "cylinder": (sx, math.sqrt(sy * sz))}

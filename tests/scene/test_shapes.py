@@ -236,6 +236,65 @@ def test_instances_are_prims_where_usd_puts_them_in_the_frames_in_which_they_are
     np.testing.assert_allclose(np.array(second)[:3, 3], (1 + 2 * 10, 0, -450 + 5), rtol=0, atol=1e-12)
 
 
+def test_colours_of_instances_are_those_of_the_frame_and_follow_their_ids(tmp_path):
+    flock = """def PointInstancer "Flock"
+    {
+        rel prototypes = </Scene/Things/Flock/Ball>
+        int[] protoIndices = [0, 0]
+        point3f[] positions = [(0, 0, 0), (9, 0, 0)]
+        int64[] ids.timeSamples = {
+            1: [5, 6],
+            2: [6, 5],
+        }
+        color3f[] primvars:displayColor (
+            interpolation = "vertex"
+        )
+        color3f[] primvars:displayColor.timeSamples = {
+            1: [(0.1, 0, 0), (0.2, 0, 0)],
+            2: [(0.2, 0, 0), (0.4, 0, 0)],
+        }
+
+        def Sphere "Ball"
+        {
+        }
+    }
+    """
+    five, six = [], []
+    for entry in load(scene(tmp_path, flock, 2, lit=True)).dataset.occluders:
+        finish = entry.finish
+        colour = finish.primvars["displayColor"][0] if finish.primvars else finish.materials[0].diffuse_color.value
+        (five if "Instance_0" in entry.prim_path else six).append((entry.frame, round(colour[0], 6)))
+    assert (five, six) == ([(1, 0.1), (2, 0.4)], [(None, 0.2)])
+
+
+@pytest.mark.parametrize("is_collection", [False, True])
+def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_them(is_collection: bool, tmp_path):
+    """The scope with the prototypes is bound, or a collection of the instancer names one of them."""
+    collection = """prepend rel collection:red:includes = </Scene/Things/Many/Protos/Plate>
+            rel material:binding:collection:red = [</Scene/Things/Many.collection:red>, </Scene/Things/Red>]
+            rel prototypes"""
+    bound = MANY.replace('"Protos"\n', '"Protos"\n(prepend apiSchemas = ["MaterialBindingAPI"])\n')
+    bound = bound.replace("def Plane", "rel material:binding = </Scene/Things/Red>\n\ndef Plane")
+    if is_collection:
+        apis = '"Many"\n(prepend apiSchemas = ["CollectionAPI:red", "MaterialBindingAPI"])\n'
+        bound = MANY.replace('"Many"\n', apis).replace("rel prototypes", collection)
+    red = """def Material "Red"
+    {
+        token outputs:surface.connect = </Scene/Things/Red/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor = (1, 0, 0)
+            token outputs:surface
+        }
+    }
+    """
+    dataset = load(scene(tmp_path, bound + red, 2, lit=True)).dataset
+    colours = {each.prim_path[-7:-6]: each.finish.materials[0].diffuse_color.value for each in dataset.occluders}
+    assert colours == {"0": (1, 0, 0), "1": (0.18, 0.18, 0.18), "2": (1, 0, 0), "3": (0.18, 0.18, 0.18)}
+
+
 def test_instances_have_a_limit_and_wrong_ones_a_warning(tmp_path, monkeypatch):
     wrong = MANY.replace("protoIndices = [0, 1, 0, 1]", "protoIndices = [0, 1, 0, 9]")
     (warning,) = load(scene(tmp_path, wrong, 2)).problems

@@ -4,8 +4,9 @@ written into the session layer of a stage, so that no file changes.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdSkel
 
 from pipeline.limits import limits
 from pipeline.scene.usd.problems import Problem, not_drawn, over_limit
@@ -81,11 +82,11 @@ def _check_written(prim: Usd.Prim, instances: "list[_Instance]") -> Iterator[Pro
 
 @dataclass
 class _Instance:
-    """An instance: its prototype, place among the others at first, and in some frames its transform."""
+    """An instance: its prototype, and in some frames its transform and place among the others."""
 
     prototype: Sdf.Path
-    index: int
     poses: dict[float, Gf.Matrix4d] = field(default_factory=dict)
+    places: dict[float, int] = field(default_factory=dict)
 
 
 def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
@@ -107,8 +108,8 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
         rows = zip(ids, numbers, mask, poses, strict=True)
         for index, (identity, number, is_there, pose) in enumerate(rows):
             if is_there:
-                instance = found.setdefault((identity, number), _Instance(prototypes[number], index))
-                instance.poses[float(frame)] = pose
+                instance = found.setdefault((identity, number), _Instance(prototypes[number]))
+                instance.poses[float(frame)], instance.places[float(frame)] = pose, index
     return list(found.values())
 
 
@@ -118,12 +119,15 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
     layer, path = stage.GetSessionLayer(), prim.GetPath()
     frames = sorted({frame for instance in instances for frame in instance.poses})
     hidden = {child.GetPath(): child for child in prim.GetChildren() if child.IsA(UsdGeom.Imageable)}
-    count = max((instance.index for instance in instances), default=-1) + 1
+    count = {frame: max(each.places.get(frame, -1) for each in instances) + 1 for frame in frames}
     colours = []
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
-        values = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
-        if primvar.GetInterpolation() != UsdGeom.Tokens.constant and values is not None and len(values) >= count:
+        if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
+            continue
+        values: dict[float, Any] = {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
+        if all(len(values[frame]) >= count[frame] for frame in frames):
             colours.append((primvar.GetAttr().GetName(), primvar.GetTypeName(), values))
+    bound = {path: _bound_above(stage.GetPrimAtPath(path), prim) for path in {each.prototype for each in instances}}
     was = {at: UsdGeom.Imageable(child).GetVisibilityAttr().Get() for at, child in hidden.items()}
     with Sdf.ChangeBlock():
         for at in hidden:
@@ -134,12 +138,32 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
             _write_poses(whole, instance, frames)
             for name, kind, values in colours:
                 attribute = Sdf.AttributeSpec(whole, name, kind)
-                attribute.default = type(values)([values[instance.index]])
                 attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
+                of_frame = {frame: type(values[frame])([values[frame][at]]) for frame, at in instance.places.items()}
+                attribute.default = first = next(iter(of_frame.values()))
+                for frame, value in of_frame.items() if any(each != first for each in of_frame.values()) else ():
+                    layer.SetTimeSample(attribute.path, frame, value)
+            for name, material in bound[instance.prototype].items():
+                whole.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["MaterialBindingAPI"]))
+                Sdf.RelationshipSpec(whole, name, custom=False).targetPathList.explicitItems = [material]
             shape = Sdf.PrimSpec(whole, "Shape", Sdf.SpecifierDef)
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
                 _token(shape, "visibility").default = was[instance.prototype]
+
+
+def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path]:
+    """Materials of bindings, by their names, that a prototype has by prims above it, or by collections, and that its
+    instances do not inherit.
+    """
+    api, bindings = UsdShade.MaterialBindingAPI(prototype), dict[str, Sdf.Path]()
+    for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
+        material, binding = api.ComputeBoundMaterial(purpose)
+        above = binding.GetPrim().GetPath() if material else prototype.GetPath()
+        words = binding.GetName().split(":")[2:] if material else []
+        if above != prototype.GetPath() and ("collection" in words or not instancer.GetPath().HasPrefix(above)):
+            bindings[f"material:binding:{purpose}" if purpose in words else "material:binding"] = material.GetPath()
+    return bindings
 
 
 def _write_poses(whole: Sdf.PrimSpec, instance: _Instance, frames: list[float]) -> None:
