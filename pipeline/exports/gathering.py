@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import Sightings
+from pipeline.channel_names import folder_of
 from pipeline.exports.material import (
     CameraRays,
     ExportCamera,
@@ -179,7 +180,7 @@ def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -
         camera=view.camera,
         target=target.name,
         frame=view.frame,
-        image=f"frames/{view.frame:04d}/{view.camera}/image.png",
+        image=f"frames/{view.frame:04d}/{folder_of(view.camera)}/image.png",
         built=view,
         camera_from_target=view.poses.pinhole_from_target.get(target.name),
         camera_from_world=view.poses.pinhole_from_world,

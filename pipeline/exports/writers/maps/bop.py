@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.channel_names import folder_of
 from pipeline.exports.material import ExportCamera, ExportView, Material
 from pipeline.exports.ray_patches import bands
 from pipeline.exports.writers.maps.traced import AT_ONCE, traced
@@ -75,8 +76,9 @@ def write(material: Material, folder: Path) -> None:
 def _info(material: Material) -> Iterator[str]:
     yield from (f"- {line}" for line in material.remarks)
     yield from (f"- object {number}: {target.name}" for number, target in enumerate(material.targets, 1))
-    yield from (f"- scene {number:06d}: {camera.name}" for number, camera in enumerate(material.cameras))
-    yield "- rgb/<number>.png of a scene: frames/<number>/<camera>/image.png of the build"
+    for number, camera in enumerate(material.cameras):
+        place = f"frames/<number>/{folder_of(camera.name)}/image.png"
+        yield f"- scene {number:06d}: {camera.name}, whose rgb/<number>.png is {place} of the build"
 
 
 def _matrix(camera: ExportCamera) -> np.ndarray:
