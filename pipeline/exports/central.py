@@ -10,6 +10,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from pipeline.channel_names import body_and_channel
 from pipeline.exports.material import CentralModel, ExportCamera
 from pipeline.fits.field import FieldRays, FitError, lit_field, positions_px
 from pipeline.fits.fitting import Fit, fitted
@@ -28,6 +29,8 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
     Raises ExportError: none fits.
     """
     models = [] if camera.pinhole is None else [_of_pinhole(camera)]
+    if models and body_and_channel(camera.name)[1]:  # the pinhole is that of another wavelength
+        models, others = [], ("brown", *others)
     field = None
     for name in others:
         if models and models[0].name == "brown" and models[0].rms_px <= _ENOUGH_PX:

@@ -167,6 +167,28 @@ def test_a_pinhole_that_leaves_next_to_nothing_asks_for_no_rays(output, tmp_path
     assert sight.asked == 0
 
 
+def test_a_channel_has_the_model_of_its_own_rays():
+    """The pinhole of camera.json is that of another wavelength, whatever it leaves there."""
+    other = BuiltPinhole(
+        centre_mm=STOP_MM,
+        principal_distance_px=199.0,
+        principal_point_px=MATRIX[:2, 2],
+        distortion=np.zeros(5),
+        rms_px=0.0,
+        max_px=0.0,
+    )
+    figures = {"principal_distance_px": 198.0, "optical_axis_px": [160.0, 119.0], "near_far_mm": [40.0, 90.0]}
+    built = SimpleNamespace(record={"lens": {"entrance_pupil": {"z_mm": 6.0}}, **figures})
+    red = replace(RATIONAL, coefficients=np.array([-0.05, 0.01, 0.001, -0.002, 0.0]))
+    parts = {"size_px": SIZE_PX, "pitch_mm": 0.01, "axis": np.zeros(2), "micro_images": None}
+    rays = SimpleNamespace(sight=red)
+    model = central_model(ExportCamera(name="Wide@red", pinhole=other, built=built, rays=rays, **parts), ())
+    matrix = np.diag([*model.focal_px, 1.0])
+    matrix[:2, 2] = model.principal_point_px
+    same(red.seen(matrix, model.coefficients), red.pixels, 1e-6)
+    assert model.name == "brown" and model.max_px < 1e-6
+
+
 def test_what_a_format_cannot_hold_is_said_and_not_left_out():
     """A tilted sensor where five coefficients are all, and a telecentric lens where one centre is."""
     tilted = BuiltPinhole(
