@@ -5,6 +5,7 @@ exported. The mixing of 64 bits is the finaliser of SplitMix64: Steele, Lea, Flo
 """
 
 import hashlib
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -39,8 +40,8 @@ class Noise:
         for name in ("outliers", "missed"):
             if not 0 <= getattr(self, name) < 1:
                 raise ExportError(f"{name} is a share from 0 to below 1, not {getattr(self, name)}")
-        if not (self.noise_px >= 0 and self.outlier_px > 0):
-            hint = "widths of noise are lengths in px: noise_px at least 0, outlier_px above 0"
+        if not (0 <= self.noise_px < math.inf and 0 < self.outlier_px < math.inf):
+            hint = "widths of noise are finite lengths in px: noise_px at least 0, outlier_px above 0"
             raise ExportError(f"noise_px is {self.noise_px} and outlier_px {self.outlier_px}", hint=hint)
 
     @property

@@ -106,7 +106,9 @@ def test_every_file_with_comments_says_so_and_so_does_the_side_car(output, tmp_p
         ("outlers=0.1", 'did you mean "outliers"?'),
         ("0.1,missed=1.5", "missed is a share"),
         ("0.1,seed=x", "seed is int, not 'x'"),
-        ("-1", "widths of noise are lengths"),
+        ("-1", "widths of noise are finite lengths"),
+        ("inf", "widths of noise are finite lengths"),
+        ("0.1,outlier_px=inf", "widths of noise are finite lengths"),
         ("", "noise_px is float, not ''"),
     ],
 )
