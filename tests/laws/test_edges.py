@@ -2,6 +2,9 @@
 brute force over the whole rear surface; and an edge that does lose light is noticed.
 """
 
+import math
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from laws import rigs
@@ -15,21 +18,23 @@ from shorter import few, one_in
 from tolerances import QUADRATURE_MM, SIGMAS
 
 import pipeline
-from pipeline.camera.integrals import NODES, Bundles, integrals, random_integrals
+from pipeline.camera.integrals import NODES, Bundles, Integral, integrals, random_integrals
 from pipeline.camera.integrating import edge_search, ways
 from pipeline.camera.integrating.edge_search import PASSES
 from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, Edges, bounded, edges
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
-from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene
+from pipeline.truth.direct import newton
 from pipeline.truth.direct.direct_rows import Guess, solve
+from pipeline.truth.planes import Pairs
 
 DISTANCE_MM = 600.0
 FAST = ("double_gauss_50mm_canon_rf", "double_gauss_50mm_canon", "double_gauss_50mm_tronnier")
@@ -314,3 +319,27 @@ def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors
         claimed = 3 * np.hypot(*images.error_px[own].T) + 3 * np.hypot(*rays.error_px[i]) + HALVED_PX
         came_back += bool((apart <= claimed).any())
     assert came_back == len(lit) > 0.8 * count
+
+
+@pytest.mark.parametrize("least_px", [(-math.inf, -math.inf), (-0.1, -math.inf), (-math.inf, -0.1)])
+def test_a_derivative_beside_a_bend_is_not_taken_across_it_whichever_rays_are_random(
+    least_px: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """J(x, y) = (|x + 0.1| - 0.1, y) has the unit matrix at 0, and 0.4 in its corner half a pixel across.
+
+    Rays are random where x and y exceed `least_px`, as between two rims that all but touch.
+    """
+
+    def bent(_: Tracer, bundles: Bundles, level: int) -> Integral:
+        x, y = bundles.x_px.T
+        moments = np.zeros((len(x), COLUMNS))
+        moments[:, :4] = np.stack([np.abs(x + 0.1) - 0.1, y] * 2, axis=1)
+        is_random = (bundles.x_px > least_px).all(axis=1)
+        return Integral(moments, np.full((len(x), 2), 1e-4), is_random, 0)
+
+    monkeypatch.setattr(newton, "integrals", bent)
+    at = np.zeros((1, 2))
+    still = Pairs.still(parallel_planes(1.0, 2.0)[:1])
+    search = newton.Search(Mock(), np.zeros(1, int), lambda rows, _: still.only(rows), at, at)
+    search.look()
+    np.testing.assert_allclose(search.jacobian[0], np.eye(2), atol=1e-12)

@@ -21,7 +21,8 @@ _RETREATS = 8
 """Most halvings of a step that leads to a position without light: down to 1/256 of it."""
 _DIFFERENCES_PX = 0.25, 1 / 32, 1 / 256
 """Half the steps of difference quotients [px]: large beside the errors of a rough integral, small beside a micro-image.
-The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut.
+The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut; the last one
+is too short for random rays.
 """
 _BENT = 0.05
 """Distance of J from the middle of its values at both ends, over half of their distance, from which J is bent [1]: a
@@ -153,7 +154,6 @@ class Search:
                 break
         random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
         self._derive(random, _SHARP_LEVEL)
-        self.is_random[random] = True
 
     def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
         """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
@@ -206,11 +206,15 @@ class Search:
             rows = rows[self._difference(rows, half_px, level)]
 
     def _difference(self, rows: np.ndarray, half_px: float, level: int) -> np.ndarray:
-        """Set derivatives by differences; whether J bends between their ends, (k,) bool."""
-        here, is_bent = self.residual[rows], np.zeros(len(rows), bool)
+        """Set derivatives by differences; whether J bends between their ends, so that shorter ones help, (k,) bool."""
+        here, is_random = self.residual[rows], self.is_random[rows]
+        is_bent = np.zeros(len(rows), bool)
         ends = half_px * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
-        values = self._j(np.tile(rows, len(ends)), x_px, level).reshape(2, 2, -1, 2)
+        integral = self._integral(np.tile(rows, len(ends)), x_px, level)
+        self.is_random[rows] = is_random
+        is_noisy = is_random | integral.is_random.reshape(len(ends), -1).any(axis=0)
+        values = mean_hit(integral.moments).reshape(2, 2, -1, 2)
         for i, (plus, minus) in enumerate(values):
             change = (plus - minus) / 2
             is_bent |= ~(np.hypot(*((plus + minus) / 2 - here).T) < _BENT * np.hypot(*change.T))
@@ -218,7 +222,7 @@ class Search:
             change = np.where(np.isnan(minus), plus - here, change)
             self.jacobian[rows, :, i] = change / half_px
         self.inverse[rows] = inverse(self.jacobian[rows])
-        return is_bent & ~self.is_random[rows]
+        return is_bent & ~(is_noisy & (half_px < _DIFFERENCES_PX[0]))
 
     def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
         """Steps with Broyden's update, each halved while it leads to a position without light."""
