@@ -220,8 +220,9 @@ MANY = """
 """
 
 
-def test_instances_are_prims_where_usd_puts_them_in_the_frames_in_which_they_are_there(tmp_path):
-    loaded = load(scene(tmp_path, MANY, 2))
+@pytest.mark.parametrize("kind", ["Scope ", ""])
+def test_instances_are_prims_where_usd_puts_them_in_the_frames_in_which_they_are_there(kind: str, tmp_path):
+    loaded = load(scene(tmp_path, MANY.replace("Scope ", kind), 2))
     assert loaded.problems == []
     dataset = loaded.dataset
     assert [len(list(dataset.occluders_in(frame))) for frame in dataset.frames] == [4, 3]

@@ -118,7 +118,11 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
     stage = prim.GetStage()
     layer, path = stage.GetSessionLayer(), prim.GetPath()
     frames = sorted({frame for instance in instances for frame in instance.poses})
-    hidden = {child.GetPath(): child for child in prim.GetChildren() if child.IsA(UsdGeom.Imageable)}
+    hidden = {
+        child.GetPath(): UsdGeom.Imageable(child).GetVisibilityAttr().Get() if child.GetTypeName() else "inherited"
+        for child in prim.GetChildren()
+        if child.IsA(UsdGeom.Imageable) or not child.GetTypeName()
+    }
     count = {frame: max(each.places.get(frame, -1) for each in instances) + 1 for frame in frames}
     colours = []
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
@@ -128,10 +132,12 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
         if all(len(values[frame]) >= count[frame] for frame in frames):
             colours.append((primvar.GetAttr().GetName(), primvar.GetTypeName(), values))
     bound = {path: _bound_above(stage.GetPrimAtPath(path), prim) for path in {each.prototype for each in instances}}
-    was = {at: UsdGeom.Imageable(child).GetVisibilityAttr().Get() for at, child in hidden.items()}
     with Sdf.ChangeBlock():
         for at in hidden:
-            _token(Sdf.CreatePrimInLayer(layer, at), "visibility").default = UsdGeom.Tokens.invisible
+            spec = Sdf.CreatePrimInLayer(layer, at)
+            if not stage.GetPrimAtPath(at).GetTypeName():  # a prim without a type hides nothing
+                spec.typeName = "Scope"
+            _token(spec, "visibility").default = UsdGeom.Tokens.invisible
         for number, instance in enumerate(instances):
             whole = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
             whole.specifier, whole.typeName, whole.instanceable = Sdf.SpecifierDef, "Xform", False
@@ -149,7 +155,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
             shape = Sdf.PrimSpec(whole, "Shape", Sdf.SpecifierDef)
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
-                _token(shape, "visibility").default = was[instance.prototype]
+                _token(shape, "visibility").default = hidden[instance.prototype]
 
 
 def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path]:
