@@ -75,8 +75,12 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
         take(subset.GetPath())
-        of_face |= dict.fromkeys(plain(subset.GetIndicesAttr().Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded))
-        shaded.append(_shade(subset.GetPrim(), mesh))
+        faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
+        of_face |= dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded))
+        if faces.ValueMightBeTimeVarying():
+            what = "the faces of a subset are animated, and which material a face has is not: the first ones count"
+            each = each._replace(flaws=(*each.flaws, not_drawn(faces, what)))
+        shaded.append(each)
     if is_mesh_light(mesh):
         shaded = [_as_light(each, mesh) for each in shaded]
     return shaded, of_face

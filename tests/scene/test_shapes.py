@@ -439,6 +439,21 @@ def test_indices_of_colours_that_are_not_there_are_named(tmp_path):
     assert [(each.code, "indices of values" in each.message) for each in loaded.problems] == [("not-drawn", True)]
 
 
+def test_animated_faces_of_a_subset_are_named(tmp_path):
+    subset = """def GeomSubset "Part"
+    {
+        uniform token familyName = "materialBind"
+        int[] indices.timeSamples = {
+            1: [0],
+            2: [],
+        }
+    }
+    """
+    flag = mesh_text("Flag", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], subset)
+    (warning,) = load(scene(tmp_path, flag, 2, lit=True)).problems
+    assert (warning.code, warning.at) == ("not-drawn", "/Scene/Things/Flag/Part.indices")
+
+
 def test_what_is_not_drawn_is_named_prim_by_prim(tmp_path):
     kinds = ["BasisCurves", "Points", "NurbsPatch", "TetMesh", "HermiteCurves", "Volume"]
     content = "".join(f'        def {kind} "{kind}{n}"\n        {{\n        }}\n' for kind in kinds for n in (1, 2))
