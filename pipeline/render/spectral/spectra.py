@@ -10,8 +10,9 @@ from pipeline.records.shapes import Float64
 from pipeline.render.spectral.nodes import SpectrumError, Table, points_of
 from pipeline.spelling import nearest
 
-with warnings.catch_warnings():
-    # On import, colour warns that Matplotlib and other optional packages are missing. None of them is needed here.
+with warnings.catch_warnings(), np.printoptions():
+    # On import, colour warns that Matplotlib and other optional packages are missing, of which none is needed here, and
+    # cuts what NumPy prints to twelve digits, in the notebook of a user too.
     warnings.simplefilter("ignore")
     from colour.characterisation import MSDS_CAMERA_SENSITIVITIES, SDS_COLOURCHECKERS
     from colour.colorimetry import MSDS_CMFS, SDS_ILLUMINANTS, planck_law
