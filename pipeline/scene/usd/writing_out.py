@@ -34,6 +34,7 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         except (Tf.ErrorException, ValueError, IndexError):
             message = f"<{prim.GetPath()}> is not drawn: its prototypes, protoIndices and arrays of values do not fit"
             problems.append(not_drawn(prim, message))
+            _write_instances(prim, [])  # hides the prototypes
             continue
         if _is_written_out(prim):  # the dataset.usda of a build has the instances already
             problems += _check_written(prim, instances)
