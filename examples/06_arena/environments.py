@@ -54,7 +54,8 @@ def called(command: list[object], **options: Any) -> str:
     except (subprocess.TimeoutExpired, OSError) as error:
         raise Failed(str(error)[:300]) from error
     if ended.returncode:
-        lines = [line for line in (ended.stderr or ended.stdout).splitlines() if line.strip()]
+        uncoloured = re.sub(r"\x1b\[[\d;]*m", "", ended.stderr or ended.stdout)
+        lines = [line for line in uncoloured.splitlines() if line.strip()]
         first = [line for line in lines if line.startswith("error:")]  # Octave's comes before its stack, others' last
         raise Failed(f"ended with {ended.returncode}: {(first or lines[-1:] or ['no message'])[0][:300]}")
     return ended.stdout

@@ -143,14 +143,17 @@ def libpleno_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> 
         return _calibration(truth, one, models.libpleno(camera, index, rows), models.libpleno_values(camera))
 
     kinds = {kind: calibration(answer[kind]) for kind in ("exact", "unmirrored", "own") if kind in answer}
-    focals_mm = np.array(truth.rig.focal_mm)
+    true_mm = np.array(truth.rig.focal_mm)[truth.ready.rig.tracer.lattice.type]
+    count = len(truth.rig.focal_mm)
+    types = models.libpleno_types(count, index, rows)
     true = dict(list(baseline.thin_lens_floor(truth).true.items())[:3])
-    true |= {f"f{number}_mm": value for number, value in enumerate(truth.rig.focal_mm)}
+    true |= {f"f{number}_mm": float(np.median(true_mm[types == number])) for number in range(count)}
     result = judged(truth, kinds, [*map(calibration, answer["noise"])], true)
-    if len(focals_mm) > 1:
-        true_mm = focals_mm[truth.ready.rig.tracer.lattice.type]
+    if count > 1:
+        focals_mm = {kind: np.ravel(answer[kind]["camera"]["mla"]["focal_lengths"]).astype(float) for kind in kinds}
         result["types"] = {
-            kind: types_right(models.libpleno_focals_mm(answer[kind]["camera"], index, rows), true_mm) for kind in kinds
+            kind: types_right(np.where(types >= 0, values[types], np.nan), true_mm)
+            for kind, values in focals_mm.items()
         }
     if "corners" in answer:
         result["corners"] = corners_judged(answer["corners"], read_table(export / "features.csv"), table)

@@ -116,13 +116,12 @@ def libpleno_values(camera: dict[str, Any]) -> dict[str, float]:
     } | {f"f{n}_mm": float(value) for n, value in enumerate(np.ravel(camera["mla"]["focal_lengths"]))}
 
 
-def libpleno_focals_mm(camera: dict[str, Any], index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Focal length that an intrinsics.js gives each true microlens, by its rule of types for hexagonal rows
-    (processing/tools/lens.h); NaN where it knows none."""
-    focals_mm = np.ravel(camera["mla"]["focal_lengths"]).astype(float)
-    count, (k, l) = len(focals_mm), index.T
+def libpleno_types(count: int, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Which of so many types the true microlenses are to libpleno, by its rule for hexagonal rows
+    (processing/tools/lens.h), which counts from the first micro-image; -1 where it knows none."""
+    k, l = index.T
     kind = (l % (count - 1) + k) % count if count > 1 else np.zeros(len(index), int)
-    return np.where(rows >= 0, focals_mm[kind[rows]], np.nan)
+    return np.where(rows >= 0, kind[rows], -1)
 
 
 def camera_from_board(pose: dict[str, Any]) -> np.ndarray:
