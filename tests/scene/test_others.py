@@ -262,6 +262,20 @@ def test_what_the_stage_misspells_is_an_error(tmp_path, line, code):
     assert [error.code for error in load(written(tmp_path, asset(), over)).errors] == [code]
 
 
+def test_a_lamp_without_area_of_others_is_left_out(tmp_path):
+    """Beside one that shines."""
+    lamps = """def SphereLight "Point"
+{
+float inputs:radius = 0
+}
+def SphereLight "Ball"
+{
+}"""
+    loaded = load(written(tmp_path, asset(own=lamps), CONVERTED))
+    assert told(loaded) == [("lamp-size", "Point")]
+    assert [entry.prim_path for entry in loaded.dataset.lamps] == ["/Scene/Sky", "/Scene/Man/Ball"]
+
+
 @pytest.mark.parametrize(
     ("where", "line", "code"),
     [

@@ -112,7 +112,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
                 problems += _check_whole(prim, wrong)
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
-        problems += check_dataset(root, wrong)
+        problems += others.settled(check_dataset(root, wrong))
     if not any(problem.is_error for problem in problems):
         # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):

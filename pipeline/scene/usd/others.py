@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 
-from pxr import Gf, Sdf, Usd, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
@@ -24,6 +24,7 @@ _BLOCKED = ("bad-token", "entries", "not-finite", "out-of-range", "wrong-type")
 """Codes of values that cannot be used."""
 _INSTEAD = {
     "asset-missing": "what it would bring is not drawn",
+    "lamp-size": "it is left out",
     "missing-target": "it counts as not written",
     "missing-xform-op": "the transform is that of the others",
     "usd-": "what it would bring is not drawn",
@@ -72,6 +73,9 @@ class Others:
                     there = {"!resetXformStack!", *thing.GetPrim().GetPropertyNames()}
                     with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
                         thing.Set([op for op in thing.Get() if op.removeprefix("!invert!") in there])
+                if each.code == "lamp-size":
+                    with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
+                        UsdGeom.Imageable(thing).CreatePurposeAttr(UsdGeom.Tokens.guide)
                 yield replace(each, severity="warning", hint=instead)
             elif each.code == "unknown-property" and "did you mean" in (each.hint or ""):
                 strange.setdefault((each.at or "").partition(".")[0], []).append(each)
