@@ -159,6 +159,10 @@ def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> Non
         assert rays - len(owner) < 12 * open_.sum()
 
 
+def test_a_hexagonal_stop_of_a_displaced_lens_has_six_corners() -> None:
+    assert np.bincount(displaced_with_blades().corners.owner).tolist() == [6, 6, 6]
+
+
 @pytest.mark.parametrize("kind", ["two-plane", "biconvex cells", "biconvex conics, square, tilted discs"])
 def test_what_blocks_a_ray_is_the_same_alone_and_among_the_rays_of_others(kind: str) -> None:
     """Rays from five positions through their microlenses and beside them: stopped by faces and sides of these, and by

@@ -17,8 +17,9 @@ from pipeline.camera.tracing.packets import aim_mixed
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SHORTEST_EDGE_MM
 from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.optics.crossing import entered, motion_of_row, ray_of
 from pipeline.optics.kernels import PACKET, Packet, new_packet, trace_packet
-from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETER_SQUARED
+from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, POSE, SEMI_DIAMETER_SQUARED
 
 PASSES = -1
 """Label of a ray that leaves the camera; other labels name what blocks it."""
@@ -104,9 +105,14 @@ def label_surfaces(table, base, unknown, packet, size, labels):
             clearance[i] = room if comes & (room < clearance[i]) else clearance[i]
             label[i] = base + k if comes & falls & is_round else label[i]
         if not is_round:
+            is_posed = table[k, POSE] > 0.0
             for i in range(size):
                 if label[i] == unknown:
-                    side, room = _straight_edge(table[k], x[i], y[i])
+                    px, py = x[i], y[i]
+                    if is_posed:  # edges are stated where the surface was before it was displaced
+                        there = entered(motion_of_row(table[k], POSE), ray_of(packet, i))
+                        px, py = there.x, there.y
+                    side, room = _straight_edge(table[k], px, py)
                     clearance[i] = min(clearance[i], room)
                     if not alive[i] > 0.0:
                         label[i] = base + k + _STRAIGHT * side
