@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -184,7 +185,11 @@ def work(spec: dict[str, Any]) -> None:
     task = getattr(importlib.import_module(module), name or "run")
     reset_peak()
     start = time.process_time()
-    task(from_plain(typing.get_type_hints(task)["params"], spec["params"]), inputs, Path(spec["out"]))
+    record, out = typing.get_type_hints(task)["params"], Path(spec["out"])
+    if typing.get_origin(record) is Sequence:  # it takes tasks in company
+        task([from_plain(typing.get_args(record)[0], spec["params"])], inputs, [out])
+    else:
+        task(from_plain(record, spec["params"]), inputs, out)
     print(json.dumps({"peak_bytes": peak_bytes(), "cpu_s": round(time.process_time() - start, 2)}))
 
 
