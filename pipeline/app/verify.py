@@ -34,7 +34,7 @@ from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.png import read_png
 from pipeline.files.tables import Table, read_table
 from pipeline.files.tiff import read_tiff
-from pipeline.graph.variants import is_picture, without_pictures
+from pipeline.graph.variants import without_pictures
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
 from pipeline.targets.target import target_from_plain
@@ -118,8 +118,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     except UsageError as error:
         verdict.problems.append(f"{_STAGE} is no stage that could have been built: {error}")
         return verdict
-    has_pictures = any(map(is_picture, listed.files))  # members of ensembles have none
-    verdict.problems.extend(_wrong_list(build if has_pictures else without_pictures(build), listed))
+    verdict.problems.extend(_wrong_list(build if listed.has_pictures else without_pictures(build), listed))
     points = listed.points if isinstance(listed.points, dict) else {}
     for name in build.findings["certificate"]:
         try:

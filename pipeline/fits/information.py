@@ -1,4 +1,4 @@
-"""What the views of a data set tell about a camera: Fisher information of a model's parameters, with all poses unknown.
+"""Fisher information of the views of a data set about a camera: of a model's parameters, with all poses unknown.
 
 With J the derivatives of all image positions by all unknowns and sigma the noise of each coordinate, J^T J / sigma^2
 is the information, and its inverse the least covariance of any unbiased estimate (Cramér and Rao), which least squares

@@ -1,4 +1,4 @@
-"""What a build tells a calibration: the views of a camera, a named model at them, and what it then predicts where."""
+"""Knowledge of a calibration by a build: the views of a camera, a named model at them, and what it then predicts."""
 
 from dataclasses import dataclass
 

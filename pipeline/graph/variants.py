@@ -59,15 +59,15 @@ def only_images(project: Project) -> Project:
 
 def without_pictures(project: Project) -> Project:
     """The part of a project that makes tables and records: no image, label or map of rays of a camera."""
-    files = {path: source for path, source in project.files.items() if not is_picture(path)}
+    files = {
+        path: source
+        for path, source in project.files.items()
+        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES))
+    }
     sources = [source for source in files.values() if not isinstance(source, bytes)]
     named = {task for task, _ in (*sources, *(part for of in project.findings.values() for part in of.values()))}
-    return dataclasses.replace(project, graph=project.graph.up_to(named), files=files)
-
-
-def is_picture(path: str) -> bool:
-    """Whether a path of an output folder is that of a file with a value per pixel of a camera."""
-    return path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES)
+    head = {**project.head, "pictures": False}
+    return dataclasses.replace(project, graph=project.graph.up_to(named), files=files, head=head)
 
 
 def folder_of(out: Path) -> Path:

@@ -29,7 +29,7 @@ _BITS = 52
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How errors of a number are distributed about 0, in its unit; `limit` of a truncated one counts in its spread."""
+    """A distribution of errors of a number about 0, in its unit; `limit` of a truncated one counts in its spread."""
 
     distribution: str
     spread: float

@@ -48,6 +48,10 @@ def test_a_build_without_pictures_agrees(conventional_build, tmp_path, common_st
     made(stage, tmp_path / "out", common_store, pictures=False)
     assert not list((tmp_path / "out").rglob("*.exr"))
     assert verify(tmp_path / "out", seed=4).agrees
+    manifest = json.loads((tmp_path / "out/manifest.json").read_text(encoding="utf-8"))
+    del manifest["pictures"]  # as if somebody had lost them, and their entries
+    (tmp_path / "out/manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert any("image.exr" in problem for problem in verify(tmp_path / "out", seed=4).problems)
 
 
 def sign(out, name):

@@ -96,7 +96,7 @@ class Verb(_PlainFlags, typer.core.TyperCommand):
     """A verb of the command. No argument of it may be empty: as a path that would be the working directory."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """What is left of the arguments."""
+        """Parse arguments; those that are left."""
         if not ctx.resilient_parsing and any(not arg or (arg[:2] == "--" and arg[-1] == "=") for arg in args):
             hint = "a variable that is not set leaves an empty one"
             raise UsageError(f"an argument is empty: {ctx.command_path} {shlex.join(args)}", hint=hint)

@@ -34,6 +34,7 @@ class Manifest:
     files: dict[str, Blob] = field(default_factory=dict)
     tasks: dict[str, str] = field(default_factory=dict)
     points: Any = None
+    has_pictures: bool = True  # members of ensembles have none
 
 
 def read(out: Path) -> Manifest:
@@ -49,7 +50,8 @@ def read(out: Path) -> Manifest:
         ours = False
     if not ours:
         return Manifest(data=data)
-    return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks, points=parsed.get("points"))
+    stage, points, has_pictures = parsed.get("stage"), parsed.get("points"), parsed.get("pictures") is not False
+    return Manifest(data=data, stage=stage, files=files, tasks=tasks, points=points, has_pictures=has_pictures)
 
 
 def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
