@@ -72,6 +72,12 @@ def write_stage(file: Path, path: Path) -> float:
     for prim in tops:
         here = stage.DefinePrim(f"/Scene/Asset/{prim.GetName()}")
         here.GetReferences().AddReference(str(file), prim.GetPath())
+    # A reference brings nothing from beside its prim: what others name there, such as materials, is named anew.
+    for thing in [each for prim in asset.Traverse() if len(tops) > 1 for each in prim.GetAuthoredRelationships()]:
+        if any(len(path.GetCommonPrefix(thing.GetPath()).pathString) == 1 for path in thing.GetTargets()):
+            over = stage.OverridePrim(f"/Scene/Asset{thing.GetPrim().GetPath()}")
+            paths = [path.ReplacePrefix("/", "/Scene/Asset") for path in thing.GetTargets()]
+            over.CreateRelationship(thing.GetName(), custom=False).SetTargets(paths)
     path.parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
     return size * unit

@@ -170,7 +170,9 @@ def _shaping(prim: Usd.Prim, kind: str) -> Shaping | None:
 
 
 def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
-    """Radiance of a light in linear sRGB, as UsdLux defines it; a normalised one is divided by a factor of its size."""
+    """Radiance of a light in linear sRGB, at least 0, as UsdLux defines it; a normalised one is divided by a factor of
+    its size.
+    """
     with np.errstate(over="ignore"):  # what is infinite is refused below
         scalar = need(prim, "inputs:intensity") * float(np.exp2(need(prim, "inputs:exposure")))
     if need(prim, "inputs:normalize"):
@@ -178,14 +180,11 @@ def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
     colour = np.array(need(prim, "inputs:color")) * scalar
     if need(prim, "inputs:enableColorTemperature"):
         colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(need(prim, "inputs:colorTemperature")))
-    if (colour < 0).any():
-        hint = "no inputs:intensity and no component of inputs:color is below 0"
-        raise UnreadableValue(f"<{prim.GetPath()}> has a radiance of {colour.tolist()}", prim, hint=hint)
     if not (colour <= _BRIGHTEST).all():
         hint = "inputs:exposure is a power of two: 10 makes a lamp about a thousand times as bright"
         what = f"<{prim.GetPath()}> has a radiance of {colour.tolist()}, and images hold {_BRIGHTEST:g} at most"
         raise UnreadableValue(what, prim, hint=hint)
-    red, green, blue = (colour + 0.0).tolist()
+    red, green, blue = np.maximum(colour, 0.0).tolist()
     return red, green, blue
 
 
@@ -245,6 +244,8 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         except UnreadableValue as error:
             yield of_reader(error.thing, error)
             continue
+        if any(part * need(prim, "inputs:intensity") < 0 for part in need(prim, "inputs:color")):
+            yield not_drawn(prim, f"<{prim.GetPath()}> has a radiance below 0: it counts as 0")
         if isinstance(entry, LampEntry):
             yield from _check_scale(prim, entry.lamp, frames)
             skies += [prim] if entry.lamp.texture and entry.lamp.kind == "dome" else []

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Set
+from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
@@ -130,14 +131,15 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint="make the lamps brighter instead")
     remarks = dict[Problem, None]()  # meshes share materials
-    for prim in seen_meshes(root) if has_light else ():
-        if prim.GetPath() in wrong:
-            continue
+    waiting, blamed = [prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong], set[Any]()
+    while waiting:
         try:
-            read_finish(prim)
-            remarks |= dict.fromkeys(remarks_on(prim))
-            for flaw in _carried(prim, None)[2]:
-                remarks[flaw] = None
+            read_finish(waiting[0])
+            remarks |= dict.fromkeys([*remarks_on(waiting[0]), *_carried(waiting[0], None)[2]])
         except UnreadableValue as error:
-            yield of_reader(error.thing, error)
+            if error.thing not in blamed:
+                blamed.add(error.thing)
+                yield of_reader(error.thing, error)
+                continue  # with its next value, because those of others count as not written from now on
+        waiting.pop(0)
     yield from remarks

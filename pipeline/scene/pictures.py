@@ -46,7 +46,7 @@ def file_attribute(texture: UsdShade.Shader) -> Usd.Attribute:
     given = texture.GetInput("file")
     producers = given.GetValueProducingAttributes() if given else []
     if not producers:
-        raise UnreadableValue("the texture names no file", texture.GetPrim())
+        raise NotSupported("the texture names no file", texture.GetPrim())
     return producers[0]
 
 
@@ -93,7 +93,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     if attribute.GetNumTimeSamples():
         raise NotSupported(f'"{attribute.GetName()}" is animated, and pictures are not', attribute)
     if not isinstance(value, Sdf.AssetPath) or not value.path:
-        raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
+        raise NotSupported(f'"{attribute.GetName()}" names no file', attribute)
     try:
         return _inspected(value.path, value.resolvedPath, _ROOTS.get())
     except PipelineError as error:

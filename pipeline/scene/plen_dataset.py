@@ -248,7 +248,10 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     named = {path for relationship in relationships for path in target_paths(relationship)}
     named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
+    replaced: dict[str, list[Usd.Prim]] = {}
     for prim in prims:
+        if (mode := prim.GetAttribute("model:drawMode").Get() or "default") not in ("default", "inherited"):
+            replaced.setdefault(mode, []).append(prim)
         if prim.IsA("PlenWindow") and prim.GetPath() not in named:
             message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
             hint = f"name it in rel {WINDOWS} of each camera that it stands before"
@@ -261,11 +264,18 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         elif prim.GetPath() not in named:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
-        paths = ", ".join(f"<{prim.GetPath()}>" for prim in unnamed[:_MOST_PATHS])
-        more = f" and {len(unnamed) - _MOST_PATHS} more" if len(unnamed) > _MOST_PATHS else ""
-        message = f"{kind} {paths}{more} is in no image: no relationship names it"
+        message = f"{kind} {_paths(unnamed)} is in no image: no relationship names it"
         hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
         yield warning(unnamed[0], "not-in-image", message, hint=hint)
+    for mode, models in replaced.items():
+        message = f'"model:drawMode" = "{mode}" of {_paths(models)} has no effect: the model itself is drawn'
+        yield not_drawn(models[0].GetAttribute("model:drawMode"), message)
+
+
+def _paths(prims: list[Usd.Prim]) -> str:
+    """Paths of the first prims, and how many more there are."""
+    paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
+    return paths + (f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else "")
 
 
 def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:

@@ -317,8 +317,8 @@ class _Network:
             channel=source.output,
             scale=self.value(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
             bias=self.value(shader, "bias", (0.0, 0.0, 0.0, 0.0)),
-            # Files that say nothing repeat, as in viewers.
-            wrap=tuple("repeat" if wrap == "useMetadata" else str(wrap) for wrap in wraps),  # type: ignore[arg-type]
+            # What files say themselves is not read: black, as the definition of UsdUVTexture has it without.
+            wrap=tuple("black" if wrap == "useMetadata" else str(wrap) for wrap in wraps),  # type: ignore[arg-type]
             st_from_primvar=transform,
             primvar=primvar,
         )

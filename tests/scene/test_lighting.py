@@ -58,6 +58,7 @@ PICTURE = """
             asset inputs:file = @picture.png@
             token inputs:sourceColorSpace = "%s"
             token inputs:wrapS = "clamp"
+            token inputs:wrapT = "clamp"
             float2 inputs:st.connect = </Scene/Paper/Reader%s.outputs:result>
             float outputs:r
             float3 outputs:rgb
@@ -214,6 +215,23 @@ def test_a_picture_stands_upright_and_knows_its_colour_space(tmp_path, space, lo
     assert top_left == pytest.approx(1.0, rel=1e-6)
     assert top_right == pytest.approx(low, abs=0.003)
     assert bottom_right == 0.0
+
+
+def test_a_picture_without_a_wrap_mode_is_black_beyond_its_edges(tmp_path):
+    Image.fromarray(np.full((8, 8, 3), 255, np.uint8)).save(tmp_path / "picture.png")
+    twice = """def Shader "Twice"
+        {
+            uniform token info:id = "UsdTransform2d"
+            float2 inputs:in.connect = </Scene/Paper/Reader.outputs:result>
+            float2 inputs:scale = (2, 1)
+            float2 outputs:result
+        }
+        def Shader "Reader"
+"""
+    content = (TEXTURED % "raw").replace('token inputs:wrapS = "clamp"', "").replace('def Shader "Reader"', twice)
+    content = BOUND % "" + content.replace("st.connect = </Scene/Paper/Reader", "st.connect = </Scene/Paper/Twice")
+    light = [drawn_with(tmp_path, content, at=(x, 0.0, 500.0))[0] for x in (-25.0, 25.0)]
+    assert light == pytest.approx([1.0, 0.0], rel=1e-6)
 
 
 def test_the_flattened_stage_names_pictures_by_their_content_and_no_folder_of_this_machine(tmp_path):

@@ -262,18 +262,50 @@ def test_what_the_stage_misspells_is_an_error(tmp_path, line, code):
     assert [error.code for error in load(written(tmp_path, asset(), over)).errors] == [code]
 
 
-def test_a_lamp_without_area_of_others_is_left_out(tmp_path):
+LAMPS = 'def SphereLight "Point"\n{\n%s\n}\ndef SphereLight "Ball"\n{\n}'
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("float inputs:radius = 0", "lamp-size"),
+        ("float inputs:radius = -1", "unreadable-value"),
+        ("float inputs:exposure = 300", "unreadable-value"),
+    ],
+)
+def test_a_lamp_of_others_that_cannot_shine_is_left_out(tmp_path, line, code):
     """Beside one that shines."""
-    lamps = """def SphereLight "Point"
-{
-float inputs:radius = 0
-}
-def SphereLight "Ball"
-{
-}"""
-    loaded = load(written(tmp_path, asset(own=lamps), CONVERTED))
-    assert told(loaded) == [("lamp-size", "Point")]
+    loaded = load(written(tmp_path, asset(own=LAMPS % line), CONVERTED))
+    assert [kind for kind, _ in told(loaded)] == [code]
     assert [entry.prim_path for entry in loaded.dataset.lamps] == ["/Scene/Sky", "/Scene/Man/Ball"]
+
+
+@pytest.mark.parametrize(
+    ("line", "light"),
+    [("color3f inputs:color = (1, 1, -0.25)", (1, 1, 0)), ("float inputs:intensity = -2", (0, 0, 0))],
+)
+def test_light_below_zero_counts_as_none(tmp_path, line, light):
+    loaded = load(written(tmp_path, asset(own=LAMPS % line), CONVERTED))
+    assert told(loaded) == [("not-drawn", "Point")]
+    assert loaded.dataset.lamps[1].lamp.radiance == light
+
+
+@pytest.mark.parametrize(
+    ("line", "is_colour"),
+    [("asset inputs:file = @@", False), ('token inputs:wrapS = "Repeat"\nfloat inputs:scale = 2', True)],
+)
+def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line, is_colour):
+    """Each with a warning; a texture without a file is none."""
+    paint = (PAINT % ("p.png", line)).replace(
+        "asset inputs:file.connect = </Man/Paint.inputs:picture>" * ("file" in line), ""
+    )
+    Image.fromarray(np.full((2, 2, 3), 9, np.uint8)).save(tmp_path / "p.png")
+    loaded = load(written(tmp_path, asset(body=BOUND, beside=paint)))
+    assert len(told(loaded)) == 2
+    [surface] = loaded.dataset.occluders[0].finish.materials
+    texture = surface.diffuse_color.texture
+    assert (texture is not None) is is_colour
+    assert not texture or (texture.scale, texture.wrap) == ((1, 1, 1, 1), ("black", "black"))
 
 
 @pytest.mark.parametrize(

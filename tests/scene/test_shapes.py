@@ -268,6 +268,31 @@ def test_colours_of_instances_are_those_of_the_frame_and_follow_their_ids(tmp_pa
     assert (five, six) == ([(1, 0.1), (2, 0.4)], [(None, 0.2)])
 
 
+def test_prototypes_have_the_primvars_of_scopes_between_them_and_their_instancer(tmp_path):
+    """Those of all instances, and nothing of the scope on what has its own."""
+    red = 'color3f[] primvars:displayColor = [(1, 0, 0)]\n\ndef Plane "Plate"'
+    dataset = load(scene(tmp_path, MANY.replace('def Plane "Plate"', red), 2, lit=True)).dataset
+    colours = {each.prim_path[-7:-6]: each.finish.materials[0].diffuse_color.value for each in dataset.occluders}
+    assert colours == {"0": (1, 0, 0), "1": (0.18, 0.18, 0.18), "2": (1, 0, 0), "3": (0.18, 0.18, 0.18)}
+
+
+def test_too_few_colours_of_instances_are_named(tmp_path):
+    few = 'color3f[] primvars:displayColor = [(1, 0, 0)] (\ninterpolation = "vertex"\n)\nint[] protoIndices'
+    loaded = load(scene(tmp_path, MANY.replace("int[] protoIndices", few), 2, lit=True))
+    [problem] = loaded.problems
+    assert (problem.code, problem.at) == ("not-drawn", "/Scene/Things/Many.primvars:displayColor")
+    assert "too few values for 4 instances" in problem.message
+
+
+def test_models_that_are_drawn_in_place_of_their_cards_are_named(tmp_path):
+    cards = '"Many"\n(prepend apiSchemas = ["GeomModelAPI"]\nkind = "component")\n'
+    content = MANY.replace('"Many"\n', cards).replace(
+        "rel prototypes", 'token model:drawMode = "cards"\nrel prototypes'
+    )
+    loaded = load(scene(tmp_path, content, 2))
+    assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", "/Scene/Things/Many.model:drawMode")]
+
+
 @pytest.mark.parametrize("is_collection", [False, True])
 def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_them(is_collection: bool, tmp_path):
     """The scope with the prototypes is bound, or a collection of the instancer names one of them."""

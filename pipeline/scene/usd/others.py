@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
-from pipeline.scene.usd.values import UnreadableValue, read_once
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 
 _SILENT = (
     *("api-not-applicable", "no-pose-sample", "over-without-def", "text", "uniform-animated", "unknown-api"),
@@ -22,9 +22,10 @@ _SILENT = (
 """Codes of what USD takes no notice of, or does as its documentation says."""
 _BLOCKED = ("bad-token", "entries", "not-finite", "out-of-range", "wrong-type")
 """Codes of values that cannot be used."""
+_OF_READERS = ("lamp-size", NotSupported.code, UnreadableValue.code)
+"""Codes of what readers cannot use: an input of a shader counts as not written, and a light is left out."""
 _INSTEAD = {
     "asset-missing": "what it would bring is not drawn",
-    "lamp-size": "it is left out",
     "missing-target": "it counts as not written",
     "missing-xform-op": "the transform is that of the others",
     "usd-": "what it would bring is not drawn",
@@ -66,16 +67,17 @@ class Others:
             instead = next((text for code, text in _INSTEAD.items() if each.code.startswith(code)), None)
             if each.file not in self._files or not (each.is_error or each.code in _SILENT):
                 yield each
-            elif each.code in _BLOCKED and isinstance(thing, Usd.Attribute):
+            elif each.code in _OF_READERS and thing and thing.GetPrim().HasAPI(UsdLux.LightAPI):
+                with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
+                    UsdGeom.Imageable(thing.GetPrim()).CreatePurposeAttr(UsdGeom.Tokens.guide)
+                yield replace(each, severity="warning", hint="it is left out")
+            elif each.code in (*_BLOCKED, *_OF_READERS) and isinstance(thing, Usd.Attribute):
                 yield from self._blocked(each, thing)
             elif instead:
                 if each.code == "missing-xform-op" and isinstance(thing, Usd.Attribute):
                     there = {"!resetXformStack!", *thing.GetPrim().GetPropertyNames()}
                     with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
                         thing.Set([op for op in thing.Get() if op.removeprefix("!invert!") in there])
-                if each.code == "lamp-size":
-                    with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
-                        UsdGeom.Imageable(thing).CreatePurposeAttr(UsdGeom.Tokens.guide)
                 yield replace(each, severity="warning", hint=instead)
             elif each.code == "unknown-property" and "did you mean" in (each.hint or ""):
                 strange.setdefault((each.at or "").partition(".")[0], []).append(each)

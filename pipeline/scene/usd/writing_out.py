@@ -42,7 +42,7 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         count += len(instances)
         if over := over_limit(prim, "instances", count, f"{count:,} instances of point instancers"):
             return [*problems, *over]
-        _write_instances(prim, instances)
+        problems += _write_instances(prim, instances)
     problems += _bake(stage, frames)
     return problems
 
@@ -114,8 +114,10 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
     return list(found.values())
 
 
-def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
-    """Write instances below a point instancer: each a transform above a reference to its prototype."""
+def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem]:
+    """Write instances below a point instancer: each a transform above a reference to its prototype; warnings of values
+    that are too few.
+    """
     stage = prim.GetStage()
     layer, path = stage.GetSessionLayer(), prim.GetPath()
     frames = sorted({frame for instance in instances for frame in instance.poses})
@@ -125,13 +127,18 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
         if child.IsA(UsdGeom.Imageable) or not child.GetTypeName()
     }
     count = {frame: max(each.places.get(frame, -1) for each in instances) + 1 for frame in frames}
-    colours = []
+    colours, problems = [], []
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
         if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
             continue
         values: dict[float, Any] = {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
         if all(len(values[frame]) >= count[frame] for frame in frames):
             colours.append((primvar.GetAttr().GetName(), primvar.GetTypeName(), values))
+        else:
+            name, most = primvar.GetAttr().GetName(), max(count.values())
+            problems.append(
+                not_drawn(primvar.GetAttr(), f'"{name}" has too few values for {most:,} instances: none counts')
+            )
     bound = {path: _bound_above(stage.GetPrimAtPath(path), prim) for path in {each.prototype for each in instances}}
     with Sdf.ChangeBlock():
         for at in hidden:
@@ -157,6 +164,20 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> None:
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
                 _token(shape, "visibility").default = hidden[instance.prototype]
+    with Usd.EditContext(stage, layer):
+        for number, instance in enumerate(instances):
+            whole_prim = stage.GetPrimAtPath(path.AppendChild(f"{_INSTANCE}{number}"))
+            for attribute in _carried_above(stage.GetPrimAtPath(instance.prototype), prim):
+                if not whole_prim.HasProperty(attribute.GetName()):
+                    attribute.FlattenTo(whole_prim)
+    return problems
+
+
+def _carried_above(prototype: Usd.Prim, instancer: Usd.Prim) -> list[Usd.Attribute]:
+    """Primvars, and their indices, that a prototype inherits from prims above it, and its instances do not."""
+    primvars = UsdGeom.PrimvarsAPI(prototype.GetParent()).FindPrimvarsWithInheritance()
+    attributes = [attribute for each in primvars for attribute in (each.GetAttr(), each.GetIndicesAttr()) if attribute]
+    return [each for each in attributes if not instancer.GetPath().HasPrefix(each.GetPrimPath())]
 
 
 def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path]:
