@@ -233,9 +233,9 @@ def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[
 def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, bare: Things) -> None:
     """Add the labels of a camera, in its own light, in all frames, if any are asked for; `bare`: without colours."""
     exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
-    ordered = sorted(dataset.frames_of(entry), key=lambda frame: frame.number)
-    for frame, later in pairwise([*ordered, None]) if asked else ():
-        assert frame is not None  # only what follows the last one is
+    ordered = sorted(dataset.frames, key=lambda frame: frame.number)
+    following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in asked}
+    for frame in dataset.frames_of(entry) if asked else ():
         world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))
         motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
         shutter = _shutter_in(entry, frame, in_world=in_world)
@@ -254,20 +254,40 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             shutter=shutter and replace(shutter, instants=1),
             camera_motion=motions.camera if motions and in_world else None,
         )
-        if later and "flow" in asked:
-            poses, moved = target_poses(dataset, later, entry.name), bare.occluders(later, entry.name)
-            there = dict(zip(_paths(dataset, later), moved, strict=True))
-            targets = tuple(matrix(poses[target.name]) for target in dataset.targets)
-            whole = replace(whole, next_targets=targets, next_occluders=tuple(map(there.get, _paths(dataset, frame))))
         name, reads = f"{entry.name}/{frame.number:04d}", {"camera": seen_through(graph, entry)}
+        together = f"labels/{entry.name}"
+        if later := following.get(frame.number):
+            then = _in_frame(dataset, entry, later)
+            whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
+            if then.name != entry.name:
+                reads["next"], together = seen_through(graph, then), f"labels/{entry.name}/{then.name}"
         if whole.view.lighting:
             reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
-        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, f"labels/{entry.name}", least=1)
+        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, together, least=1)
         joined = labels.Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
         task, outputs = add(graph, f"labels/{name}", joined, tiles), (labels.LABELS, labels.PREVIEW, labels.BOXES)
         delivered = outputs if "targets" in asked else outputs[:2]
         files |= {f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered}
+
+
+def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry:
+    """A camera in the state that it has in a frame."""
+    states = (other for other in dataset.cameras if other.prim_path == entry.prim_path)
+    return next(state for state in states if state.name in frame.camera_from_world)
+
+
+def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> labels.NextFrame:
+    """What of a frame is where in the next one, before the camera there."""
+    poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
+    there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
+    shutter = _shutter_in(camera, later)
+    return labels.NextFrame(
+        targets=tuple(matrix(poses[target.name]) for target in dataset.targets),
+        occluders=tuple(map(there.get, _paths(dataset, frame))),
+        shutter=shutter and replace(shutter, instants=1),
+        motions=tuple(motions.targets.get(target.name) for target in dataset.targets) if motions and shutter else (),
+    )
 
 
 def _lets_pass(dataset: Dataset) -> bool:

@@ -82,14 +82,9 @@ def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
             f'"plen:image:exposureTime" = {time_s:g} s, but the shutter exposes lines for {shutter.exposure_s:g} s'
         )
         yield problem(camera.GetAttribute("plen:image:exposureTime"), "shutter", message, hint=f"or change {_EXPOSURE}")
-    others = {
-        "plen:truth:method": (read(camera, "plen:truth:method") != "direct", 'write "direct"'),
-        "plen:image:labels": ("flow" in (read(camera, "plen:image:labels") or ()), 'leave "flow" out'),
-    }
-    for name, (is_asked, hint) in others.items():
-        if is_asked:
-            message = f'"{name}" is not supported together with a shutter that is open for longer than an instant'
-            yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint=hint)
+    if read(camera, name := "plen:truth:method") != "direct":
+        message = f'"{name}" is not supported together with a shutter that is open for longer than an instant'
+        yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint='write "direct"')
 
 
 WorldFrom = Callable[[Usd.Prim, Sequence[float], float], np.ndarray]

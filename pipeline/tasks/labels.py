@@ -14,6 +14,7 @@ from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
 from pipeline.render.labels.pixels import SHOWN, Asked, labels_of, preview
+from pipeline.render.labels.sight_lines import SightLines
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.pixel_rays import Band, Rows
@@ -31,10 +32,15 @@ _HALF = 0.5
 
 def labels_tile(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of the labels of frames, which share their rays, for the task `labels`."""
-    rig, samples = imaged_rig(inputs, params[0].exposure), params[0].exposure.samples
+    exposure = params[0].exposure
+    rig = imaged_rig(inputs, exposure)
+    lines = then = SightLines(rig)
+    if "next" in inputs:
+        then = SightLines(imaged_rig({"camera": inputs["next"]}, exposure))
 
     def seen(some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
-        return labels_of(Band.of(rig, rows, columns), samples, [_scene(each, inputs) for each in some])
+        band, scenes = Band.of(rig, rows, columns), [_scene(each, inputs) for each in some]
+        return labels_of(band, exposure.samples, scenes, (lines, then))
 
     still = [each for each in params if each.shutter is None]
     alike = iter(seen(still, params[0].rows) if still else ())
@@ -57,9 +63,11 @@ def _line_by_line(
 
 
 def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
-    asked, poses = params.channels, params.next_targets
-    occluders = [None if then is None else placed_occluder(then) for then in params.next_occluders]
-    later = None if poses is None else Later(list(map(np.array, poses)), occluders)
+    asked, later, after = params.channels, None, params.later
+    if after is not None:
+        occluders = [None if then is None else placed_occluder(then) for then in after.occluders]
+        motions = [*after.motions, *(then.motion if then else None for then in after.occluders)]
+        later = Later(list(map(np.array, after.targets)), occluders, after.shutter, motions)
     targets, others = list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders))
     view = images.scene_of(params.view, inputs) if params.view.lighting else None
     lit = view.in_light(0) if isinstance(view, LitView) else None

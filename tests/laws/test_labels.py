@@ -3,7 +3,7 @@
 A pinhole has them in closed form. Of a lens and of microlenses the exact positions of target points are the judge.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from pipeline.camera.tracer import parallel_planes
 from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
 from pipeline.render.labels.pixels import RANKS, Asked, labels_of
+from pipeline.render.labels.sight_lines import SightLines
 from pipeline.render.labels.things import Later, Things
 from pipeline.render.lighting.records import Input, Material
 from pipeline.render.pixel_rays import Band
@@ -58,14 +59,21 @@ class Labelled:
 
 
 def labelled(
-    camera: Camera, targets=(), occluders=(), later: Later | None = None, samples: int = SAMPLES, pose=None
+    camera: Camera,
+    targets=(),
+    occluders=(),
+    later: Later | None = None,
+    samples: int = SAMPLES,
+    pose=None,
+    then: Camera | None = None,
 ) -> Labelled:
-    """Labels of things that are called t0, t1, … and o0, o1, …"""
+    """Labels of things that are called t0, t1, … and o0, o1, …; `then`: the camera in the next frame."""
     rig = rig_of(camera)
+    lines = SightLines(rig), SightLines(rig_of(then or camera))
     names = [f"t{k}" for k in range(len(targets))] + [f"o{k}" for k in range(len(occluders))]
     ids = np.array([id_of(name) for name in names], np.float32)
     asked = Asked(TOKENS, tuple(names[: len(targets)]), {"Crypto": ids}, np.eye(4) if pose is None else pose)
-    (values,) = labels_of(Band.of(rig), samples, [(Things(targets, occluders, later), asked)])
+    (values,) = labels_of(Band.of(rig), samples, [(Things(targets, occluders, later), asked)], lines)
     return Labelled(rig, dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True)))
 
 
@@ -222,6 +230,18 @@ def test_flow_is_the_difference_of_the_truths_of_two_frames(camera):
     assert seen["spread.flow"][30:40, 40:50].max() < 1e-6
 
 
+def test_flow_is_through_the_lens_as_it_is_in_the_next_frame():
+    """A focus that is pulled moves what stands still: the image breathes."""
+    near, far, pose = rigs.conventional(), rigs.conventional(), rigs.facing(434.4)
+    far = replace(far, sensor_distance_mm=far.sensor_distance_mm + 5.0)
+    seen = labelled(near, [(Target(BOARD, Flat()), pose)], later=Later([pose], []), then=far)
+    before, after = (solved(rig_of(camera), BOARD, pose).solutions for camera in (near, far))
+    way = after.xy_px - before.xy_px
+    assert len(way) == 20 and np.abs(way).max() > 0.1
+    for axis, name in enumerate(("flow.X", "flow.Y")):
+        np.testing.assert_allclose(seen.at(name, before.xy_px), way[:, axis], rtol=0, atol=FLOW_PX)
+
+
 def test_flow_behind_microlenses_is_that_of_each_micro_image():
     now, then = rigs.facing(434.4, 10.0), rigs.facing(436.0, 11.0, 0.2, -0.1)
     seen = labelled(rigs.plenoptic(extent_mm=3.0), [(Target(BOARD, Flat()), now)], later=Later([then], []))
@@ -295,7 +315,8 @@ def test_bands_of_rows_are_rows_of_the_whole():
     rig = rig_of(camera)
     asked = Asked(TOKENS, ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
     scene = [(Things([(Target(BOARD, Flat()), pose)], [], Later([pose], [])), asked)]
-    (whole,), (some,) = labels_of(Band.of(rig), 16, scene), labels_of(Band.of(rig, (20, 50)), 16, scene)
+    lines = SightLines(rig), SightLines(rig)
+    (whole,), (some,) = (labels_of(Band.of(rig, rows), 16, scene, lines) for rows in (None, (20, 50)))
     np.testing.assert_array_equal(whole[20:50], some)
 
 

@@ -11,6 +11,7 @@ from builds import made
 from laws import rigs
 from laws.lit import mesh
 from laws.solving import planes_of, rig_of, solved
+from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 from stage_text import stage_in, tiny_text
 
@@ -333,6 +334,25 @@ def test_each_line_of_labels_is_that_of_a_still_in_the_middle_of_its_exposure(tm
         still = labels(f"still{line}", "", time_s, time_s)[:, line]
         np.testing.assert_allclose(scanned[:, line], still, rtol=1e-6, atol=1e-5)
         assert np.nanmax(np.abs(still - start[:, line])) > 0.2
+
+
+def test_flow_ends_in_the_line_that_sees_the_point_in_the_next_frame(tmp_path, common_store):
+    """Beside the difference of the rows of both frames; at the time of the first line it is 0.1 px from there."""
+    asked = 'token[] plen:image:labels = ["flow"]'
+    places = "(-0.1, 0.3, -434.4)", "(0.0, 0.2, -434.4),\n            3: (0.1, -0.1, -430.4)"
+    upright = "1: (1, 0, 0, 0),", "1: (1, 0, 0, 0), 2: (1, 0, 0, 0),"
+    path = stage(tmp_path / "flow", f"{SCAN}{asked}", places, ("endTimeCode = 1", "endTimeCode = 2"), upright)
+    made(path, tmp_path / "out", common_store)
+    folders = [tmp_path / f"out/frames/{frame:04d}/Rig.Camera" for frame in (1, 2)]
+    channels = read_exr(folders[0] / "labels.exr")["labels"].channels
+    before, after = (read_table(folder / "correspondences.csv") for folder in folders)
+    xy_px = [np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1) for table in (before, after)]
+    first = np.isin(before.columns["point_id"], after.columns["point_id"])  # a card hides the others
+    start, way = xy_px[0][first], xy_px[1] - xy_px[0][first]
+    assert len(way) == 3 and np.abs(way).max() > 0.5
+    for axis, name in enumerate(("flow.X", "flow.Y")):
+        flow = RegularGridInterpolator(tuple(map(np.arange, channels[name].shape)), channels[name].astype(float))
+        np.testing.assert_allclose(flow(start[:, ::-1]), way[:, axis], rtol=0, atol=2e-3)
 
 
 def test_lines_that_are_sampled_to_a_stated_noise_are_the_mean_of_stills_and_have_that_noise(tmp_path, common_store):

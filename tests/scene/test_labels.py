@@ -53,10 +53,25 @@ def test_an_instance_has_the_name_of_what_was_placed(tmp_path):
 
 def test_the_next_frame_is_read_for_flow_alone_and_the_last_has_none(tmp_path):
     with_flow = labels_of(tmp_path)
-    assert with_flow["labels_tile/Rig.Camera/0001/0000"]["next_targets"] is not None
-    assert with_flow["labels_tile/Rig.Camera/0002/0000"]["next_targets"] is None
+    assert with_flow["labels_tile/Rig.Camera/0001/0000"]["later"] is not None
+    assert with_flow["labels_tile/Rig.Camera/0002/0000"]["later"] is None
     without = labels_of(tmp_path, edited(ASKED, ('"flow", ', "")))
-    assert without["labels_tile/Rig.Camera/0001/0000"]["next_targets"] is None
+    assert without["labels_tile/Rig.Camera/0001/0000"]["later"] is None
+
+
+def test_flow_is_to_the_next_frame_of_the_dataset_whatever_the_camera_is_there(tmp_path):
+    """Its focus is pulled."""
+    focus = "double plen:camera:sensorDistance.timeSamples = {1: 125, 2: 125.5}"
+    text = over_tiny(camera=f"{ASKED}\n{focus}").rstrip().removesuffix("}") + SCENE
+    (tmp_path / "stage.usda").write_text(text, encoding="utf-8")
+    loaded = load(tmp_path / "stage.usda", allow_roots=(Path(__file__).parents[1] / "data",))
+    graph = graph_of(loaded.dataset).graph
+    reads = {name: dict(graph[name].reads) for name in graph if name.startswith("labels_tile")}
+    first, last = "focus/Rig.Camera.0001", "focus/Rig.Camera.0002"
+    assert reads == {
+        "labels_tile/Rig.Camera.0001/0001/0000": {"camera": first, "next": last},
+        "labels_tile/Rig.Camera.0002/0002/0000": {"camera": last},
+    }
 
 
 def test_without_the_attribute_there_is_no_task(tmp_path):

@@ -39,7 +39,6 @@ def test_shutters_that_say_all_are_right(tmp_path, camera):
         ("double2 lineOffset = (1, 1000)", "shutter", "plen:shutter:lineOffset", "a global one neither"),
         ('token scanOrder = "inwards"', "bad-token", "plen:shutter:scanOrder", "topToBottom"),
         (f"{OPEN}\n{_METHOD.strip()[8:]}", "not-yet-supported", "plen:truth:method", "direct"),
-        (f'{OPEN}\ntoken[] plen:image:labels = ["depth", "flow"]', "not-yet-supported", "plen:image:labels", "leave"),
     ],
 )
 def test_mistakes_of_a_shutter_are_told_once_where_they_are(tmp_path, camera, code, where, says):

@@ -11,13 +11,18 @@ import numpy as np
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.frames import apply
 from pipeline.records.shapes import Bool, Float32, Float64
-from pipeline.render.labels.sight_lines import SightLines
+from pipeline.render.labels.sight_lines import SETTLED_PX, SightLines
 from pipeline.render.labels.things import Things
 from pipeline.render.pixel_rays import Band, Batch, PixelRays, rays_of
 from pipeline.render.spectral.preview import srgb_encoded
 
 RANKS = 6
 """Things of a pixel whose ids are kept, those with most light: three layers of Cryptomatte, as most programs write."""
+_TURNS = 12
+"""Times that a point is looked for where it is in its own line [1]: each leaves of the way the part by which the image
+moves during the scan."""
+NowAndThen = tuple[SightLines, SightLines]
+"""Mean rays of a camera in a frame, and in the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +49,9 @@ class Asked:
 class _Seen:
     """Some pixels, with the things that their rays meet."""
 
-    def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: SightLines | None) -> None:
+    def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: NowAndThen | None) -> None:
         self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces
+        self._later = things.later
         self._met = things.met(rays)
         self._row, self._weight = rays.row[self._met.ray], rays.leaving.share[self._met.ray]
         self._pixels = len(rays.pixels)
@@ -82,14 +88,30 @@ class _Seen:
     def _flow(self) -> np.ndarray:
         """Way of the mean point of each thing, in the mean of all of them."""
         assert self._lines is not None
+        now, then = self._lines
         moving = (self._rays.way[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
-        row, _, light, group = self._grouped(self._met.thing, moving)
+        row, thing, light, group = self._grouped(self._met.thing, moving)
         points = np.concatenate([self._met.point_mm, self._met.later_mm], axis=1)[moving]
         means, cell = _mean(points, self._weight[moving], group, len(row)), self._band.strata[self._rays.pixels[row], 0]
-        start = self._lines.positions(means[:, :3], cell, self._rays.squares.pixels[row].astype(float))
-        way = self._lines.positions(means[:, 3:6], cell, start) - start
+        start = now.positions(means[:, :3], cell, self._rays.squares.pixels[row].astype(float))
+        way = self._there(then, means[:, 3:6], thing, cell, start) - start
         known = np.isfinite(way).all(axis=1)
         return _mean(way[known], light[known], row[known], self._pixels)
+
+    def _there(
+        self, lines: SightLines, points_mm: np.ndarray, thing: np.ndarray, cell: np.ndarray, start_px: np.ndarray
+    ) -> np.ndarray:
+        """Positions of points of things in the next frame, (n, 2), with a shutter each at the time of its own line."""
+        later = self._later
+        if later.shutter is None:
+            return lines.positions(points_mm, cell, start_px)
+        x_px = before = start_px
+        for _ in range(_TURNS):
+            before = x_px
+            there = later.at(points_mm, thing, later.shutter.middle_s(before, lines.size_px))
+            x_px = lines.positions(there, cell, before)
+        has_settled = np.abs(x_px - before).max(axis=1) < SETTLED_PX
+        return np.where(has_settled[:, None], x_px, np.nan)
 
     def _matte(self, ids: Float32[np.ndarray, "things"]) -> np.ndarray:
         """Ids and shares of the things with most light, alternating, (pixels, 2 RANKS)."""
@@ -141,14 +163,16 @@ _CHANNELS = {
 """Channels of a token, in the order in which they are computed."""
 
 
-def labels_of(band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]]) -> list[np.ndarray]:
-    """Labels of the pixels of a band in several scenes, which share their rays: (h, w, channels) float32 each."""
-    has_flow = any("flow" in asked.tokens for _, asked in scenes)
-    home = band.strata[:, 0]
-    lines = SightLines(band.rig, np.unique(home[home != SKIP])) if has_flow else None
+def labels_of(
+    band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]], lines: NowAndThen | None = None
+) -> list[np.ndarray]:
+    """Labels of the pixels of a band in several scenes, which share their rays: (h, w, channels) float32 each.
+
+    `lines`: those of the camera now and in the next frame, if flow is among the labels.
+    """
     results = []
     for _, asked in scenes:
-        result = np.full((len(home), len(asked.channels)), np.nan, np.float32)
+        result = np.full((len(band.strata), len(asked.channels)), np.nan, np.float32)
         result[:, result.shape[1] - 2 * RANKS * len(asked.mattes) :] = 0.0
         results.append(result)
     for rays in rays_of(band, Batch(samples), np.where(band.strata == SKIP, 0, samples)):

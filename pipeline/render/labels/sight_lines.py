@@ -18,16 +18,17 @@ _WITHIN = 0.35
 """Half the edge of the square of nodes behind a microlens, over the reach of its light [1]: its corners are lit."""
 _LIT = 0.7
 """Least part of the nodes of a cell that light reaches [1]: with fewer, positions there are unknown."""
-_STEPS, _SETTLED_PX = 6, 1e-4
+_STEPS, SETTLED_PX = 6, 1e-4
 """Steps of Newton's method, and its last one [px]: lines are nearly linear in the position."""
 _PLANES_MM = 500.0, 1000.0  # by which a line is known; any do
 
 
 class SightLines:
-    """Mean rays of the image, or of the micro-images of some microlenses, by the rows of these."""
+    """Mean rays of the image, or of the micro-images of microlenses, by the rows of these; traced when asked for."""
 
-    def __init__(self, rig: Rig, cells: Int64[np.ndarray, "c"]) -> None:
+    def __init__(self, rig: Rig) -> None:
         sensor, images = rig.tracer.camera.sensor, rig.images
+        self._rig, self.size_px = rig, sensor.size_px
         size_px = np.array([[sensor.width_px, sensor.height_px]])
         self._centre_px, self._half_px, self._reach = (size_px - 1) / 2, size_px / 2, 1.0
         (self._degree, count), self._norm = _OF_IMAGE, np.inf
@@ -36,13 +37,20 @@ class SightLines:
             self._half_px = np.repeat(_WITHIN * images.reach_mm[:, None] / sensor.pitch_mm, 2, axis=1)
             (self._degree, count), self._norm = _OF_MICRO_IMAGE, 2
         node = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
-        nodes = np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
-        basis, _ = self._basis(nodes)
-        self._lines = np.full((len(self._centre_px), basis.shape[1], 4), np.nan)
-        self._lines[cells] = _fitted(basis, self._traced(rig, cells, nodes))
+        self._nodes = np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
+        self._fit, _ = self._basis(self._nodes)
+        self._lines = np.full((len(self._centre_px), self._fit.shape[1], 4), np.nan)
+        self._is_known = np.zeros(len(self._centre_px), bool)
 
-    def _traced(self, rig: Rig, cells: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    def _lines_of(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
+        cells = np.unique(cell)
+        if len(new := cells[~self._is_known[cells]]):
+            self._lines[new], self._is_known[new] = _fitted(self._fit, self._traced(new)), True
+        return self._lines[cell]
+
+    def _traced(self, cells: np.ndarray) -> np.ndarray:
         """x and y on z = 0 and slopes of the mean rays of nodes (c, nodes, 4); NaN where there is no light."""
+        rig, nodes = self._rig, self._nodes
         x_px = self._centre_px[cells, None] + self._half_px[cells, None] * nodes
         planes = np.broadcast_to(parallel_planes(*_PLANES_MM), (x_px.size // 2, 2, 4, 3))
         bundles = Bundles(x_px.reshape(-1, 2), np.repeat(rig.microlens(cells), len(nodes)), planes)
@@ -67,7 +75,8 @@ class SightLines:
         """
         half, centre, z_mm = self._half_px[cell], self._centre_px[cell], points_mm[:, 2:]
         # x and y at the depth of each point, as functions of the position alone.
-        lines = self._lines[cell, :, :2] + z_mm[..., None] * self._lines[cell, :, 2:]
+        rays = self._lines_of(cell)
+        lines = rays[..., :2] + z_mm[..., None] * rays[..., 2:]
         s, step = (start_px - centre) / half, np.full(half.shape, np.inf)
         for _ in range(_STEPS):
             value, slopes = self._basis(s)
@@ -77,7 +86,7 @@ class SightLines:
             step /= (a * d - b * c)[:, None]
             s = np.clip(s + step, -2 * self._reach, 2 * self._reach)
         known = (np.linalg.norm(s, self._norm, axis=1) <= self._reach) & (points_mm[:, 2] > 0)
-        known &= np.abs(step * half).max(axis=1) < _SETTLED_PX
+        known &= np.abs(step * half).max(axis=1) < SETTLED_PX
         return np.where(known[:, None], centre + half * s, np.nan)
 
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.frames import apply, inverse
-from pipeline.records.shapes import Float64
+from pipeline.motion import Motion, Shutter
+from pipeline.records.shapes import Float64, Int64
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.surroundings import MeshScene, in_vision
@@ -25,10 +26,27 @@ _STEPS = 5
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """Places of the things in the next frame, in its vision frame."""
+    """Places of the things in the next frame, in its vision frame; with motions of all things, targets first, if some
+    move before a shutter there.
+    """
 
     targets: Sequence[np.ndarray]  # vision_from_target of each target
     occluders: Sequence[tuple[Occluder, np.ndarray] | None]  # each occluder; None: it is not there
+    shutter: Shutter | None = None
+    motions: Sequence[Motion | None] = ()
+
+    def at(
+        self, points_mm: Float64[np.ndarray, "n 3"], thing: Int64[np.ndarray, "n"], time_s: Float64[np.ndarray, "n"]
+    ) -> np.ndarray:
+        """Where points of things, (n, 3) at the time code of the frame, are at times after it."""
+        poses = [*self.targets, *(then and then[1] for then in self.occluders)]
+        result = points_mm.copy()
+        for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=False)):
+            rows = np.flatnonzero(thing == number)
+            if motion is not None and pose is not None and len(rows):
+                way = motion.at(time_s[rows]) @ inverse(pose)
+                result[rows] = np.einsum("nij,nj->ni", way[:, :3, :3], points_mm[rows]) + way[:, :3, 3]
+        return result
 
 
 class Met(NamedTuple):
@@ -57,6 +75,7 @@ class Things:
         lit: LitScene | None = None,
     ) -> None:
         later = later or Later([np.full((4, 4), np.nan)] * len(targets), [None] * len(occluders))
+        self.later = later
         pieces = [(k, face, patch) for k, (t, _) in enumerate(targets) for face, patch in enumerate(t.patches())]
         self.faces = [(k, face) for k, face, _ in pieces]  # number of the target of each patch, and of the patch on it
         self._patches = [(k, patch, targets[k][1] @ patch.target_from_patch) for k, _, patch in pieces]

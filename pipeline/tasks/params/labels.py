@@ -19,20 +19,31 @@ class Channels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabelsTile:
-    """Some rows of labels; the world, and what is where in the next frame, only if a label asks for them.
+class NextFrame:
+    """What is where in the next frame: vision_from_target of all targets, and all occluders; None: it is not there.
 
-    Of that frame vision_from_target of all targets, and all occluders; None: it is not there. The view has materials,
-    and no lamps, if light passes some things. Before a shutter the view moves, and the camera if it has a motion,
-    world_from_vision.
+    With the motions of targets, and the shutter, if something moves before it there.
+    """
+
+    targets: tuple[Matrix, ...]
+    occluders: tuple[PlacedOccluder | None, ...]
+    shutter: Shutter | None = None
+    motions: tuple[Motion | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelsTile:
+    """Some rows of labels; the world, and the next frame, only if a label asks for them.
+
+    The view has materials, and no lamps, if light passes some things. Before a shutter the view moves, and the camera
+    if it has a motion, world_from_vision. Of a camera that is another one in the next frame a role `next` is read.
     """
 
     exposure: Exposure
     channels: Channels
     view: PaintedView
     world_from_vision: Matrix | None
-    next_targets: tuple[Matrix, ...] | None = None
-    next_occluders: tuple[PlacedOccluder | None, ...] = ()
+    later: NextFrame | None = None
     rows: tuple[int, int] = (0, 0)
     shutter: Shutter | None = None
     camera_motion: Motion | None = None
