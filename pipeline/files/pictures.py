@@ -24,8 +24,8 @@ SUFFIXES = (*_FORMATS, ".exr", ".hdr", PROFILE)
 _HDR_SIZE = re.compile(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n")
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
 """Numbers of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
-_BITS, _DEEP = 16, 65535.0
-"""Bits of a deep component, and its value of white."""
+_BITS, _DEEP, _WHITE = 16, 65535.0, 255.0
+"""Bits of a deep component, and values of white of deep and other ones."""
 _LARGEST = 1e9
 """Largest number of a pixel [1]: the sun is about 1e5 times as bright as its sky, and single precision ends at 3e38."""
 
@@ -37,14 +37,13 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     leaves it.
     Raises PipelineError: the file cannot be read, has too many pixels, or one that is no finite number.
     """
-    if suffix not in _FORMATS:
-        return _with_four(_floats(content, suffix))
-    pixels, scale = _from_8_or_16_bits(content, suffix)
+    is_float = suffix not in _FORMATS
+    pixels, scale = (_floats(content, suffix), 1.0) if is_float else _from_8_or_16_bits(content, suffix)
     values = pixels.reshape(*pixels.shape[:2], -1) / scale
     colours = values[..., : 1 if values.shape[2] < 3 else 3]
-    if space == "sRGB" or (space == "auto" and colours.shape[2] == 3 and scale < _DEEP):
-        low = colours / _SLOPE
-        colours = np.where(colours <= _BLACK_LEVEL, low, ((colours + _OFFSET) / (1 + _OFFSET)) ** _POWER)
+    if space == "sRGB" or (space == "auto" and colours.shape[2] == 3 and scale == _WHITE):
+        low, high = colours / _SLOPE, np.maximum(colours, _BLACK_LEVEL)
+        colours = np.where(colours <= _BLACK_LEVEL, low, ((high + _OFFSET) / (1 + _OFFSET)) ** _POWER)
     return _with_four(np.concatenate([colours, values[..., colours.shape[2] :]], axis=2))
 
 
@@ -75,7 +74,7 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
         why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
         hint = "write it anew as PNG or JPEG"
         raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{why}", hint=hint) from error
-    return pixels, _DEEP if deep else 255.0
+    return pixels, _DEEP if deep else _WHITE
 
 
 def _by_opencv(content: bytes) -> np.ndarray:
@@ -109,7 +108,7 @@ def _require_few(values: int) -> None:
 
 
 def _floats(content: bytes, suffix: str) -> np.ndarray:
-    values = {".exr": _from_exr, ".hdr": _from_hdr, PROFILE: read_ies}[suffix](content)
+    values = np.asarray({".exr": _from_exr, ".hdr": _from_hdr, PROFILE: read_ies}[suffix](content), np.float32)
     odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
     if odd:
         hint = "denoise it, or clip it where the sun is"

@@ -289,11 +289,11 @@ def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
                 yield not_drawn(relationship, f'"{name}" of a light has no effect: {instead}')
         elif (given := prim.GetAttribute(name)) and given.HasAuthoredValue() and plain(given.Get()) != idle:
             yield not_drawn(given, f'"{name}" = {given.Get()} of a light has no effect: {instead}')
-    shapeless = kind not in KINDS or KINDS[kind][0] in _FAR
+    shapeless = kind not in KINDS or KINDS[kind][0] in _FAR or not prim.HasAPI(UsdLux.ShapingAPI)
     for given in prim.GetAuthoredAttributes():
         name = given.GetName()
         if shapeless and name.startswith("inputs:shaping:"):
-            yield not_drawn(given, f'"{name}" has no effect on a light without an axis: it shines evenly')
+            yield not_drawn(given, f'"{name}" has no effect on a light without an axis or ShapingAPI: it shines evenly')
         elif name.startswith("inputs:") and given.ValueMightBeTimeVarying():
             what = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
             yield not_drawn(given, what, "animate its xformOps, or use one lamp per value and hide it in other frames")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
@@ -203,12 +204,27 @@ def test_deep_colours_keep_their_bits_and_are_linear(tmp_path, depth):
     assert pixel == pytest.approx([*(share if depth == 16 else ((share + 0.055) / 1.055) ** 2.4), 1], abs=SINGLE)
 
 
+@pytest.mark.parametrize(("space", "light"), [("auto", [0.5, 2.0, 0.25]), ("sRGB", [0.214041, 4.953846, 0.050876])])
+def test_pictures_of_floats_are_linear_unless_their_texture_says_that_they_are_not(space, light):
+    """sRGB's curve by colour-science's `eotf_sRGB`."""
+    content = cv2.imencode(".hdr", np.full((2, 9, 3), (0.25, 2.0, 0.5), np.float32))[1].tobytes()
+    assert decoded(content, ".hdr", space)[0, 0] == pytest.approx([*light, 1], rel=1e-5)
+
+
 def test_pictures_of_radiance_are_read_and_their_size_first(monkeypatch):
     content = cv2.imencode(".hdr", np.full((3, 2, 3), (1.0, 8.0, 16.0), np.float32))[1].tobytes()
     assert decoded(content, ".hdr", "auto") == pytest.approx(np.full((3, 2, 4), (16.0, 8.0, 1.0, 1.0)))
     for bad, what in ((content[:30], "no Radiance HDR"), (b"#?RADIANCE\n\n-Y 9999999 +X 9999999\n", "may have")):
         with pytest.raises(PipelineError, match=what):
             decoded(bad, ".hdr", "auto")
+
+
+def test_halves_that_are_infinite_are_refused(tmp_path):
+    """Suns of skies are, where the file has half precision."""
+    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": np.array([[1.0, np.inf]], np.float16)}).write(str(tmp_path / "sun.exr"))
+    with pytest.raises(PipelineError, match="1 numbers that are not finite"):
+        decoded((tmp_path / "sun.exr").read_bytes(), ".exr", "auto")
 
 
 MOVED = """double xformOp:rotateY = 30
