@@ -60,10 +60,11 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
             add_derivatives(graph, files, dataset, camera)
-            add_labels(graph, files, dataset, camera, bare)
             _add_colours(graph, files, camera, dataset)
             _add_denoised(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
+    for camera in dataset.cameras:  # flow reads a camera in its next state, too
+        add_labels(graph, files, dataset, camera, bare)
     if any(len(frame.camera_from_world) > 1 for frame in dataset.frames):
         files["baselines.csv"] = (_add_baselines(graph, dataset), frames.BASELINES)
     add_exports(graph, files, dataset, bare)
