@@ -48,8 +48,8 @@ _UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """Rows of the affine map that changes nothing."""
 _MOST_TRANSFORMS = 16
 """Most maps of texture coordinates, one behind the other [1]: more are a circle."""
-_GREY = (0.18, 0.18, 0.18)
-"""Colour of what has none [1]: UsdPreviewSurface's."""
+_OF_COAT = 1.5
+"""Index of all clear coats [1]."""
 _SURFACES = ("", "glslfx")
 """Render contexts whose surface may be a UsdPreviewSurface: that of all renderers first."""
 
@@ -163,7 +163,7 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
 def _display_colours(mesh: Usd.Prim) -> Shaded:
     """The display colour and opacity of a mesh, or of its parts, as a matt material."""
     inputs, primvars = list[Input](), list[Wanted]()
-    for wanted in (Wanted("displayColor", _GREY), Wanted("displayOpacity", (1.0,))):
+    for wanted in (Wanted("displayColor", _FALLBACKS["diffuseColor"][1]), Wanted("displayOpacity", (1.0,))):
         primvar = primvar_of(mesh, wanted)
         values = values_of(primvar, Usd.TimeCode.EarliestTime()) if primvar else ()
         if not primvar or (len(set(values)) == 1 and not primvar.ValueMightBeTimeVarying()):
@@ -184,26 +184,28 @@ def read_material(material: UsdShade.Material) -> Shaded:
     fields: dict[str, Any] = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
     if network.value(surface, "useSpecularWorkflow", 0):
         fields["specular_color"] = network.read("specularColor", (0.0, 0.0, 0.0))
-    numbers = {
-        name: float(network.value(surface, name, idle)) for name, idle in (("opacityThreshold", 0.0), ("ior", 1.5))
-    }
+    ior, threshold = float(network.value(surface, "ior", 1.5)), float(network.value(surface, "opacityThreshold", 0.0))
     is_presence = network.value(surface, "opacityMode", "transparent") == "presence"
-    glass, doubts = read_glass(material, surface, numbers["ior"])
-    threshold = numbers["opacityThreshold"]
-    record = Material(**fields, ior=numbers["ior"], opacity_threshold=threshold, is_presence=is_presence, glass=glass)
-    network.flaws += doubts
-    displacement = network.source(surface, "displacement")
-    if isinstance(displacement, _Connected) or displacement:
-        network.flaws.append(
-            not_drawn(surface.GetInput("displacement").GetAttr(), "surfaces are drawn without displacement")
-        )
-    if glass:
-        for name, field in (("metallic", record.metallic), ("clearcoat", record.clearcoat)):
-            if field.texture or field.primvar or any(field.value):
-                network.flaws.append(not_drawn(surface.GetInput(name).GetAttr(), f"glass is drawn without its {name}"))
-    elif record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1:
+    glass, doubts = read_glass(material, surface, ior)
+    record = Material(**fields, ior=ior, opacity_threshold=threshold, is_presence=is_presence, glass=glass)
+    displacement, is_coated = network.source(surface, "displacement"), _differs(record.clearcoat, (0.0,))
+    otherwise = (
+        ("ior", is_coated and not glass and ior != _OF_COAT, f"a clear coat is drawn with the index {_OF_COAT:g}"),
+        ("normal", record.normal.primvar or record.normal.value != (0, 0, 1), "normals without pictures do not count"),
+        ("displacement", bool(displacement), "surfaces are drawn without displacement"),
+        ("metallic", glass and _differs(record.metallic, (0.0,)), "glass is drawn without its metallic"),
+        ("clearcoat", glass and is_coated, "glass is drawn without its clearcoat"),
+    )
+    flaws = (not_drawn(surface.GetInput(name).GetAttr(), what) for name, is_so, what in otherwise if is_so)
+    network.flaws += [*doubts, *flaws]
+    if not glass and (record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1):
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
     return Shaded(record, tuple(network.primvars.values()), tuple(network.flaws))
+
+
+def _differs(field: Input, idle: Numbers) -> bool:
+    """Whether an input may be anything else than a value."""
+    return bool(field.texture or field.primvar or field.value != idle)
 
 
 def _surface(material: UsdShade.Material) -> UsdShade.Shader:
@@ -289,6 +291,8 @@ class _Network:
     def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
         """Name of the primvar of a reader."""
         name = str(self.value(_known(reader, reader.GetPrim(), reader.GetShaderId()), "varname", "st"))
+        if not reader.GetInput("varname"):
+            self.flaws.append(not_drawn(reader.GetPrim(), 'it names no primvar by "inputs:varname": st is read'))
         given = self.value(reader, "fallback", fallback)
         fallback = tuple(float(number) for number in (given if isinstance(given, tuple) else (given,)))
         if len(self.primvars.setdefault(name, Wanted(name, fallback)).fallback) != len(fallback):
@@ -350,8 +354,6 @@ class _Network:
 
 def _chained(outer: Numbers, inner: Numbers) -> Numbers:
     """The affine map that does the inner one first."""
-    if outer == _UNTRANSFORMED:
-        return inner
     a, b, c, d, e, f = outer
     g, h, i, j, k, m = inner
     return a * g + b * j, a * h + b * k, a * i + b * m + c, d * g + e * j, d * h + e * k, d * i + e * m + f

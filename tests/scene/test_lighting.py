@@ -280,6 +280,7 @@ BOUND = SUN + WALL % "rel material:binding = </Scene/Paper>\n%s"
         (('"UsdPreviewSurface"', '"ND_standard_surface"'), 0.3, "ND_standard_surface"),
         (("token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>", ""), 0.3, "no surface"),
         (("inputs:ior = 1", "inputs:ior = 1\nfloat inputs:displacement = 2"), 0.6, "displacement"),
+        (("inputs:ior = 1", "inputs:ior = 1\nnormal3f inputs:normal = (0.6, 0, 0.8)"), 0.6, "normals without pictures"),
         (
             ("color3f inputs:diffuseColor = ", "color3f inputs:diffuseColor.timeSamples = {1: (0.6, 0.6, 0.6), 9: "),
             0.6,

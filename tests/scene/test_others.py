@@ -340,6 +340,12 @@ def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line,
             'uniform token[] xformOpOrder = ["xformOp:transform"]',
             "not-affine",
         ),
+        (
+            "own",  # as products of matrices leave it
+            "matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1.0000000000000002))\n"
+            'uniform token[] xformOpOrder = ["xformOp:transform"]',
+            None,
+        ),
         ("meta", "prepend references = @gone.usda@", "usd-invalid-asset-path"),
         ("meta", "prepend payload = @./asset.usda@</Gone>", "usd-unresolved-prim-path"),
         ("meta", 'variants = {\nstring look = "red"\n}\nprepend variantSets = "look"', "unknown-variant"),

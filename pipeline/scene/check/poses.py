@@ -93,7 +93,9 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
     value = attribute.Get(float(number))
     if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
         yield problem(attribute, "no-pose-sample", f'"{attribute.GetName()}" has no value at time code {number}')
-    elif op.GetOpType() == UsdGeom.XformOp.TypeTransform and Gf.Matrix4d(value).GetColumn(3) != Gf.Vec4d(0, 0, 0, 1):
+    elif op.GetOpType() == UsdGeom.XformOp.TypeTransform and not Gf.IsClose(
+        Gf.Matrix4d(value).GetColumn(3), Gf.Vec4d(0, 0, 0, 1), _ROUNDING.get(op.GetPrecision(), 1e-12)
+    ):
         message = f'"{attribute.GetName()}" is no affine matrix: its last column is {value.GetColumn(3)}'
         yield warning(attribute, "not-affine", message, hint="it counts as (0, 0, 0, 1)", time=sample)
     elif is_orient(op):
