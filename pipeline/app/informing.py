@@ -17,6 +17,9 @@ from pipeline.results.output import open_output
 
 _DEFAULT = "brown"
 """Model that is asked about where none is named: what OpenCV fits by default."""
+_LISTED, _DIRECTIONS = 40, 6
+"""Most parameters, and most undetermined directions, that have lines of their own: control points of splines are
+hundreds."""
 _COLUMNS = 2
 """Maps side by side."""
 _PANEL_PX, _MARGIN_PX = 420, 40
@@ -45,21 +48,35 @@ def page(known: Knowledge) -> Iterator[str]:
     yield f"{known.model}, all poses unknown, too; without noise it is wrong by {known.rms_px:.2e} px rms"
     count, rank = len(told.names), told.rank
     yield f"the views determine {rank} of its {count} parameters" + (", all that there are" if rank == count else "")
-    for direction in told.gauge:
-        parts = [f"{name} {part:+.2f}" for name, part in zip(told.names, direction, strict=True) if abs(part) > 0.05]
-        yield f"  undetermined, in shares of their own deviations: {', '.join(parts)}"
+    if len(told.gauge) <= _DIRECTIONS:
+        for direction in told.gauge:
+            parts = [
+                f"{name} {part:+.2f}" for name, part in zip(told.names, direction, strict=True) if abs(part) > 0.05
+            ]
+            yield f"  undetermined, in shares of their own deviations: {', '.join(parts)}"
     yield ""
-    yield f"{'parameter':14} {'value':>16} {'deviation':>12}  most alike"
-    for row in document(known)["parameters"]:
-        alike = f"{row['alike']} ({row['correlation']:+.4f})" if row["alike"] else ""
-        deviation = "undetermined" if row["deviation"] is None else f"{row['deviation']:.4g}"
-        yield f"{row['name']:14} {row['value']:16.9g} {deviation:>12}  {alike}"
+    yield from _table(known)
     yield ""
     yield "deviation of projections over the image [px], one sigma along the longer axis"
     yield f"{'vision z':>14} {'least':>10} {'median':>10} {'largest':>10}"
     for each in known.predictions:
         shown = (f"{value:10.3g}" for value in np.quantile(each.deviation_px, (0, 0.5, 1), method="nearest"))
         yield f"{each.z_mm:11.1f} mm {' '.join(shown)}"
+
+
+def _table(known: Knowledge) -> Iterator[str]:
+    """Lines about each parameter, or about all of a spline's."""
+    told = known.information
+    if len(told.names) > _LISTED:
+        finite = told.deviations[np.isfinite(told.deviations)]
+        span = f", from {finite.min():.2g} to {finite.max():.2g}" if len(finite) else ""
+        yield f"{len(finite)} parameters have deviations of their own{span}; the others are open, alone or together"
+        return
+    yield f"{'parameter':14} {'value':>16} {'deviation':>12}  most alike"
+    for row in document(known)["parameters"]:
+        alike = f"{row['alike']} ({row['correlation']:+.4f})" if row["alike"] else ""
+        deviation = "undetermined" if row["deviation"] is None else f"{row['deviation']:.4g}"
+        yield f"{row['name']:14} {row['value']:16.9g} {deviation:>12}  {alike}"
 
 
 def document(known: Knowledge) -> Json:

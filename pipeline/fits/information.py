@@ -28,6 +28,9 @@ _APART = 1e-3
 """Part of a parameter in an undetermined direction above which it is undetermined itself [1]."""
 _STEPS, _SETTLED = 30, 1e-10
 """Most steps of Gauss and Newton, and the relative change of the sum of squares that ends them [1]."""
+_DAMPED, _NEAR = 1e-12, 1e-3
+"""First damping where a step without goes astray [1], each further one is a hundred times that; and the relative change
+that ends damped steps [1]: they creep along what the views hardly tell."""
 _POSE = 6
 """Unknowns of a pose: a turn and a shift."""
 
@@ -86,18 +89,18 @@ class Information:
     @property
     def rank(self) -> int:
         """Number of directions of the parameters that the views determine."""
-        return int((self._scaled[1] > 0).sum())
+        return int((self.scaled[1] > 0).sum())
 
     @property
     def gauge(self) -> np.ndarray:
         """Directions that they do not, (m - rank, m), each of length 1 in parameters over their own deviations."""
-        _, values, vectors = self._scaled
+        _, values, vectors = self.scaled
         return vectors[:, values == 0].T
 
     @property
     def covariance(self) -> np.ndarray:
         """Least covariance of the parameters, (m, m); undetermined directions are left out."""
-        size, values, vectors = self._scaled
+        size, values, vectors = self.scaled
         known = vectors[:, values > 0]
         return (known / values[values > 0]) @ known.T / np.outer(size, size)
 
@@ -108,12 +111,12 @@ class Information:
         return np.where(is_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
     @property
-    def _scaled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def scaled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Sizes of the parameters' own information, known poses given, and eigenvalues and vectors of the matrix over
         them; an eigenvalue of nothing is 0.
         """
         own = sum(np.diag(block.own) for block in self.blocks) / self.noise_px**2
-        size = np.sqrt(np.maximum(own, np.finfo(float).tiny))
+        size = np.sqrt(np.where(own > 0, own, 1.0))  # of what no view sees, nothing
         values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
         return size, np.where(values > _NOTHING * values.max(), values, 0.0), vectors
 
@@ -130,7 +133,7 @@ class Information:
             by_own = by_own - by_pose @ known @ block.mixed.T
             of_poses += by_pose @ known @ by_pose.transpose(0, 2, 1)
         result = by_own @ self.covariance @ by_own.transpose(0, 2, 1) + self.noise_px**2 * of_poses
-        size, values, _ = self._scaled
+        size, values, _ = self.scaled
         least = ((by_own @ (self.gauge / size).T) ** 2).sum(axis=(1, 2)) / (_NOTHING * values.max())
         result[least > np.trace(result, axis1=1, axis2=2)] = np.inf
         return result
@@ -140,16 +143,30 @@ def information(
     names: Sequence[str], project: Project, start: np.ndarray, views: Sequence[View], noise_px: float
 ) -> Information:
     """Fit a model and all poses to the rows of views, by Gauss and Newton, and take the information there."""
-    known, last = Information.of(names, project, start, views, noise_px), np.inf
+    known, damping = Information.of(names, project, start, views, noise_px), 0.0
     for _ in range(_STEPS):
-        total = float((known.residual_px**2).sum())
-        if last - total <= _SETTLED * total:
+        stepped = _stepped(known, damping)
+        last, total = (float((of.residual_px**2).sum()) for of in (known, stepped))
+        if total < last:
+            known = stepped
+        elif damping < 1 and not total - last <= _SETTLED * last:  # astray, along what the views hardly tell
+            damping = max(100 * damping, _DAMPED)
+            continue
+        if last - total <= (_NEAR if damping else _SETTLED) * total:
             break
-        _, pull = _without_poses(known.blocks)
-        by, last = -known.covariance @ pull / noise_px**2, total
-        moved = [_moved(view, block, by) for view, block in zip(known.views, known.blocks, strict=True)]
-        known = Information.of(names, project, known.parameters + by, moved, noise_px)
     return known
+
+
+def _stepped(known: Information, damping: float) -> Information:
+    """The model and all poses a step of Gauss and Newton nearer to the rows; `damping`: added to the information about
+    directions of scaled parameters, over the largest.
+    """
+    _, pull = _without_poses(known.blocks)
+    size, values, vectors = known.scaled
+    part = vectors[:, values > 0]
+    by = -part @ (part.T @ (pull / size) / (values[values > 0] + damping * values.max())) / size / known.noise_px**2
+    moved = [_moved(view, block, by) for view, block in zip(known.views, known.blocks, strict=True)]
+    return Information.of(known.names, known.project, known.parameters + by, moved, known.noise_px)
 
 
 def _block(project: Project, p: np.ndarray, view: View) -> tuple[Block, np.ndarray]:

@@ -8,6 +8,7 @@ from pipeline.fits.field import FieldRays, FitError, field_rays
 from pipeline.fits.fitting import CENTRE, MODELS, Model, fitted, rms
 from pipeline.fits.information import Information, Project, View, information
 from pipeline.fits.result import THIN_LENS
+from pipeline.fits.splined import EXAMPLE, Splined
 from pipeline.fits.thin_plenoptic import FULL, PARAMETERS, on_sensor_px, thin_plenoptic
 from pipeline.results.output import Output
 from pipeline.results.ready_camera import ReadyCamera
@@ -48,14 +49,21 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
 
     Raises FitError: there is no such model, it cannot stand for the camera, or too few points are seen.
     """
-    names = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
-    if model not in names or camera.is_plenoptic != (model == THIN_LENS):
-        fitting = [THIN_LENS] if camera.is_plenoptic else list(MODELS)
+    field = field_rays(ready)
+    f_px, *middle_px, centre_z_mm = field.start.tolist()
+    splined = Splined.named(model, np.array([f_px, f_px, *middle_px]))
+    fitting = [THIN_LENS] if camera.is_plenoptic else [*MODELS, EXAMPLE]
+    if model not in fitting and (splined is None or camera.is_plenoptic):
         hint = did_you_mean(model, fitting) or f"models for it: {', '.join(fitting)}"
         raise FitError(f"{camera.name} has no model {model!r}", hint=hint)
-    field = field_rays(ready)
-    if model == THIN_LENS:
-        parameters: tuple[str, ...] = PARAMETERS
+    parameters: tuple[str, ...]
+    project: Project
+    if splined is not None:
+        parameters, project = splined.parameters, splined.project
+        centre = np.array([0.0, 0.0, centre_z_mm])
+        start = splined.nearest(field.points(field.between_mm[2]) - centre, field.x_px)
+    elif model == THIN_LENS:
+        parameters = PARAMETERS
         start, project, centre = thin_plenoptic(ready).parameters, _thin(ready), np.zeros(3)
     else:
         fit = fitted(field, model)

@@ -164,7 +164,9 @@ def inform(
     camera: CameraName = None,
     model: Annotated[
         str | None,
-        typer.Option("--model", "-m", metavar="NAME", help="Of `fit --list`; by default brown, or a thin lens."),
+        typer.Option(
+            "--model", "-m", metavar="NAME", help="Of `fit --list`, or a splined one of mrcal; by default brown."
+        ),
     ] = None,
     noise: Annotated[
         float, typer.Option(metavar="PX", help="Error of detected corners along x and y, one sigma.", min=1e-6, max=100)
