@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.app import stages
 from pipeline.files import svg
 from pipeline.files.jsonfile import Json
 from pipeline.fits.field import FitError
 from pipeline.fits.knowledge import Knowledge, Prediction, knowledge
 from pipeline.fits.result import THIN_LENS
+from pipeline.report.page.records import InformationPart
 from pipeline.results.opening import ready
 from pipeline.results.output import open_output
 
@@ -121,8 +121,20 @@ def document(known: Knowledge) -> Json:
     }
 
 
-def draw(known: Knowledge, path: Path) -> None:
-    """Draw the deviation of projections over the image, a map for each distance."""
+def part(known: Knowledge) -> InformationPart:
+    """The same for the report of the build."""
+    try:
+        maps = drawing(known)
+    except FitError:
+        maps = ""
+    return InformationPart(lines=tuple(page(known)), drawing=maps)
+
+
+def drawing(known: Knowledge) -> str:
+    """The deviation of projections over the image, a map for each distance, as SVG.
+
+    Raises FitError: the views leave all of them open.
+    """
     wide, high = known.size_px
     tall, inner = _PANEL_PX * high / wide, 2 * _MARGIN_PX
     values = np.concatenate([each.deviation_px for each in known.predictions])
@@ -131,15 +143,16 @@ def draw(known: Knowledge, path: Path) -> None:
         raise FitError("nothing to draw: the views leave all projections open", hint="take more views, or other poses")
     least, most = known_px.min(), known_px.max()
     span = np.log([least, most])
-    title = f"{known.camera}, {known.model}: deviation of projections [px], from {least:.2g} to {most:.2g}"
+    title = f"deviation of projections [px], from {least:.2g} to {most:.2g}"
     items = [svg.words(title, (_MARGIN_PX, 26), font_size=15)]
+    items.append(svg.words(f"{known.camera}, {known.model}", (_MARGIN_PX, 44), font_size=12))
     for number, each in enumerate(known.predictions):
         row, column = divmod(number, _COLUMNS)
         corner = _MARGIN_PX + column * (_PANEL_PX + _MARGIN_PX), inner + row * (tall + inner)
         items += _map(each, corner, _PANEL_PX / wide, span)
     rows = math.ceil(len(known.predictions) / _COLUMNS)
     size = _MARGIN_PX + _COLUMNS * (_PANEL_PX + _MARGIN_PX), inner + rows * (tall + inner)
-    stages.draw(svg.document(size, *items, font_family="sans-serif"), path)
+    return svg.document(size, *items, font_family="sans-serif")
 
 
 def _map(each: Prediction, corner: tuple[float, float], scale: float, span: np.ndarray) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """The report of a build: its stage, the history of its tasks, and what the page is written from."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from pipeline.jit.files import say
 from pipeline.report import graph
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.page import is_current, place_of, write_page
-from pipeline.report.page.records import History, TaskRun
+from pipeline.report.page.records import History, InformationPart, TaskRun
 from pipeline.scene.load import Loaded, load
 
 _STAGE = "dataset.usda"
@@ -24,20 +24,25 @@ _DONE = {"executed": "run", "failed": "run"}
 
 
 def report(
-    out: str | Path, place: str | Path | None = None, *, diary: Diary | None = None, warn: Callable[[str], None] = say
+    out: str | Path,
+    place: str | Path | None = None,
+    *,
+    diary: Diary | None = None,
+    warn: Callable[[str], None] = say,
+    informed: Mapping[str, InformationPart] | None = None,
 ) -> Path:
     """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
 
     `diary` has notes about the build that has just ended; without it the history of an earlier report stays, or is made
-    of the records in the store. It raises as `write_page`.
+    of the records in the store. `informed`: what `pipeline inform` has just said, by camera. It raises as `write_page`.
     """
     out = Path(out)
     where = place_of(out) if place is None else Path(place)
     loaded = _loaded(out, warn)
     ran = diary is not None and diary.has_run
     if not ran and (where / "data/history.js").is_file():
-        return write_page(out, where, loaded, None)
-    return write_page(out, where, loaded, _history(out, loaded, diary if ran else None))
+        return write_page(out, where, loaded, None, informed)
+    return write_page(out, where, loaded, _history(out, loaded, diary if ran else None), informed)
 
 
 def report_of_build(out: Path, diary: Diary, *, warn: Callable[[str], None]) -> Path | None:

@@ -10,7 +10,7 @@ from fits.debian_mrcal import by_mrcal
 from places import TINY
 from scipy.spatial.transform import Rotation
 
-from pipeline.app.informing import document, draw, inform, page
+from pipeline.app.informing import document, drawing, inform, page
 from pipeline.errors import UsageError
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import MODELS
@@ -221,12 +221,11 @@ def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boar
     told = known.information
     place = told.names.index("lens_z_mm")
     alone = sum(block.own[place, place] for block in told.blocks) / told.noise_px**2
-    draw(known, folder / "known.svg")
 
     assert known.model == "thin-lens-plenoptic" and told.rank == len(told.names) - 1
     assert abs(told.matrix[place, place]) < 1e-12 * alone
     assert "lens_z_mm" in "\n".join(page(known)) and np.isinf(told.deviations[place])
-    assert (folder / "known.svg").read_text().startswith("<svg")
+    assert drawing(known).startswith("<svg")
 
 
 def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_picture(folder):
@@ -237,7 +236,18 @@ def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_pi
     assert [row["name"] for row in plain["parameters"]] == ["fx", "fy", "cx", "cy"]
     assert plain["rank"] == 3 and None in [row["deviation"] for row in plain["parameters"]]
     with pytest.raises(FitError, match="nothing to draw"):
-        draw(known, folder / "open.svg")
+        drawing(known)
+
+
+@pytest.mark.heavy
+def test_the_report_shows_what_was_said_if_asked(folder, monkeypatch, in_this_process):
+    monkeypatch.setenv("PIPELINE_CACHE", str(folder / "store"))
+    out = made(TINY, folder / "shown", folder / "store").out
+    code, lines, log = in_this_process("inform", out, "-m", "pinhole", "--report")
+    (script,) = (folder / "shown.report/data").glob("information.Rig.Camera.*.js")
+
+    assert code == 0 and str(folder / "shown.report/index.html") in log
+    assert json.dumps(lines.splitlines(), separators=(",", ":")) in script.read_text()
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,11 @@ from builds import tiny
 from PIL import Image
 
 from pipeline.app.reporting import report
+from pipeline.files import svg
 from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
 from pipeline.report.page.parts import picture_of
+from pipeline.report.page.records import InformationPart
 from pipeline.results.records import BuiltFolder
 
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
@@ -25,7 +27,9 @@ pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 @pytest.fixture(scope="module")
 def page(tmp_path_factory, common_store) -> tuple[Path, Path]:
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
-    return out, report(out)
+    maps = svg.document((300, 200), svg.element("rect", x=10, y=10, width=280, height=180, fill="#08306b"))
+    part = InformationPart(lines=("fx  645.2", "fy  645.3"), drawing=maps)
+    return out, report(out, informed={"Rig.Camera": part})
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +117,7 @@ def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_netwo
         "lens": ".drawing svg polyline",
         "optics": ".u-over",
         "residuals": ".bar-fill",
+        "information": ".drawing svg rect",
         "build": ".drawing svg rect",
     }
     for width, theme in ((1400, "light"), (800, "dark")):
@@ -123,6 +128,7 @@ def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_netwo
             assert tab.picture(kept / f"{name}_{width}_{theme}.png").stat().st_size > 5000
         wide = tab.run("document.documentElement.scrollWidth")
         assert wide <= width, "the page scrolls sideways"
+    assert tab.run("document.querySelector('#information pre').textContent") == "fx  645.2\nfy  645.3"
     dark = tab.run("getComputedStyle(document.body).backgroundColor.match(/[0-9]+/g).map(Number)")
     assert max(dark) < 64
     assert tab.errors == []
@@ -131,7 +137,7 @@ def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_netwo
 
 def test_everything_that_can_be_pressed_has_a_name(tab):
     """As a screen reader finds it."""
-    for name in ("scene", "lens", "optics", "residuals", "build"):
+    for name in ("scene", "lens", "optics", "residuals", "information", "build"):
         tab.run(f"document.querySelector('#{name}').scrollIntoView()")
     tab.wait("document.querySelector('#build .panel')")
     nameless = """[...document.querySelectorAll('button, select, input, [role=img], canvas:not([aria-hidden]), a')]
@@ -145,7 +151,7 @@ def test_all_words_stand_out_from_what_is_behind_them_in_light_and_dark(tab):
     contrast = (Path(__file__).parent / "scripts/contrast.js").read_text()
     for theme in ("light", "dark"):
         tab.look_as(1400, 900, theme)
-        for name in ("images", "scene", "lens", "optics", "residuals", "build"):
+        for name in ("images", "scene", "lens", "optics", "residuals", "information", "build"):
             tab.run(f"document.querySelector('#{name}').scrollIntoView()")
             tab.settle("document.body.innerHTML.length")
         assert tab.run(contrast) == {}, theme

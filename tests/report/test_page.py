@@ -21,6 +21,7 @@ from pipeline.files.png import read_png, write_png
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.optics import field_curvature, transfer
 from pipeline.report.page.parts import picture_of
+from pipeline.report.page.records import InformationPart
 from pipeline.results.records import BuiltFolder, BuiltPinhole
 from pipeline.results.spots import field_bundles, spots
 from pipeline.scene.load import open_dataset
@@ -97,6 +98,24 @@ def test_a_second_report_makes_nothing_again_and_another_build_leaves_nothing_be
     after = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     assert {path.name for path in before if before[path] != after.get(path)} <= {"made_of"}
     assert after.keys() == before.keys()
+
+
+def test_what_inform_said_stays_in_the_report_as_long_as_the_build_is_the_same(built, tmp_path):
+    shutil.copytree(built[0], tmp_path / "out")
+    out, place = tmp_path / "out", tmp_path / "out.report"
+
+    def shown() -> str | None:
+        return data(place, "page")["cameras"][0]["information"]
+
+    report(out)
+    assert shown() is None
+    report(out, informed={"Rig.Camera": InformationPart(lines=("rank 9",), drawing="<svg/>")})
+    report(out)
+    assert data(place, shown().removeprefix("data/").removesuffix(".js")) == {"lines": ["rank 9"], "drawing": "<svg/>"}
+    with (out / "manifest.json").open("a") as manifest:
+        manifest.write("\n")
+    report(out)
+    assert shown() is None and not list(place.glob("data/information*"))
 
 
 def test_a_report_is_not_written_over_other_files_and_fails_no_build(built, tmp_path):

@@ -4,7 +4,7 @@ import { load } from "./data";
 import { h } from "./dom";
 import type { Page } from "./records";
 import { SceneView } from "./scene3d";
-import { history, lens, logo, optics, overview, residuals, verdictOf, VERDICTS } from "./sections";
+import { history, information, lens, logo, optics, overview, residuals, verdictOf, VERDICTS } from "./sections";
 import { State } from "./state";
 import { ImageViewer } from "./viewer";
 
@@ -96,7 +96,8 @@ async function begin(): Promise<void> {
   const parts = [
     section("overview", "Overview", ...overview(page)), section("images", "Images and truth", viewer.element),
     section("scene", "In space", new SceneView(state).element), section("lens", "Lens", lens(state)), section("optics", "Spots and curves", optics(state)),
-    section("residuals", "Residuals", residuals(state)), section("build", "Build", history(state)),
+    section("residuals", "Residuals", residuals(state)),
+    ...(page.cameras.some((one) => one.information) ? [section("information", "Information", information(state))] : []), section("build", "Build", history(state)),
   ];
   const links = parts.map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2")!.textContent!));
   document.body.replaceChildren(

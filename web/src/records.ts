@@ -129,7 +129,13 @@ export interface Optics {
   fans: RayFan[];
 }
 
-/** A camera, or one of its channels; `optics` and `micro_images` are scripts, None where there are none. */
+/** What `pipeline inform` has said of a camera, and its maps as SVG, empty where the views leave all open. */
+export interface InformationPart {
+  lines: string[];
+  drawing: string;
+}
+
+/** A camera, or one of its channels; `optics`, `information` and so on are scripts, None where there are none. */
 export interface CameraPart {
   name: string;
   kind: string;
@@ -140,6 +146,7 @@ export interface CameraPart {
   certificate: Record<string, any> | null;
   optics: string | null;
   micro_images: string | null;
+  information: string | null;
   pictures: Picture[];
   views: View[];
   residuals: Residuals;

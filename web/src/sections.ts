@@ -4,7 +4,7 @@ import { chartOf, histogramOf, mapOf, spotsOf } from "./charts";
 import { load } from "./data";
 import { bytes, count, figure, h, measured, s, whenSeen } from "./dom";
 import { timelineOf } from "./timeline";
-import type { CameraPart, History, Optics, Page } from "./records";
+import type { CameraPart, History, InformationPart, Optics, Page } from "./records";
 import type { State } from "./state";
 
 type Verdict = "passed" | "failed" | "none";
@@ -130,6 +130,25 @@ export function residuals(state: State): HTMLElement {
   whenSeen(place, show);
   state.on(["camera"], show);
   return place;
+}
+
+/** What `pipeline inform --report` has said of the chosen camera. */
+export function information(state: State): HTMLElement {
+  const place = h("div", {});
+  const show = async () => {
+    const camera = state.camera;
+    const nodes = camera.information ? informed(await load<InformationPart>(camera.information)) : [h("p", { class: "muted" }, `Nothing has been asked of ${camera.name}: pipeline inform OUT ${camera.name} --report`)];
+    if (camera === state.camera) place.replaceChildren(...nodes);
+  };
+  whenSeen(place, () => void show());
+  state.on(["camera"], () => void show());
+  return place;
+}
+
+function informed(found: InformationPart): Node[] {
+  const maps = h("div", { class: "panel drawing", role: "img", "aria-label": "deviation of projections over the image, by distance" });
+  if (found.drawing) maps.append(svg(found.drawing));
+  return [h("div", { class: "panel scroll" }, h("pre", {}, found.lines.join("\n"))), ...(found.drawing ? [maps] : [])];
 }
 
 export function history(state: State): HTMLElement {

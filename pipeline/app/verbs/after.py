@@ -174,6 +174,7 @@ def inform(
     plot: Annotated[
         Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw what is known of projections over the image.")
     ] = None,
+    to_report: Annotated[bool, option(OUTPUT, "--report", help="Put it into the report of the build, too.")] = False,
     as_json: Json = False,
     allow_root: Roots = None,
 ) -> None:
@@ -181,16 +182,20 @@ def inform(
 
     And how well the calibrated model then projects, over the image and at several distances. docs/information.md.
     """
-    from pipeline.app.informing import document, draw, page
+    from pipeline.app import stages
+    from pipeline.app.informing import document, drawing, page, part
     from pipeline.app.informing import inform as informed
+    from pipeline.app.reporting import report as written
     from pipeline.files.jsonfile import json_bytes
 
     require_suffix(plot, ".svg")  # before anything is computed
     known = informed(out, camera, model, noise, tuple(allow_root or ()))
     say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
     if plot is not None:
-        draw(known, plot)
+        stages.draw(drawing(known), plot)
         note(f"wrote {plot}")
+    if to_report:
+        note(f"wrote {written(out, warn=note, informed={known.camera: part(known)})}")
 
 
 def report(

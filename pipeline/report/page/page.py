@@ -6,6 +6,7 @@ wherever it was made. Images that an earlier report holds are not made again: th
 
 import hashlib
 import shutil
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, replace, target_part
-from pipeline.report.page.records import CameraPart, History, Page
+from pipeline.report.page.records import CameraPart, History, InformationPart, Page
 from pipeline.results.output import open_output
 from pipeline.results.records import finished_folder
 from pipeline.scene.dataset import CameraEntry
@@ -55,10 +56,17 @@ def is_current(out: Path, report: Path) -> bool:
     return made_of.is_file() and made_of.read_text(encoding="utf-8") == state_of(out)
 
 
-def write_page(out: Path, report: Path, loaded: Loaded | None, history: History | None) -> Path:
+def write_page(
+    out: Path,
+    report: Path,
+    loaded: Loaded | None,
+    history: History | None,
+    informed: Mapping[str, InformationPart] | None = None,
+) -> Path:
     """Write the report of an output folder; returns its page.
 
-    Without the stage of the folder there are no optics and no 3-D view; without a history that of an earlier one stays.
+    Without the stage of the folder there are no optics and no 3-D view; without a history that of an earlier one stays,
+    and so does what was said of other cameras than those `informed` about, if the folder is still the same.
     Raises UsageError where there is no finished build or `report` holds something else, and DamagedFile.
     """
     folder, output = finished_folder(out), open_output(out)
@@ -69,8 +77,18 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
     replace(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
     (report / "made_of").unlink(missing_ok=True)
     manifest, scripts = read_json(out / "manifest.json"), Scripts(report)
+    information = {}
+    for name in output.cameras:
+        script = f"information.{name}.{state[:16]}"
+        part = (informed or {}).get(name)
+        information[name] = scripts.keep(script) if part is None else scripts.write(script, part)
     source = ReportedBuild(
-        output=output, folder=folder, points=manifest["points"], certificate=manifest["certificate"], scripts=scripts
+        output=output,
+        folder=folder,
+        points=manifest["points"],
+        certificate=manifest["certificate"],
+        scripts=scripts,
+        information=information,
     )
     bodies = loaded.dataset.cameras if loaded and loaded.dataset else ()
     entries = {seen.full_name: seen for entry in bodies for seen in entry.in_channels}

@@ -102,6 +102,7 @@ class ReportedBuild:
     points: Mapping[str, Any]
     certificate: Mapping[str, Any]
     scripts: Scripts
+    information: Mapping[str, str | None]  # scripts, by camera
 
     @property
     def report(self) -> Path:
@@ -122,6 +123,7 @@ def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) 
         certificate=certificate,
         optics=optics,
         micro_images=_micro_images(source, camera),
+        information=source.information[camera.name],
         pictures=_pictures(source, f"cameras/{folder_of(camera.name)}", ("white",)),
         views=tuple(_view(source, camera, view) for view in camera.views),
         residuals=residuals(camera, certificate),

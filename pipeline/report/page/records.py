@@ -156,8 +156,16 @@ class Optics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class InformationPart:
+    """What `pipeline inform` has said of a camera, and its maps as SVG, empty where the views leave all open."""
+
+    lines: tuple[str, ...]
+    drawing: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraPart:
-    """A camera, or one of its channels; `optics` and `micro_images` are scripts, None where there are none."""
+    """A camera, or one of its channels; `optics`, `information` and so on are scripts, None where there are none."""
 
     name: str
     kind: str
@@ -168,6 +176,7 @@ class CameraPart:
     certificate: Json | None
     optics: str | None
     micro_images: str | None
+    information: str | None
     pictures: tuple[Picture, ...]
     views: tuple[View, ...]
     residuals: Residuals
