@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import os
 import subprocess
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
 from pipeline.tasks.params.cameras import CONVENTIONS
 
-__all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
+__all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project", "run_together"]
 
 STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor")
 """Steps of kernel compilation: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images;
@@ -166,6 +166,22 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
         engine = engine_of(options.engine, options.timeout_s)
     return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
+
+
+def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: Emit = silent) -> Result:
+    """Run the missing tasks of several builds, stage -> output folder, at once, and deliver nothing: builds find the
+    results in the store. Workers are shared, and a task that fails ends no other.
+    """
+    projects = {out.name: project(path, out, options.allow_roots) for path, out in stages.items()}
+    kept = projects if options.pictures else {name: without_pictures(whole) for name, whole in projects.items()}
+    graph, out = TaskGraph.joined({name: whole.graph for name, whole in kept.items()}), next(iter(stages.values()))
+    shared = Project(graph=graph, files={}, head={}, out=out.parent, stage_id=str(out.parent.resolve()))
+
+    def prepare() -> None:
+        compile_once(warner(on_event), graph, options.workers)
+
+    options = dataclasses.replace(options, keep_going=True)
+    return session.build(shared, options, caller=Caller(on_event=on_event, prepare=prepare))
 
 
 def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:

@@ -3,14 +3,14 @@
 Each member is a layer over the dataset, which an ordinary build reads; what no error changes comes from the store.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.app.build import build_with, default_out
+from pipeline.app.build import build_with, default_out, run_together
 from pipeline.app.stages import sound
 from pipeline.engine.files import chosen_place
 from pipeline.engine.options import BuildOptions
@@ -28,7 +28,10 @@ from pipeline.scene.usd.roots import allowed_roots
 
 NOMINAL = "nominal"
 """Folder of the build of the dataset itself."""
+_TOGETHER = 50
+"""Most builds whose tasks run together: their graphs are in memory."""
 Run = Callable[[Path, Path, BuildOptions], Result]
+RunTogether = Callable[[Mapping[Path, Path], BuildOptions], Result]
 
 
 class MemberError(PipelineError):
@@ -73,10 +76,18 @@ def folder_of(stage: Path) -> Path:
     return build.with_name(f"{build.name}.ensemble")
 
 
-def ensemble(stage: Path, out: Path, count: int, options: BuildOptions, run: Run = build_with) -> Ensemble:
+def ensemble(
+    stage: Path,
+    out: Path,
+    count: int,
+    options: BuildOptions,
+    run: Run = build_with,
+    together: RunTogether = run_together,
+) -> Ensemble:
     """Build the nominal camera and `count` members (2 at least) below a folder, and write what they differ by.
 
-    Raises StageError: the dataset or a member does not pass `check`; MemberError: a build failed.
+    Tasks of many members run `together`; then each is built of what is in the store, or says what has failed. Raises
+    StageError: the dataset or a member does not pass `check`; MemberError: a build failed.
     """
     dataset = require_dataset(sound(stage, options.allow_roots), stage)
     roots = (*allowed_roots(stage, options.allow_roots)[:1], *options.allow_roots)  # a member may lie in no project
@@ -94,8 +105,12 @@ def ensemble(stage: Path, out: Path, count: int, options: BuildOptions, run: Run
             layer.write_text(texts[name], encoding="utf-8")
     for layer in layers.values():
         sound(layer, roots)  # all of them before the first is built
-    certificates = {}
-    for name, path in {NOMINAL: stage, **layers}.items():
+    stages, certificates = {NOMINAL: stage, **layers}, {}
+    for number, (name, path) in enumerate(stages.items()):
+        if number % _TOGETHER == 0:
+            some = list(stages.items())[number : number + _TOGETHER]
+            if together({path: out / name for name, path in some}, options).interrupted:
+                raise MemberError("the ensemble was interrupted", hint="the same command goes on from here")
         result = run(path, out / name, options)
         if result.exit_code:
             raise MemberError(f"{name} was not built: {path}", hint="mend it; the others are in the store")

@@ -7,6 +7,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import BuildOptions, Caller
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.running.driver import MAX_COMPANY, run
 from pipeline.engine.store.store import Store
 
@@ -38,6 +39,22 @@ def test_company_makes_what_each_alone_makes(tmp_path, store):
     assert texts(together, store) == texts(apart, Store(tmp_path / "other")) == {"a": "a 0", "b": "b 1", "c": "c 2"}
     assert {n: r.key for n, r in together.records.items()} == {n: r.key for n, r in apart.records.items()}
     assert {result.state for result in together.results.values()} == {"executed"}
+
+
+def test_graphs_that_are_joined_make_what_each_makes_and_their_companies_stay_apart(tmp_path, store):
+    graphs = {"one": graph(tmp_path, 3), "other": graph(tmp_path, 3, value=9)}
+    for each in graphs.values():
+        each.add("lens", "toykit.tasks.lens", {"power": 4.0})
+        each.add("rays", "toykit.tasks.rays", {"samples": 8}, {"lens": "lens"})
+    joined = run(TaskGraph.joined(graphs), store)
+
+    assert ran(tmp_path) == ["a+b+c", "b"]  # a and c of both are one
+    for before, each in graphs.items():
+        alone = run(each, Store(tmp_path / before))
+        assert {name: joined.records[f"{before}/{name}"].key for name in each} == {
+            name: record.key for name, record in alone.records.items()
+        }
+        assert {result.state for result in run(each, store).results.values()} == {"cached"}
 
 
 def test_tasks_that_are_alike_are_made_once(tmp_path, store):

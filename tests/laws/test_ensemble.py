@@ -7,6 +7,7 @@ nominal camera by what the engine would run for a member without errors.
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from stage_text import tiny_text
 
 import pipeline
 from pipeline.app import ensemble as ensembles
-from pipeline.app.build import project
+from pipeline.app.build import build_with, project
 from pipeline.engine.options import BuildOptions
+from pipeline.engine.running.result import Result
 from pipeline.results.spread import figures, rows
 from pipeline.scene.load import load
 from pipeline.scene.tolerances import Tolerance, drawn, share
@@ -176,7 +178,12 @@ def test_what_stops_an_ensemble_is_named(tmp_path):
         built.append(place.name)
         return SimpleNamespace(exit_code=int(path.stem == "member_0002"), certificate={})
 
+    def together(stages: dict[Path, Path], _: BuildOptions) -> SimpleNamespace:
+        started.append(list(stages.values()))
+        return SimpleNamespace(interrupted=False)
+
     built: list[str] = []
+    started: list[list[Path]] = []
     off = tolerance("Off", f"<{LENS}/S1.plen:semiDiameter>", 100.0)
     for tolerances, error, said in (
         ([], StageError, "has no tolerance"),
@@ -184,9 +191,10 @@ def test_what_stops_an_ensemble_is_named(tmp_path):
         ([RADII], ensembles.MemberError, "member_0002"),
     ):
         with pytest.raises(error, match=said):
-            ensembles.ensemble(stage(tmp_path, *tolerances), tmp_path / "out", 3, BuildOptions(), run)
+            ensembles.ensemble(stage(tmp_path, *tolerances), tmp_path / "out", 3, BuildOptions(), run, together)
         assert (tmp_path / "out").exists() == bool(tolerances)
     assert built == ["nominal", "member_0001", "member_0002"]
+    assert [[place.name for place in places] for places in started] == [[*built, "member_0003"]]
 
 
 def test_a_member_whose_certificate_fails_is_named():
@@ -202,7 +210,15 @@ def test_an_ensemble_writes_what_its_members_differ_by(tmp_path, monkeypatch):
     """Rows of the report spread as J S J^T, within what five members can say: the errors that were drawn are known."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     path = stage(tmp_path, RADII)
-    built = ensembles.ensemble(path, tmp_path / "out", 5, BuildOptions(jobs=1, pictures=False))
+    executed = []
+
+    def run(*of: Any) -> Result:
+        result = build_with(*of)
+        executed.append(result.executed)
+        return result
+
+    built = ensembles.ensemble(path, tmp_path / "out", 5, BuildOptions(jobs=1, pictures=False), run)
+    assert executed == [0] * 6  # all ran together before
     assert built.refuted == []
     document = json.loads((tmp_path / "out/ensemble.json").read_text(encoding="utf-8"))
     assert all(of == {"Rig.Camera": True} for of in document["members"].values())

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -242,16 +243,23 @@ def ensemble(
     of the seed, however many there are. docs/as_built.md.
     """
     from pipeline.app import ensemble as ensembles
+    from pipeline.app.build import run_together
+    from pipeline.app.progress import display
+    from pipeline.engine.events import silent
     from pipeline.engine.options import BuildOptions
     from pipeline.report.page.diary import Diary
 
     def run(path: Path, place: Path, options: BuildOptions) -> Any:
-        result = _run(path, place, options, -1, None, Diary())
-        note(f"{place.name}: {result.executed} tasks executed, {result.count('cached')} cached")
+        return _run(path, place, options, -1, None, Diary())
+
+    def together(stages: Mapping[Path, Path], options: BuildOptions) -> Any:
+        with display(0) as shown:
+            result = run_together(stages, options, shown or silent)
+        note(f"{len(stages)} builds: {result.executed} tasks executed, {result.count('cached')} cached")
         return result
 
     options = BuildOptions(jobs=jobs, pictures=images, allow_roots=tuple(allow_root or ()))
-    built = ensembles.ensemble(stage, out or ensembles.folder_of(stage), count, options, run)
+    built = ensembles.ensemble(stage, out or ensembles.folder_of(stage), count, options, run, together)
     say(*ensembles.summary(built), built.out)
     note(*(f"error: {line}" for line in built.refuted))
     raise typer.Exit(Exit.NOT_CONFIRMED if built.refuted else Exit.DONE)

@@ -2,7 +2,7 @@
 
 import functools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -77,6 +77,17 @@ class TaskGraph:
         self._graph.add_node(name, task=task)
         self._graph.add_edges_from((source, name) for source in reads.values())
         return name
+
+    @classmethod
+    def joined(cls, graphs: Mapping[str, "TaskGraph"]) -> "TaskGraph":
+        """The tasks of several graphs of the same packages, each with the name of its graph before its own."""
+        whole = cls(next(iter(graphs.values())).packages)
+        for before, graph in graphs.items():
+            for task in map(graph.__getitem__, graph):
+                reads = {role: f"{before}/{source}" for role, source in task.reads.items()}
+                together = task.together and f"{before}/{task.together}"
+                whole.add(f"{before}/{task.name}", task.kind, task.params, reads, together)
+        return whole
 
     def __len__(self) -> int:
         return len(self._graph)
