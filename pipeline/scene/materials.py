@@ -109,7 +109,9 @@ def _at_corners(
             raise IndexError
         return _rows(shape.at_corners(table, interpolation, indices))
     except IndexError:
-        lost = f"{len(table)} values, too few for the faces" if values else "indices of values that it does not have"
+        lost = (
+            f"{len(table)} values, which do not fit its shape" if values else "indices of values that it does not have"
+        )
         what = f'"{attribute.GetName()}" has {lost}'
         raise UnreadableValue(what, attribute) from None
 

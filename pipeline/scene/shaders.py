@@ -293,7 +293,7 @@ class _Network:
         name = str(self.value(_known(reader, reader.GetPrim(), reader.GetShaderId()), "varname", "st"))
         if not reader.GetInput("varname"):
             self.flaws.append(not_drawn(reader.GetPrim(), 'it names no primvar by "inputs:varname": st is read'))
-        given = self.value(reader, "fallback", fallback)
+        given = self.value(reader, "fallback", (0.0,) * len(fallback))
         fallback = tuple(float(number) for number in (given if isinstance(given, tuple) else (given,)))
         if len(self.primvars.setdefault(name, Wanted(name, fallback)).fallback) != len(fallback):
             what = f'"primvars:{name}" is read as {len(fallback)} numbers and as another count of them'

@@ -176,6 +176,30 @@ def test_solids_fill_the_extent_that_usd_computes(kind: str, axis: str):
     assert shape.st is not None and shape.st.min() == 0 and shape.st.max() == 1
 
 
+SOLID_CUBE = [(1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1), (-1, -1, -1), (-1, 1, -1), (1, 1, -1), (1, -1, -1)]
+"""Vertices of a cube in OpenUSD's geomUtil/cuboidMeshGenerator.cpp, and its faces."""
+SIDES = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 6, 5, 1), (4, 7, 3, 2), (0, 3, 7, 6), (4, 2, 1, 5)]
+
+
+def test_sides_and_corners_of_a_cube_are_counted_as_renderers_of_usd_count_them():
+    stage = Usd.Stage.CreateInMemory()
+    shape = drawn(UsdGeom.Cube.Define(stage, "/Cube").GetPrim())
+    places = shape.points[shape.triangles]
+    np.testing.assert_array_equal(shape.at_corners(np.array(SOLID_CUBE, float), "vertex"), places)
+    sides = shape.at_corners(np.arange(6.0)[:, None], "uniform")[:, 0, 0].astype(int)
+    assert sorted(sides) == sorted([*range(6)] * 2)
+    for number, corners in zip(sides, places.tolist(), strict=True):
+        assert {tuple(corner) for corner in corners} < {SOLID_CUBE[vertex] for vertex in SIDES[number]}
+
+
+@pytest.mark.parametrize(("kind", "count"), [("Cube", 5), ("Sphere", 2)])
+def test_colours_of_faces_that_a_solid_does_not_have_are_named(kind: str, count: int, tmp_path):
+    colours = ", ".join(["(1, 0, 0)"] * (count - 1) + ["(0, 1, 0)"])
+    content = f'def {kind} "Thing"\n{{\ncolor3f[] primvars:displayColor = [{colours}] (interpolation = "uniform")\n}}\n'
+    [problem] = load(scene(tmp_path, content, lit=True)).problems
+    assert problem.code == "not-drawn" and f"{count} values, which do not fit" in problem.message
+
+
 def scene(folder, content: str, end: int = 1, lit: bool = False):
     path = folder / "scene.usda"
     sun = '        def DistantLight "Sun"\n        {\n        }\n' if lit else ""

@@ -32,6 +32,10 @@ _SOLIDS: dict[str, tuple[Callable[..., Solid], tuple[str, ...]]] = {
 """The solid of each type of prim, and the attributes with its measures."""
 _FINENESS = 1e-3
 """Largest distance of triangles from a curved surface, in greatest extents of the shape [1]; see plen:tolerance."""
+_SIDES_OF_CUBE = (4, 5, 2, 3, 0, 1)
+"""Numbers that the sides to +x, -x, +y, -y, +z and -z have in renderers of USD, for values of primvars."""
+_CORNERS_OF_CUBE = (7, 3, 1, 5, 0, 2, 6, 4)
+"""The corners of a cube in the order in which these have them, as numbers of three bits: is x, y, z positive?"""
 CORNERS = 3
 """Fewest corners of a face."""
 
@@ -62,7 +66,7 @@ class Drawn:
         return self.indices[self.corners]
 
     def at_corners(self, values: np.ndarray, interpolation: str, indices: np.ndarray | None = None) -> np.ndarray:
-        """Values of a primvar, (n, k), at the three corners of each triangle, (t, 3, k); IndexError for too few.
+        """Values of a primvar, (n, k), at the three corners of each triangle, (t, 3, k); IndexError if they do not fit.
 
         `indices` are those of the primvar into its values before it was flattened: where they join corners of faces,
         face-varying values are joined.
@@ -70,6 +74,8 @@ class Drawn:
         if interpolation == UsdGeom.Tokens.constant:
             return np.broadcast_to(values[0], (len(self.corners), 3, values.shape[1]))
         if interpolation == UsdGeom.Tokens.uniform:
+            if self.st is not None and len(values) != self.faces.max(initial=0) + 1:
+                raise IndexError  # a solid has as many faces as these
             return np.repeat(values[self.faces][:, None], 3, axis=1)
         return self.carry(values, interpolation, indices)[self.corners]
 
@@ -228,16 +234,19 @@ def _of_solid(prim: Usd.Prim, time: Usd.TimeCode) -> Drawn:
         rough = make(*measures, max(measures)).points
         solid = make(*measures, tolerance_of(prim, float(np.ptp(rough, axis=0).max())))
         solid = solid.along(str(prim.GetAttribute("axis").Get())) if prim.HasAttribute("axis") else solid
-    count = len(solid.triangles)
+    count, is_cube = len(solid.triangles), prim.GetTypeName() == "Cube"
+    vertex = np.argsort(_CORNERS_OF_CUBE)[(solid.points > 0) @ [4, 2, 1]] if is_cube else np.zeros(0, int)
 
     def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
-        raise IndexError  # nobody says which vertices a solid has
+        if interpolation == UsdGeom.Tokens.faceVarying or len(values) != len(_CORNERS_OF_CUBE) or not is_cube:
+            raise IndexError  # nobody says which vertices other solids have
+        return values[vertex[solid.triangles.ravel()]]
 
     return Drawn(
         points=solid.points + 0.0,
         indices=solid.triangles.ravel(),
         corners=np.arange(3 * count).reshape(-1, 3),
-        faces=np.zeros(count, int),
+        faces=np.repeat(_SIDES_OF_CUBE, count // len(_SIDES_OF_CUBE)) if is_cube else np.zeros(count, int),
         carry=carry,
         normals=solid.normals.reshape(-1, 3),
         st=solid.st.reshape(-1, 2),
