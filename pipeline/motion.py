@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,10 @@ class Motion:
             share /= share.sum(axis=1, keepdims=True)
         share = np.where(is_node.any(axis=1, keepdims=True), is_node.astype(float), share)
         return np.einsum("nk,nkij->nij", share, poses[piece])
+
+    def between(self, left: Float64[np.ndarray, "4 4"], right: Float64[np.ndarray, "4 4"]) -> "Motion":
+        """The motion of left @ pose @ right."""
+        return replace(self, poses=tuple((left @ np.array(piece) @ right).tolist() for piece in self.poses))
 
     @staticmethod
     def times_s(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:

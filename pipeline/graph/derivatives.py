@@ -14,12 +14,12 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
     """Add the derivatives of the rows of a camera, and of its channels, if the stage asks for any."""
     numbers = dataset.varied.get(camera.prim_path, ())
     for place, entry in enumerate(camera.in_channels if numbers else ()):
-        ends = [[_entry_in(end, camera, place) for end in (number.less, number.more)] for number in numbers]
-        here = _settled(entry)
+        ends = [tuple(_entry_in(end, camera, place) for end in (number.less, number.more)) for number in numbers]
+        settled = _settled(entry)
         changed = tuple(
             cameras.VariedCamera(number=number, less=_settled(less), more=_settled(more))
             for number, (less, more) in enumerate(ends)
-            if _settled(less) != here or _settled(more) != here
+            if _settled(less) != settled or _settled(more) != settled
         )
         reads = {"camera": seen_through(graph, entry)}
         if changed:
@@ -29,20 +29,20 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
         for index, frame in enumerate(dataset.frames):
             if camera.name not in frame.camera_from_world:
                 continue
-            still = _targets(placed, dataset, frame, camera)
+            here = _seen(placed, dataset, frame, entry)
             views = []
-            for number, (less, more) in zip(numbers, things, strict=True):
-                sides = [
-                    _targets(of, end, end.frames[index], camera)
-                    for of, end in ((less, number.less), (more, number.more))
+            for number, of, sides in zip(numbers, things, ends, strict=True):
+                seen = [
+                    _seen(placed_there, end, end.frames[index], side)
+                    for placed_there, end, side in zip(of, (number.less, number.more), sides, strict=True)
                 ]
-                moved = [None if side == still else side for side in sides]
+                moved = [None if there == here else there for there in seen]
                 view = frames.VariedView(
                     name=number.name, unit=number.unit, step=number.step, less=moved[0], more=moved[1]
                 )
                 views.append(view)
             params = frames.RowDerivatives(
-                targets=still, numbers=tuple(views), square_px=entry.square_px, seed=entry.sampling.seed
+                here=here, numbers=tuple(views), square_px=entry.square_px, seed=entry.sampling.seed
             )
             name = f"{entry.full_name}/{frame.number:04d}"
             task = add(graph, f"derivatives/{name}", params, {**reads, "truth": f"truth/{name}"})
@@ -61,5 +61,7 @@ def _settled(entry: CameraEntry) -> cameras.SettledCamera:
     return cameras.SettledCamera(asked=cameras.AskedCamera.of(entry.asked), channel=entry.channel, windows=windows)
 
 
-def _targets(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> tuple[frames.PlacedTarget, ...]:
-    return things.targets(target_poses(dataset, frame, camera.name))
+def _seen(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> frames.SeenTargets:
+    motions = frame.motions.get(camera.name)
+    targets = things.targets(target_poses(dataset, frame, camera.name), motions)
+    return frames.SeenTargets(targets=targets, shutter=camera.shutter if motions and motions.targets else None)

@@ -155,10 +155,10 @@ class ReadyCamera:
 
     def _derivatives(self, rows: Solutions, planes: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Derivatives of positions by numbers, (n, 2) or (n, 2, k)."""
-        on, variations, ends = planes[rows.point], list[Variation](), list[tuple[str, int]]()
+        on, variations, ends = StillPlanes(planes), list[Variation](), list[tuple[str, int]]()
         for name in dict.fromkeys(names):
             if name == POINT:
-                variations += [_shifted(self.rig.tracer, on, axis) for axis in range(3)]
+                variations += [_shifted(self.rig.tracer, planes, axis) for axis in range(3)]
             elif self.vary is None:
                 raise CameraError(f"a camera without a stage has no {name!r}", hint=f'derivatives=["{POINT}"] it has')
             else:
@@ -168,7 +168,7 @@ class ReadyCamera:
             ends.append((name, len(variations)))
         if not variations:
             return {}
-        rates, result, first = row_derivatives(self.rig, rows.xy_px, rows.cell, on, variations).x_px, {}, 0
+        rates, result, first = row_derivatives(self.rig, rows.point, rows.cell, rows.xy_px, on, variations).x_px, {}, 0
         for name, end in ends:
             several = rates[:, first:end].transpose(0, 2, 1)
             result[name], first = several if end - first > 1 else several[..., 0], end
@@ -265,7 +265,7 @@ def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
     step = _SHARE_OF_WAY * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
     shift = np.zeros((4, 3))
     shift[0, axis] = step
-    return Variation(step, Neighbour(tracer, planes - shift), Neighbour(tracer, planes + shift))
+    return Variation(step, *(Neighbour(tracer, StillPlanes(planes + side * shift)) for side in (-1, 1)))
 
 
 def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:

@@ -44,9 +44,6 @@ def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Datas
             ]
         except UnreadableValue as error:  # the wish is wrong, not what it names
             raise UnreadableValue(error.what, relationship, error.hint, error.code) from None
-        if asked and any(entry.shutter for entry in dataset.cameras if entry.prim_path == str(camera.GetPath())):
-            message = f'"{ASKED}" is not supported of a camera with a shutter: rows move with their lines'
-            raise UnreadableValue(message, relationship, "take one of both out", "not-yet-supported")
         if asked:
             varied[str(camera.GetPath())] = tuple(asked)
     if not varied:
@@ -83,10 +80,17 @@ def _posed(dataset: Dataset, cameras: list[str], boards: list[str], moved: np.nd
     """The dataset with some cameras and targets moved in their own frames: vision and target frame."""
 
     def of(frame: Frame) -> Frame:
-        views, poses = dict(frame.camera_from_world), dict(frame.world_from_target)
+        views, poses, motions = dict(frame.camera_from_world), dict(frame.world_from_target), dict(frame.motions)
         views |= {name: _rows(inverse(moved) @ np.array(views[name])) for name in cameras if name in views}
         poses |= {name: _rows(np.array(poses[name]) @ moved) for name in boards}
-        return replace(frame, camera_from_world=views, world_from_target=poses)
+        for camera, before in frame.motions.items():
+            left = inverse(moved) if camera in cameras else np.eye(4)
+            targets = {
+                name: motion.between(left, moved if name in boards else np.eye(4))
+                for name, motion in before.targets.items()
+            }
+            motions[camera] = replace(before, targets=targets)
+        return replace(frame, camera_from_world=views, world_from_target=poses, motions=motions)
 
     return replace(dataset, frames=tuple(map(of, dataset.frames)))
 

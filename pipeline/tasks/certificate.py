@@ -18,7 +18,6 @@ from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.params.frames import Certificate, PlacedTarget
 from pipeline.truth.judging import ROWS, Rows, certify, rows_of_build
-from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes
 
 _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""
@@ -80,9 +79,7 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
         points = target.points()
         here = names == entry.name
         posed = PosedPoints(entry.name, points, pose)
-        planes: Planes = StillPlanes(posed.planes)
-        if entry.motion and shutter:
-            planes = MovingPlanes(posed.of_target, entry.motion, shutter, rig.tracer.camera.sensor.size_px)
+        planes = posed.before(shutter, entry.motion, rig.tracer.camera.sensor.size_px)
         parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
 

@@ -1,12 +1,12 @@
 """Tasks `varied`, cameras with a number a little less and more, and `derivatives`, of the rows of a frame."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.exports.filestorage import write_npz
 from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table
@@ -16,10 +16,11 @@ from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.certificate import cells_of
 from pipeline.tasks.params.cameras import SettledCamera, VariedCameras
-from pipeline.tasks.params.frames import PlacedTarget, RowDerivatives
+from pipeline.tasks.params.frames import RowDerivatives, SeenTargets
 from pipeline.tasks.params.outputs import DERIVATIVES
 from pipeline.truth.derivatives import Neighbour, Variation
 from pipeline.truth.derivatives import derivatives as rates_of
+from pipeline.truth.planes import Planes
 
 _VARIED = "varied.json"
 _REMARKS = (
@@ -51,34 +52,41 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
     names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
     x_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
     cameras = read_json(inputs["varied"][_VARIED]) if "varied" in inputs else {}
-    here, there = _planes(params.targets, names, point), rig.tracer
-
-    def neighbour(number: int, side: int, targets: Sequence[PlacedTarget] | None) -> Neighbour:
-        tracer = there
-        if plain := cameras.get(str(number)):
-            tracer = there.next_to(from_plain(Camera, plain[side]))
-        return Neighbour(tracer, here if targets is None else _planes(targets, names, point))
-
-    variations = [
-        Variation(number.step, neighbour(place, 0, number.less), neighbour(place, 1, number.more))
-        for place, number in enumerate(params.numbers)
+    tracers = [
+        [rig.tracer.next_to(from_plain(Camera, plain)) for plain in cameras.get(str(place), ())] or [rig.tracer] * 2
+        for place in range(len(params.numbers))
     ]
-    rates = rates_of(rig, x_px, cells_of(rig, table), here, variations)
+    rows, numbers = len(names), len(params.numbers)
     arrays = {
         "names": np.array([number.name for number in params.numbers]),
         "units": np.array([number.unit for number in params.numbers]),
-        "x_px": rates.x_px,
-        "spread_mm2": rates.spread_mm2,
-        "jacobian_mm_per_px": rates.jacobian_mm_per_px,
+        "x_px": np.full((rows, numbers, 2), np.nan),
+        "spread_mm2": np.full((rows, numbers, 2, 2), np.nan),
+        "jacobian_mm_per_px": np.full((rows, 2, 2), np.nan),
     }
+    cells = cells_of(rig, table)
+    for place, entry in enumerate(params.here.targets):
+        here = _planes(params.here, place, rig)
+        variations = [
+            Variation(
+                number.step,
+                *(
+                    Neighbour(tracer, here if seen is None else _planes(seen, place, rig))
+                    for tracer, seen in zip(of_number, (number.less, number.more), strict=True)
+                ),
+            )
+            for number, of_number in zip(params.numbers, tracers, strict=True)
+        ]
+        of_target = names == entry.name
+        rates = rates_of(rig, point[of_target], cells[of_target], x_px[of_target], here, variations)
+        for name in ("x_px", "spread_mm2", "jacobian_mm_per_px"):
+            arrays[name][of_target] = getattr(rates, name)
     write_npz(out / DERIVATIVES, _REMARKS, arrays)
 
 
-def _planes(targets: Sequence[PlacedTarget], names: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Tangent planes of the points of rows, (n, 4, 3)."""
-    planes = np.zeros((len(names), 4, 3))
-    for entry in targets:
-        target, pose = placed_target(entry)
-        rows = names == entry.name
-        planes[rows] = PosedPoints(entry.name, target.points(), pose).planes[point[rows]]
-    return planes
+def _planes(seen: SeenTargets, place: int, rig: Rig) -> Planes:
+    """Tangent planes of the points of a target, by its place among those that are seen."""
+    entry = seen.targets[place]
+    target, pose = placed_target(entry)
+    posed = PosedPoints(entry.name, target.points(), pose)
+    return posed.before(seen.shutter, entry.motion, rig.tracer.camera.sensor.size_px)

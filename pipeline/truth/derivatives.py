@@ -4,12 +4,12 @@ A row is the solution x of J(x, theta) = 0 on the tangent plane of its point, fr
 
     dx / dtheta = - (dJ / dx)^-1 dJ / dtheta.
 
-A pose, or a board, moves the plane; all else moves the rays. Nothing is solved again: J of the camera a little before
-and a little behind theta is integrated at the row's own x, with regions held: a search of what passes ends somewhere,
-and two cameras that differ by 1e-4 of a radius would differ by that, and by the search. Here both share inner points
-and the directions of nodes, and edges are found to rounding. The rays of both go through the same shares of the ways to
-their edges, so that the rim of what passes counts as it moves, and their central difference is the derivative to about
-1e-9 of it.
+A pose, or a board, moves the plane, and so does a shutter before which that moves; all else moves the rays. Nothing is
+solved again: J of the camera a little before and a little behind theta is integrated at the row's own x, with regions
+held: a search of what passes ends somewhere, and two cameras that differ by 1e-4 of a radius would differ by that, and
+by the search. Here both share inner points and the directions of nodes, and edges are found to rounding. The rays of
+both go through the same shares of the ways to their edges, so that the rim of what passes counts as it moves, and their
+central difference is the derivative to about 1e-9 of it.
 
 The covariance of a bundle on the plane has a derivative along the row, too: by theta, and by x as the row moves. The
 blur is that covariance mapped to the image by dJ / dx, whose own change is of second order: where two edges cut what
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.integrals import NODES, Bundles
+from pipeline.camera.integrals import NODES, Bundles, Integral
 from pipeline.camera.integrating.quadrature import INTEGRATED, SMOOTH, regions
 from pipeline.camera.parts.lattice import Lattice
 from pipeline.camera.rig import Rig
@@ -30,8 +30,9 @@ from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT, mixed
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import inverse
-from pipeline.truth.direct.newton import mean_hit
+from pipeline.truth.direct.newton import mean_hit, over_exposure
 from pipeline.truth.grid.ray_grid import matrix_4
+from pipeline.truth.planes import Planes
 
 _LEVEL = 2
 """Level of quadrature: of most rows the derivatives of the next level are the same to 1e-10, of level 1 to 1e-6."""
@@ -42,10 +43,10 @@ _HALF_PX = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """A camera and the tangent planes of the points of rows, (n, 4, 3), of which one number is a little different."""
+    """A camera and the tangent planes of the points before it, of which one number is a little different."""
 
     tracer: Tracer
-    planes: Float64[np.ndarray, "n 4 3"]
+    planes: Planes
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,47 +71,55 @@ class Derivatives:
 class _Rows:
     """Integrals of rows at their solutions and beside them; mean hits (n, 2) [mm] and covariances (n, 2, 2) [mm^2]."""
 
-    def __init__(self, rig: Rig, bundles: Bundles) -> None:
-        self.bundles, self._here, self.rays = bundles, rig.tracer, 0
+    def __init__(self, here: Neighbour, point: np.ndarray, bundles: Bundles) -> None:
+        self._here, self._point, self._bundles, self.rays = here, point, bundles, 0
         nodes, _ = bundles.at_nodes(_LEVEL)
         self._held = [
             regions(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens, SMOOTH)
-            for light in rig.tracer.lights
+            for light in here.tracer.lights
         ]
 
     def of(self, there: Neighbour) -> tuple[np.ndarray, np.ndarray]:
         """Those of a neighbour."""
-        planes = np.stack([there.planes, there.planes], axis=1)
-        microlens = _same(self.bundles.microlens, self._here.lattice, there.tracer.lattice)
-        return self._integrated(there.tracer, replace(self.bundles, planes=planes, microlens=microlens))
+        microlens = _same(self._bundles.microlens, self._here.tracer.lattice, there.tracer.lattice)
+        return self._exposed(there, replace(self._bundles, microlens=microlens))
 
     def by_x(self) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by image position, (n, 2, 2) and (n, 2, 2, 2), by x and y along the last axis."""
         rates = []
         for step in _HALF_PX * np.eye(2):
             more, less = (
-                self._integrated(self._here, replace(self.bundles, x_px=self.bundles.x_px + sign * step))
+                self._exposed(self._here, replace(self._bundles, x_px=self._bundles.x_px + sign * step))
                 for sign in (1, -1)
             )
             rates.append(_rates(more, less, _HALF_PX))
         of_j, of_covariance = (np.stack(parts, axis=-1) for parts in zip(*rates, strict=True))
         return of_j, of_covariance
 
-    def _integrated(self, tracer: Tracer, bundles: Bundles) -> tuple[np.ndarray, np.ndarray]:
+    def _exposed(self, there: Neighbour, bundles: Bundles) -> tuple[np.ndarray, np.ndarray]:
+        def integrate(planes: np.ndarray) -> Integral:
+            moments, rays = self._integrated(there.tracer, replace(bundles, planes=planes))
+            return Integral(moments, np.zeros((len(moments), 2)), np.zeros(len(moments), bool), rays)
+
+        integral = over_exposure(there.planes.pairs(self._point, bundles.x_px), integrate)
+        self.rays += integral.rays
+        return mean_hit(integral.moments), matrix_4(integral.moments[:, COVARIANCE:WEIGHT])[:, :2, :2]
+
+    def _integrated(self, tracer: Tracer, bundles: Bundles) -> tuple[np.ndarray, int]:
         nodes, share = bundles.at_nodes(_LEVEL)
-        parts = []
+        parts, count = [], 0
         for light, held in zip(tracer.lights, self._held, strict=True):
             positions = light.tracer.positions_mm(*nodes.x_px.T)
             there = held.next_to(light.tracer.arrays, positions, nodes.microlens)
             moments, status, rays = there.moments(nodes.planes, NODES[_LEVEL], is_last=False)
             moments[status != INTEGRATED] = np.nan  # not star-shaped
             parts.append(mixed(moments.reshape(-1, len(share), COLUMNS), share) if len(share) > 1 else moments)
-            self.rays += rays
+            count += rays
         if len(parts) > 1:
             moments = mixed(np.stack(parts, axis=1), np.array([light.share for light in tracer.lights]))
         else:
             moments = parts[0]
-        return mean_hit(moments), matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2]
+        return moments, count
 
 
 def _same(microlens: np.ndarray, here: Lattice | None, there: Lattice | None) -> np.ndarray:
@@ -129,13 +138,15 @@ def _rates(
 
 def derivatives(
     rig: Rig,
-    x_px: Float64[np.ndarray, "n 2"],
+    point: Int64[np.ndarray, "n"],
     cell: Int64[np.ndarray, "n"],
-    planes: Float64[np.ndarray, "n 4 3"],
+    x_px: Float64[np.ndarray, "n 2"],
+    planes: Planes,
     variations: Sequence[Variation],
 ) -> Derivatives:
-    """Derivatives of solved rows on the tangent planes of their points."""
-    rows = _Rows(rig, Bundles(x_px, rig.microlens(cell), np.stack([planes, planes], axis=1), rig.square_px))
+    """Derivatives of solved rows on the tangent planes of their points, which may move with the lines of rows."""
+    nowhere = np.zeros((len(x_px), 2, 4, 3))
+    rows = _Rows(Neighbour(rig.tracer, planes), point, Bundles(x_px, rig.microlens(cell), nowhere, rig.square_px))
     jacobian, covariance_by_x = rows.by_x()
     px_per_mm = inverse(jacobian)
     x_rates = np.full((len(x_px), len(variations), 2), np.nan)

@@ -14,6 +14,7 @@ import pytest
 from builds import made
 from laws import rigs
 from laws.solving import planes_of, rig_of
+from laws.test_shutter import moving, stage, turning
 from scipy.spatial.transform import Rotation
 from stage_text import DATA, over_tiny
 
@@ -21,12 +22,15 @@ import pipeline
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
+from pipeline.files.tables import read_table
 from pipeline.frames import rigid
+from pipeline.motion import Shutter
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.load import load
 from pipeline.truth.derivatives import Derivatives, Neighbour, Variation, derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.moving import solve_moving
+from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
 
 SAME = 1e-6
 """Relative to the largest derivative of a kind: what is asked for. Rims that cut each other at small angles bend it,
@@ -45,9 +49,9 @@ def rates(
     """The rig, its rows' positions, and their derivatives by one number of the camera."""
     rig, planes = rig_of(camera), planes_at()
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
-    on = planes[rows.point]
+    on = StillPlanes(planes)
     sides = (Neighbour(rig.tracer.next_to(change(camera, sign * step)), on) for sign in (-1, 1))
-    return rig, rows.xy_px, derivatives(rig, rows.xy_px, rows.cell, on, [Variation(step, *sides)])
+    return rig, rows.xy_px, derivatives(rig, rows.point, rows.cell, rows.xy_px, on, [Variation(step, *sides)])
 
 
 def of_surface(place: int, /, **field: int | None) -> Callable[[Camera, float], Camera]:
@@ -203,6 +207,41 @@ def test_derivatives_are_those_of_a_twin_by_complex_steps_that_knows_its_region_
     np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=SAME * np.abs(expected).max(), rtol=0)
 
 
+def test_rows_that_move_with_their_lines_have_the_derivatives_of_rows_that_are_solved_again():
+    """By a radius, by the place of the board along its way, and by the time from line to line."""
+    camera, shutter = (
+        rigs.conventional(),
+        Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4, exposure_s=4e-3),
+    )
+    rig, radius = rig_of(camera), of_surface(0, radius_mm=None)
+
+    def planes(x_mm: float = 0.0, line_s: float = 0.0) -> MovingPlanes:
+        def pose(t: float) -> np.ndarray:
+            return turning(t) + np.outer([x_mm, 0, 0, 0], [0, 0, 0, 1])
+
+        return moving(rig, pose, dataclasses.replace(shutter, line_s=shutter.line_s + line_s))
+
+    changes = {
+        1e-4: lambda by: (rig_of(radius(camera, by)), planes()),
+        2e-3: lambda by: (rig, planes(x_mm=by)),
+        1e-7: lambda by: (rig, planes(line_s=by)),
+    }
+    rows = solve_moving(rig, planes(), slice(None), 1e-9, 0.05).solutions
+    variations, expected = [], []
+    for step, change in changes.items():
+        ends = [change(side * step) for side in (-1, 1)]
+        less, more = (solve_moving(*end, slice(None), 1e-9, 0.05).solutions.xy_px for end in ends)
+        expected.append((more - less) / (2 * step))
+        sides = (Neighbour(rig.tracer.next_to(end.tracer.camera), on) for end, on in ends)
+        variations.append(Variation(step, *sides))
+    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, planes(), variations).x_px
+
+    largest = np.abs(expected).max(axis=(1, 2))
+    assert len(rows.point) == 12 and largest[2] * 1e-3 > 1, largest  # px by a millisecond from line to line
+    off = np.abs(rate.transpose(1, 0, 2) - expected).max(axis=(1, 2)) / largest
+    assert (off < SAME).all(), off
+
+
 def test_the_spread_changes_as_that_of_rows_that_are_solved_again():
     camera, h = vignetting(8.0), 0.02
     _, x_px, rate = rates(camera, farther, 1e-3)
@@ -253,12 +292,12 @@ def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.nda
     variations = []
     for number in varied:
         ends = (
-            Neighbour(rig.tracer.next_to(end.cameras[0].camera), planes(end)[rows.point])
+            Neighbour(rig.tracer.next_to(end.cameras[0].camera), StillPlanes(planes(end)))
             for end in (number.less, number.more)
         )
         variations.append(Variation(number.step, *ends))
     assert len(rows.point) == len(points.kinds)
-    rate = derivatives(rig, rows.xy_px, rows.cell, here[rows.point], variations).x_px
+    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, StillPlanes(here), variations).x_px
     return [number.name for number in varied], np.array([number.step for number in varied]), rate
 
 
@@ -340,6 +379,37 @@ def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_n
     np.testing.assert_allclose(delivered["x_px"], rate, atol=1e-6 * np.abs(rate).max())
 
 
+def test_a_stage_has_derivatives_by_the_delay_of_lines_and_by_the_pose_of_a_board_that_moves(tmp_path, common_store):
+    """Rows come again from builds with a delay of 1.001 ms, and with the board a thousandth of a mm to the right."""
+    camera, board = f"{ROOT}/Rig/Camera.plen:shutter:lineOffset", f"{ROOT}/Board"
+    wish = 'token scanOrder = "topToBottom"\ndouble2 opens = (1, 500)\ndouble2 lineOffset = ({}, 1000)'
+
+    def built(name: str, line: float, x_mm: float) -> Path:
+        places = f"({x_mm - 0.1}, 0.3, -434.4)", f"({x_mm + 0.3}, -0.9, -430.4)"
+        asked = (
+            'over "Camera"\n        {\n',
+            f'over "Camera"\n        {{\n            rel plen:truth:derivatives = [<{camera}>, <{board}>]\n',
+        )
+        path = stage(tmp_path / name, wish.format(line), places, asked)
+        made(path, tmp_path / name / "out", common_store)
+        return tmp_path / name / "out/frames/0001/Rig.Camera"
+
+    def rows(folder: Path) -> np.ndarray:
+        table = read_table(folder / "correspondences.csv")
+        return np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
+
+    here = built("here", 1.0, 0.0)
+    with np.load(here / "derivatives.npz") as file:
+        rate = dict(zip(file["names"].tolist(), file["x_px"].transpose(1, 0, 2), strict=True))
+    for name, step, there in (
+        (f"{camera}[0]", 1e-3, built("slow", 1.001, 0.0)),
+        (f"{board} x", 1e-3, built("right", 1.0, 1e-3)),
+    ):
+        expected = (rows(there) - rows(here)) / step
+        np.testing.assert_allclose(rate[name], expected, rtol=0, atol=1e-3 * np.abs(expected).max(), err_msg=name)
+    np.testing.assert_allclose(rate[f"{camera}[1]"], -rate[f"{camera}[0]"] / 1000, rtol=1e-6)
+
+
 def test_a_camera_made_ready_gives_derivatives_by_points_and_by_numbers_of_its_stage(tmp_path):
     path = tmp_path / "dataset.usda"
     path.write_text(over_tiny())
@@ -370,9 +440,10 @@ def test_a_pitch_that_moves_the_number_of_microlenses_on_an_array_has_derivative
         array = camera.microlenses
         return dataclasses.replace(camera, microlenses=dataclasses.replace(array, pitch_mm=array.pitch_mm * (1 + by)))
 
-    step, on = 1e-4, planes[rows.point]
+    step, on = 1e-4, StillPlanes(planes)
     sides = [rig.tracer.next_to(change(sign * step)) for sign in (-1, 1)]
-    rate = derivatives(rig, rows.xy_px, rows.cell, on, [Variation(step, *(Neighbour(side, on) for side in sides))])
+    variation = Variation(step, *(Neighbour(side, on) for side in sides))
+    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, on, [variation])
     # The middle microlens stays where it is; all others move away from it as their distance grows.
     axial = rig.axial[rows.cell]
     away = np.hypot(*axial.T) > 0

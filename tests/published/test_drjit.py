@@ -19,7 +19,7 @@ from pipeline.frames import rigid
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.derivatives import Neighbour, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import StillPlanes, tangent_planes
 
 dr = pytest.importorskip("drjit", reason="needs the extra `referees`")
 
@@ -254,18 +254,19 @@ def test_derivatives_by_all_numbers_are_those_of_a_trace_that_dr_jit_differentia
     planes = tangent_planes(pose, np.array([[x, y, 0.0] for x in (-25.0, 4.0, 22.0) for y in (-18.0, 15.0)]))
     rig, steps = rig_of(camera), None
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
-    x_px, cell, on = rows.xy_px, rows.cell, planes[rows.point]
+    x_px, cell, point, on = rows.xy_px, rows.cell, rows.point, StillPlanes(planes)
     if lattice := rig.tracer.lattice:
         microlens = rig.microlens(cell)
         steps = np.stack([lattice.k[microlens], lattice.l[microlens]], axis=1)
         whole = is_whole(camera, x_px, steps)
-        x_px, cell, on, steps = x_px[whole], cell[whole], on[whole], steps[whole]
+        x_px, cell, point, steps = x_px[whole], cell[whole], point[whole], steps[whole]
     values, variations = numbers(camera), []
     for number, value in values.items():
         step = STEPS.get(number[0], 1e-3)
         ends = (Neighbour(rig.tracer.next_to(changed(camera, number, value + by)), on) for by in (-step, step))
         variations.append(Variation(step, *ends))
-    ours, expected = derivatives(rig, x_px, cell, on, variations).x_px, by_drjit(values, x_px, on, steps)
+    ours = derivatives(rig, point, cell, x_px, on, variations).x_px
+    expected = by_drjit(values, x_px, planes[point], steps)
     largest = np.abs(expected).max(axis=(0, 2))
     off = np.abs(ours - expected).max(axis=(0, 2)) / largest
 

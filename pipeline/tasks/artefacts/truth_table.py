@@ -8,11 +8,11 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.frames import apply
-from pipeline.motion import Shutter
+from pipeline.motion import Motion, Shutter
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.frames import TruthTable
 from pipeline.truth.moving import time_of_rows, time_of_still
-from pipeline.truth.planes import MovingPlanes, tangent_planes
+from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
 from pipeline.truth.rows import Correspondences, Solutions
 from pipeline.truth.settings import TruthSettings
@@ -67,6 +67,12 @@ class PosedPoints:
     def planes(self) -> np.ndarray:
         """Tangent planes of all points in the vision frame, as from `truth.planes.tangent_planes`."""
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
+
+    def before(self, shutter: Shutter | None, motion: Motion | None, size_px: tuple[int, int]) -> Planes:
+        """The planes before a sensor of so many columns and rows, where they may move while a shutter is open."""
+        if shutter is None or motion is None:
+            return StillPlanes(self.planes)
+        return MovingPlanes(self.of_target, motion, shutter, size_px)
 
 
 def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:

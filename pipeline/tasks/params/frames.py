@@ -140,21 +140,29 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SeenTargets:
+    """Targets before a camera in a frame, and its shutter where some move while it is open."""
+
+    targets: tuple[PlacedTarget, ...]
+    shutter: Shutter | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VariedView:
-    """Targets before a camera in a frame with a number a little different; `targets` is None if they do not change."""
+    """What a camera sees in a frame with a number a little different; None: the same."""
 
     name: str
     unit: str
     step: float
-    less: tuple[PlacedTarget, ...] | None
-    more: tuple[PlacedTarget, ...] | None
+    less: SeenTargets | None
+    more: SeenTargets | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowDerivatives:
     """Derivatives of the rows of a frame by all numbers; cameras that differ, too, are those of a task `varied`."""
 
-    targets: tuple[PlacedTarget, ...]
+    here: SeenTargets
     numbers: tuple[VariedView, ...]
     square_px: float
     seed: int
