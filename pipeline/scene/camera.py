@@ -31,7 +31,7 @@ from pipeline.scene.sensor import (
     read_sensor,
 )
 from pipeline.scene.shutters import check_shutter, read_shutter
-from pipeline.scene.temperature import mount_growth
+from pipeline.scene.temperature import growth_of, larger_array, mount_growth
 from pipeline.scene.usd.poses import camera_name, frame_numbers
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem, warning
 from pipeline.scene.usd.values import at_code, fields_of, need, read, read_once, target, target_paths
@@ -138,10 +138,12 @@ def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     lens, light_nm = target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
     microlenses = read_microlenses(array, need(prim, "plen:camera:microlensDistance"), light_nm) if array else None
+    chip = target(prim, "plen:camera:sensor", "PlenSensor")
+    sensor = read_sensor(chip)
     parts: dict[str, Any] = {
         "prescription": read_prescription(lens, light_nm),
-        "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
-        "microlenses": microlenses,
+        "sensor": replace(sensor, pitch_mm=sensor.pitch_mm * growth_of(chip, lens)),
+        "microlenses": microlenses and larger_array(microlenses, growth_of(array, lens)),
         **fields_of(prim, Camera),
     }
     longer = mount_growth(lens)

@@ -1,4 +1,5 @@
-"""A lens at another temperature than its prescription: indices of its glasses, and lengths of glass and mount.
+"""A lens at another temperature than its prescription: indices of its glasses, and lengths of glass and mount, of
+sensor and microlenses.
 
 Elements keep their shapes, larger or smaller. A surface goes with the glass behind it, or else with that before it;
 what has none goes with the mount, and so do gaps of air, from vertex to vertex.
@@ -9,6 +10,7 @@ from dataclasses import replace
 
 from pxr import Usd
 
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.glass.catalogue import find
 from pipeline.optics.glass.fluids import AIR, VACUUM
 from pipeline.optics.glass.medium import GlassError
@@ -49,6 +51,12 @@ def mount_growth(lens: Usd.Prim) -> float:
     """Ratio of lengths of what holds a lens and the sensor to those at the temperature of the prescription."""
     from_c, to_c = temperatures_c(lens)
     return 1.0 if from_c == to_c else float(1 + need(lens, "plen:mountExpansion") * _PER_K * (to_c - from_c))
+
+
+def growth_of(part: Usd.Prim, lens: Usd.Prim) -> float:
+    """Ratio of lengths of a sensor or of microlenses, as warm as the lens; 1 if no expansion of theirs is stated."""
+    (from_c, to_c), stated = temperatures_c(lens), read(part, "plen:expansion")
+    return 1.0 if stated is None else float(1 + stated * _PER_K * (to_c - from_c))
 
 
 def temperatures_c(lens: Usd.Prim) -> tuple[float, float]:
@@ -97,4 +105,32 @@ def larger(surface: Surface, growth: float, gap: float) -> Surface:
         relief=relief,
         even_coefficients=tuple(a * growth ** (-1 - 2 * i) for i, a in enumerate(surface.even_coefficients)),
         odd_coefficients=tuple(a * growth ** (-2 - 2 * i) for i, a in enumerate(surface.odd_coefficients)),
+    )
+
+
+def larger_array(array: MicrolensArray, growth: float) -> MicrolensArray:
+    """Microlenses with all lengths larger, and as much farther from the sensor; their offset, which is an error of
+    assembly, stays, and so does their index.
+    """
+    if growth == 1:
+        return array
+
+    def grown(length_mm: float | None) -> float | None:
+        return None if length_mm is None else length_mm * growth
+
+    def each(lengths_mm: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(length_mm * growth for length_mm in lengths_mm)
+
+    return replace(
+        array,
+        pitch_mm=array.pitch_mm * growth,
+        cross_pitch_mm=grown(array.cross_pitch_mm),
+        width_mm=grown(array.width_mm),
+        height_mm=grown(array.height_mm),
+        distance_mm=array.distance_mm * growth,
+        disc_diameter_mm=grown(array.disc_diameter_mm),
+        thickness_mm=grown(array.thickness_mm),
+        front_radii_mm=each(array.front_radii_mm),
+        rear_radii_mm=each(array.rear_radii_mm),
+        focal_lengths_mm=() if array.model == "refractive" else each(array.focal_lengths_mm),  # radii decide
     )

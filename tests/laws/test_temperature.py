@@ -12,10 +12,12 @@ from stage_text import tiny_text
 
 from pipeline.app.build import project
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.lattice import lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Relief, Surface
 from pipeline.scene.load import load
-from pipeline.scene.temperature import larger
+from pipeline.scene.temperature import larger, larger_array
 
 SHAPES = ("even_coefficients", "odd_coefficients", "relief")
 GLASSES = ("S1", "S3", "S4", "S7", "S8", "S10")
@@ -70,6 +72,68 @@ def test_what_expands_alike_is_the_same_camera_larger(tmp_path):
     for before, after in zip(cold.prescription.surfaces, warm.prescription.surfaces, strict=True):
         assert after.index == before.index
         assert after.semi_diameter_mm == pytest.approx(growth * before.semi_diameter_mm, rel=1e-15)
+
+
+FACES = [
+    "uniform double plen:index = 1.5",
+    "uniform double plen:thickness = 0.4",
+    "uniform double[] plen:frontRadii = [1.25, 1.45, 1.68]",
+    "uniform double[] plen:rearRadii = [-4.0, -4.0, -4.0]",
+]
+MODELS = {"thin": [], "two-plane": FACES[:2], "refractive": FACES}
+
+
+def plenoptic(folder: Path, model: str, celsius: float, sensor: float | None, array: float | None) -> Camera:
+    """Microlenses of a model before a sensor, both with an expansion or without, and a lens all of ALUMINIUM's."""
+    place, path = '        over "Sensor"\n        {\n', folder / f"{model}_{celsius}_{sensor}_{array}.usda"
+    own = [[] if of is None else [f"uniform double plen:expansion = {of}"] for of in (sensor, array)]
+    heat = [f"double plen:temperature = {celsius}", f"uniform double plen:mountExpansion = {ALUMINIUM}"]
+    lens = ['over "Lens"', "{", *heat, *known(0.0, ALUMINIUM), "}"]
+    lenses = ['over "Microlenses"', "{", f'uniform token plen:model = "{model}"', *MODELS[model], *own[1], "}"]
+    text = tiny_text("plenoptic", (place, "\n".join([*lens, *lenses, "", place, *own[0], ""])))
+    path.write_text(text, encoding="utf-8")
+    return camera(path)
+
+
+LENGTHS = sorted(
+    {field.name for field in fields(MicrolensArray) if "_mm" in field.name} - {"offset_x_mm", "offset_y_mm"}
+)
+"""All lengths of an array but its place on the sensor, which is an error of assembly."""
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_plenoptic_camera_that_expands_alike_is_the_same_one_larger(tmp_path, model):
+    """Focal lengths of faces, too, which nobody states; the same microlenses are on the array."""
+    cold, warm = (plenoptic(tmp_path, model, celsius, ALUMINIUM, ALUMINIUM) for celsius in (20.0, 70.0))
+    growth = 1 + ALUMINIUM * 1e-6 * 50
+    before, after = cold.microlenses, warm.microlenses
+    for name in LENGTHS:
+        pair = (np.array(getattr(of, name) or 0.0) for of in (after, before))
+        np.testing.assert_allclose(next(pair), growth * next(pair), rtol=1e-12, err_msg=name)
+    assert warm.sensor.pitch_mm == pytest.approx(growth * cold.sensor.pitch_mm, rel=1e-15)
+    assert warm.sensor_distance_mm == pytest.approx(growth * cold.sensor_distance_mm, rel=1e-15)
+    assert after.index == before.index
+    assert np.array_equal(lattice(after).k, lattice(before).k)
+
+
+def test_discs_and_pitches_of_two_sizes_expand_too():
+    both = {"cross_pitch_mm": 0.21, "aperture": "disc", "disc_diameter_mm": 0.19, "columns": 9, "rows": 8}
+    array = MicrolensArray(pitch_mm=0.2, focal_lengths_mm=(2.0,), distance_mm=1.7, offset_x_mm=0.1, **both)
+    larger = larger_array(array, 1.1)
+    for name in LENGTHS:
+        np.testing.assert_allclose(
+            getattr(larger, name) or 0.0, 1.1 * np.array(getattr(array, name) or 0.0), rtol=1e-14
+        )
+    assert replace(larger, **{name: getattr(array, name) for name in LENGTHS}) == array
+
+
+def test_parts_expand_by_their_own_coefficients_and_those_without_do_not(tmp_path):
+    cold, warm = (plenoptic(tmp_path, "thin", celsius, 2.6, None) for celsius in (20.0, 70.0))
+    assert warm.sensor.pitch_mm / cold.sensor.pitch_mm == pytest.approx(1 + 2.6e-6 * 50, rel=1e-15)
+    assert warm.microlenses == cold.microlenses
+    array = plenoptic(tmp_path, "thin", 70.0, None, 7.0).microlenses
+    assert array.focal_lengths_mm[1] == pytest.approx(2.1 * (1 + 7e-6 * 50), rel=1e-15)
+    assert array.distance_mm == pytest.approx(1.7 * (1 + 7e-6 * 50), rel=1e-15)
 
 
 ROWS = tuple(tuple(0.01 * (i * i - 3 * j + i * j) for i in range(5)) for j in range(5))

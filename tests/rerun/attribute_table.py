@@ -470,7 +470,11 @@ HEATED = {
 """The catalogue has no constants of three of the glasses of the lens."""
 TEMPERATURE = {
     "plen:indexSlope": [Case(GLASS, 2.0, CAMERA, given=HEATED), Case(GLASS, 2.0)],
-    "plen:expansion": [Case(GLASS, 8.0, CAMERA, given=HEATED), Case(GLASS, 8.0)],
+    "plen:expansion": [
+        *(Case(part, 8.0, CAMERA, given=HEATED) for part in (GLASS, SENSOR)),
+        Case(ARRAY, 8.0, CAMERA, given={(f"B{at[1:]}", name): value for (at, name), value in HEATED.items()}),
+        *(Case(part, 8.0) for part in (GLASS, ARRAY, SENSOR)),
+    ],
     "plen:indexOffset": [
         Case(GLASS, 1e-4, CAMERA),
         Case(GLASS, 1e-4, CAMERA, given=CATALOGUE),
