@@ -76,7 +76,7 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
         take(subset.GetPath())
         faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
-        of_face |= dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded))
+        of_face = dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded)) | of_face
         if faces.ValueMightBeTimeVarying():
             what = "the faces of a subset are animated, and which material a face has is not: the first ones count"
             each = each._replace(flaws=(*each.flaws, not_drawn(faces, what)))
@@ -131,8 +131,8 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
     """The primvar of a shape that a material reads; None if it has none."""
     primvar, time = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name), Usd.TimeCode.EarliestTime()
-    is_there = primvar and primvar.HasValue() and (not primvar.GetTypeName().isArray or len(primvar.Get(time) or ()))
-    return primvar if is_there else None
+    is_full = primvar and (not primvar.GetTypeName().isArray or primvar.ValueMightBeTimeVarying() or primvar.Get(time))
+    return primvar if is_full and primvar.HasValue() else None
 
 
 def values_of(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> tuple[Any, ...]:

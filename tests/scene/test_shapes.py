@@ -317,18 +317,7 @@ def test_models_that_are_drawn_in_place_of_their_cards_are_named(tmp_path):
     assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", "/Scene/Things/Many.model:drawMode")]
 
 
-@pytest.mark.parametrize("is_collection", [False, True])
-def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_them(is_collection: bool, tmp_path):
-    """The scope with the prototypes is bound, or a collection of the instancer names one of them."""
-    collection = """prepend rel collection:red:includes = </Scene/Things/Many/Protos/Plate>
-            rel material:binding:collection:red = [</Scene/Things/Many.collection:red>, </Scene/Things/Red>]
-            rel prototypes"""
-    bound = MANY.replace('"Protos"\n', '"Protos"\n(prepend apiSchemas = ["MaterialBindingAPI"])\n')
-    bound = bound.replace("def Plane", "rel material:binding = </Scene/Things/Red>\n\ndef Plane")
-    if is_collection:
-        apis = '"Many"\n(prepend apiSchemas = ["CollectionAPI:red", "MaterialBindingAPI"])\n'
-        bound = MANY.replace('"Many"\n', apis).replace("rel prototypes", collection)
-    red = """def Material "Red"
+RED = """def Material "Red"
     {
         token outputs:surface.connect = </Scene/Things/Red/Surface.outputs:surface>
 
@@ -340,7 +329,20 @@ def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_
         }
     }
     """
-    dataset = load(scene(tmp_path, bound + red, 2, lit=True)).dataset
+
+
+@pytest.mark.parametrize("is_collection", [False, True])
+def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_them(is_collection: bool, tmp_path):
+    """The scope with the prototypes is bound, or a collection of the instancer names one of them."""
+    collection = """prepend rel collection:red:includes = </Scene/Things/Many/Protos/Plate>
+            rel material:binding:collection:red = [</Scene/Things/Many.collection:red>, </Scene/Things/Red>]
+            rel prototypes"""
+    bound = MANY.replace('"Protos"\n', '"Protos"\n(prepend apiSchemas = ["MaterialBindingAPI"])\n')
+    bound = bound.replace("def Plane", "rel material:binding = </Scene/Things/Red>\n\ndef Plane")
+    if is_collection:
+        apis = '"Many"\n(prepend apiSchemas = ["CollectionAPI:red", "MaterialBindingAPI"])\n'
+        bound = MANY.replace('"Many"\n', apis).replace("rel prototypes", collection)
+    dataset = load(scene(tmp_path, bound + RED, 2, lit=True)).dataset
     colours = {each.prim_path[-7:-6]: each.finish.materials[0].diffuse_color.value for each in dataset.occluders}
     assert colours == {"0": (1, 0, 0), "1": (0.18, 0.18, 0.18), "2": (1, 0, 0), "3": (0.18, 0.18, 0.18)}
 
@@ -481,6 +483,36 @@ def test_an_animated_display_colour_is_that_of_the_frame(is_inherited: bool, tmp
     drawn_colours = [entry.finish.primvars["displayColor"][0][:3] for entry in dataset.occluders]
     assert drawn_colours == [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
     assert {entry.finish.materials[0].diffuse_color.primvar for entry in dataset.occluders} == {"displayColor"}
+
+
+def test_colours_that_are_empty_at_first_are_those_of_the_frame(tmp_path):
+    """As OpenUSD's testUsdImagingGLColorOpacityPrimvar has them, whose mesh has no points then either."""
+    samples = {
+        "int[] faceVertexCounts": ("[]", "[3]"),
+        "int[] faceVertexIndices": ("[]", "[0, 1, 2]"),
+        "point3f[] points": ("[]", "[(0, 0, 0), (1, 0, 0), (0, 1, 0)]"),
+        'color3f[] primvars:displayColor (interpolation = "vertex")\ncolor3f[] primvars:displayColor': (
+            "[]",
+            "[(1, 0, 0), (0, 1, 0), (0, 0, 1)]",
+        ),
+    }
+    flag = "\n".join(f"{name}.timeSamples = {{\n1: {one},\n2: {two},\n}}" for name, (one, two) in samples.items())
+    content = f'def Mesh "Flag"\n{{\nuniform token subdivisionScheme = "none"\n{flag}\n}}\n'
+    [entry] = load(scene(tmp_path, content, 2, lit=True)).dataset.occluders
+    assert (entry.frame, entry.finish.primvars["displayColor"]) == (2, ((1, 0, 0, 0, 1, 0, 0, 0, 1),))
+
+
+def test_of_subsets_that_share_a_face_the_first_counts(tmp_path):
+    """As in OpenUSD's testUsdImagingGLGeomSubsets."""
+    red, none = "\nrel material:binding = </Scene/Things/Red>", ""
+    subsets = "".join(
+        f'def GeomSubset "Part{n}" (prepend apiSchemas = ["MaterialBindingAPI"])\n{{\n'
+        f'uniform token familyName = "materialBind"\nint[] indices = [0]{bound}\n}}\n'
+        for n, bound in enumerate((red, none))
+    )
+    flag = mesh_text("Flag", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], subsets)
+    [entry] = load(scene(tmp_path, flag + RED, lit=True)).dataset.occluders
+    assert entry.finish.materials[entry.finish.material_of[0]].diffuse_color.value == (1, 0, 0)
 
 
 def test_indices_of_colours_that_are_not_there_are_named(tmp_path):
