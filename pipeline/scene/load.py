@@ -106,6 +106,8 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     try:
         dataset = with_varied(root, read_dataset(root), lambda: read_dataset(root)) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
+    except StageError as error:
+        return _refused([*problems, *error.problems])
     except UnreadableValue as error:  # no check has reported it
         return _refused([*problems, of_reader(error.thing, error)])
     except PipelineError as error:  # nor this

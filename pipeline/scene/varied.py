@@ -17,6 +17,7 @@ from pipeline.optics.table import motion
 from pipeline.scene.dataset import Dataset, Frame, VariedNumber
 from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
+from pipeline.scene.usd.problems import Problem, StageError, problem
 from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets, unchanging
 
 ASKED = "plen:truth:derivatives"
@@ -34,18 +35,19 @@ R = TypeVar("R")
 
 
 def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Dataset]) -> Dataset:
-    """The dataset with all numbers by which its cameras ask for derivatives; UnreadableValue if one has none."""
-    varied = {}
+    """The dataset with all numbers by which its cameras ask for derivatives; StageError with all that have none."""
+    varied, problems = {}, list[Problem]()
     for camera in targets(root, "plen:cameras", "Camera"):
-        relationship = camera.GetRelationship(ASKED)
-        try:
-            asked = [
-                number for path in target_paths(relationship) for number in _varied(root, path, dataset, read_again)
-            ]
-        except UnreadableValue as error:  # the wish is wrong, not what it names
-            raise UnreadableValue(error.what, relationship, error.hint, error.code) from None
+        relationship, asked = camera.GetRelationship(ASKED), list[VariedNumber[Dataset]]()
+        for path in target_paths(relationship):
+            try:
+                asked += _varied(root, path, dataset, read_again)
+            except UnreadableValue as error:  # the wish is wrong, not what it names
+                problems.append(problem(relationship, error.code, error.what, hint=error.hint))
         if asked:
             varied[str(camera.GetPath())] = tuple(asked)
+    if problems:
+        raise StageError(problems)
     if not varied:
         return dataset
     wishes = tuple(f"{path}.{ASKED}" for path in varied)

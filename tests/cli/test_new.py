@@ -321,6 +321,16 @@ def test_the_best_of_many_poses_project_better_by_opencv_s_calibrations_than_the
     assert wrong[0] < np.mean(wrong[2:]) / 1.5
 
 
+@pytest.mark.heavy
+def test_poses_that_are_chosen_are_told_and_not_all_among_which(run, monkeypatch):
+    monkeypatch.setattr("pipeline.app.authoring.best.CANDIDATES", 2)
+    code, _, log = run("new", "dataset", "d.usda", *PARTS, "--best", "2", "--fit")
+    assert code == 0
+    told = [line.split(":")[0] for line in log.splitlines() if line.startswith("pose ")]
+    assert told == ["pose 1 of 2", "pose 2 of 2"]
+    assert log.splitlines()[0].startswith("2 poses are chosen of 4, ")
+
+
 def test_fitted_poses_are_as_steep_as_the_depth_of_field_permits_and_the_limit_is_said(run):
     """Before, tilts of ten such poses were 4 to 23 degrees and f known to 1.2 %: 151 px by the same law."""
     code, _, log = run("new", "dataset", "d.usda", *PARTS, "--poses", "10", "--fit")

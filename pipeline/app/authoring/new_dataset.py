@@ -105,8 +105,8 @@ def new_dataset(
     """Write a dataset whose poses fill the fields of view and the depths of field of cameras, and read it again.
 
     Rig and target are files, or names of the library such as `rigs/conventional_100mm.usda`. All cameras of the rig see
-    each pose unless one is named. `tell` hears of each pose as soon as it is found, and what all of them fill.
-    StageError if the rig or the target does not pass `check`; UsageError if a part is missing, the file cannot be
+    each pose unless one is named. `tell` hears of each pose as soon as it is found, or chosen, and what all of them
+    fill. StageError if the rig or the target does not pass `check`; UsageError if a part is missing, the file cannot be
     written, or the target is too large for the cameras.
     """
     require_free(out)
@@ -115,6 +115,8 @@ def new_dataset(
     fields, poses = _filled(_fields(dataset, wish), tell)
     if wish.of > 1:
         poses = best_of(fields, poses, wish.count, tell)
+        for number, pose in enumerate(poses, 1):
+            tell(f"pose {number} of {wish.count}: {_comment(pose)}")
     if wish.fit:
         board: Any = fields[0].target
         values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
@@ -163,6 +165,8 @@ def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
 def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[list[CameraField], list[BoardPose]]:
     """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
     first, poses = fields[0], list[BoardPose]()
+    if first.wish.of > 1:
+        tell(f"{first.wish.count} poses are chosen of {first.wish.of * first.wish.count}, which are looked for now")
     if fit := first.wish.fit:
         _lengths(first.target)  # a mesh is refused at once
     shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
@@ -173,7 +177,8 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
             fields = [dataclasses.replace(field, target=target) for field in fields]
             for pose in poses_that_fill(fields, room=(True,) if fit else (True, False)):
                 poses.append(pose)
-                tell(f"pose {len(poses)} of {first.wish.of * first.wish.count}: {_comment(pose)}")
+                if first.wish.of == 1:
+                    tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
             break
         except (UsageError, TargetError) as error:
             if share == shares[-1]:
