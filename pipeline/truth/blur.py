@@ -2,7 +2,16 @@
 
 import numpy as np
 
+from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.records.shapes import Float64
+
+_SPREAD = COVARIANCE + np.array([[0, 1], [1, 4]])
+"""Columns of a bundle's moments that are the covariance of its hits on the first plane, from an upper triangle."""
+
+
+def spread(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
+    """Covariance of the hits of bundles on their first plane, (n, 2, 2, ...) [mm^2]; of derivatives, its derivative."""
+    return moments[:, _SPREAD]
 
 
 def deviations(
@@ -42,7 +51,11 @@ def in_image(covariance: Float64[np.ndarray, "n 2 2"], target_from_image: Float6
     return image_from_target @ covariance @ image_from_target.transpose(0, 2, 1)
 
 
+def radius_px(blur_px2: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
+    """Radius of the uniform disc with that trace, sqrt(2 (blur_xx + blur_yy)), (n,)."""
+    return np.sqrt(2 * np.maximum(np.trace(blur_px2, axis1=1, axis2=2), 0))
+
+
 def signed_radius_px(blur_px2: Float64[np.ndarray, "n 2 2"], uv: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
-    """rho = sign(tr Cov(u, v)) sqrt(2 (blur_xx + blur_yy)): positive if the target lies beyond best focus."""
-    trace = np.trace(blur_px2, axis1=1, axis2=2)
-    return np.sign(np.trace(uv, axis1=1, axis2=2)) * np.sqrt(2 * np.maximum(trace, 0))
+    """rho = sign(tr Cov(u, v)) times that radius: positive if the target lies beyond best focus."""
+    return np.sign(np.trace(uv, axis1=1, axis2=2)) * radius_px(blur_px2)

@@ -67,6 +67,8 @@ FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
 ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
 """Effort for steps on the way to a result: corners to 0.2 degrees, edges to 5e-7 of their way. It is held against rays
 over the whole bound, too: a step that sees one piece of two goes far astray."""
+STEADY = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=44)
+"""Effort for differences of neighbours that may err by 1e-4 of themselves: edges to rounding."""
 SMOOTH = Effort(corner_steps=28, corner_edge_steps=44, edge_steps=44)
 """Effort for differences of neighbours, to rounding: where one of two rims moves, the edge moves on one side of a
 corner alone, and an error of the corner is one of the difference.

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.held import Held, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, integrals
+from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.rig import Rig
@@ -22,7 +24,7 @@ from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
-from pipeline.truth.direct.newton import NEARLY_PX, Search, errors_px
+from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search, errors_px, mean_hit
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Pairs, Planes, StillPlanes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
@@ -117,8 +119,6 @@ _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
 rounding would do.
 """
-_BLUR_LEVEL = 1
-"""Level of quadrature for light and blur, which need fewer digits than positions."""
 _SIGMAS = 2.0
 """Expected errors of a row that must stay below the claim [1]: only one row in twenty has an error above two of
 them.
@@ -180,6 +180,7 @@ def solve(
         rig, x_px, guess.cell[rows], lambda some: rig.hit_fraction(moments[some]) >= min_hit_fraction
     )
     rows, counts = rows[kept], {**counts, **dropped}
+    search.sharpen(rows, accuracy_px)
     beside = known & ~near & ~rig.in_image(somewhere, NEARLY_PX)
     counts["dropped_outside_image"] += int(beside.sum())
     counts["dropped_outside_cell"] += int(np.sum(known & ~near & ~beside))
@@ -223,9 +224,9 @@ def blur_of(
     """
     microlens, rays = rig.microlens(cell), 0
     if rig.square_px:
-        of_points = integrals(rig.tracer, Bundles(x_px, microlens, np.stack([planes, planes], axis=1)), _BLUR_LEVEL)
+        of_points = integrals(rig.tracer, Bundles(x_px, microlens, np.stack([planes, planes], axis=1)), BLUR_LEVEL)
         moments, rays = of_points.moments, of_points.rays
-    blurred = blur.in_image(matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2], jacobian)
+    blurred = blur.in_image(blur.spread(moments), jacobian)
     z = planes[:, 0, 2]
     upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
@@ -252,15 +253,22 @@ def with_own_bundles(
     solutions = rows.solutions.only(others)
     x_px, on = solutions.xy_px, planes[solutions.point]
     wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
-    bundles = integrals(rig.tracer, wanted, _BLUR_LEVEL)
-    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, solutions.jacobian, bundles.moments)
+    bundles = integrals(rig.tracer, wanted, BLUR_LEVEL)
+    # That of the search is over steps of the grid, where J may bend.
+    held = Held(rig.tracer, wanted, BLUR_LEVEL, STEADY)
+    by_position = mean_hit(by_x(lambda x: held.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px))
+    is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
+    jacobian = rows.solutions.jacobian.copy()
+    jacobian[others] = np.where(is_known, by_position, solutions.jacobian)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, jacobian[others], bundles.moments)
     hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
     hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
-    traced = dataclasses.replace(rows, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px)
+    whole = dataclasses.replace(rows.solutions, jacobian=jacobian)
+    traced = dataclasses.replace(rows, solutions=whole, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px)
     return traced.only(kept).recounted(
         dropped_hit_fraction=rows.counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept)),
-        rays_of_bundles=bundles.rays + rays,
+        rays_of_bundles=bundles.rays + held.rays + rays,
         rows=int(kept.sum()),
     )
 

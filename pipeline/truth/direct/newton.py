@@ -8,10 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pipeline.camera.held import Held, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pooled
+from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.records.shapes import Float64, Int64
+from pipeline.truth import blur
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
 from pipeline.truth.planes import Pairs
 
@@ -27,6 +30,8 @@ is too short for random rays.
 _BENT = 0.05
 """Distance of J from the middle of its values at both ends, over half of their distance, from which J is bent [1]: a
 derivative errs by about as much as that."""
+BLUR_LEVEL = 1
+"""Level of quadrature for light and blur, which need fewer digits than positions."""
 _ROUGH_PX = 0.05
 """Length of a step below which finer integrals are used [px]: so near to a solution the derivative holds."""
 _SHARP_LEVEL = 2
@@ -73,8 +78,8 @@ def over_exposure(pairs: Pairs, integrate: Callable[[np.ndarray], Integral]) -> 
     return Integral(moments, error_mm, is_random, rays)
 
 
-def mean_hit(moments: Float64[np.ndarray, "n COLUMNS"]) -> np.ndarray:
-    """Mean of the hits of bundles with both planes, (n, 2) [mm]: of equal planes that with one of them, to the bit."""
+def mean_hit(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
+    """Mean of the hits of bundles with both planes, (n, 2, ...) [mm]; of equal planes that with one, to the bit."""
     return (moments[:, :2] + moments[:, 2:4]) / 2
 
 
@@ -89,7 +94,10 @@ class Search:
     Attributes, a row for each candidate:
 
     `x_px`: solutions after `approach` and `refine`; NaN if there is none.
-    `jacobian`: derivative of J by image position [mm per px]; columns are x and y.
+    `jacobian`: derivative of J by image position [mm per px]; columns are x and y. Before `sharpen` it is that of the
+        way to the solution.
+    `bend`: distance of J from the middle of its values at both ends of that derivative, over half of theirs; infinite
+        where it was given.
     `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
     `moments`: of the bundle at the solution, on the tangent plane.
     `is_random`, `reached`: whether random rays replaced the quadrature; whether the accuracy was reached.
@@ -115,6 +123,7 @@ class Search:
         self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
         self.residual, self.sigma_px = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
         self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
+        self.bend = np.full(n, np.inf)
         self.moments, self.left_over = np.full((n, COLUMNS), np.nan), np.full(n, np.inf)
         self.random_mm = np.full((n, 2), np.nan)
 
@@ -154,6 +163,27 @@ class Search:
                 break
         random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
         self._derive(random, _SHARP_LEVEL)
+
+    def sharpen(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
+        """Find derivatives of J again, at the solutions, of rows whose blur's radius may err by more than the accuracy
+        because J bends between the ends of its difference, or since; random rows have theirs.
+        """
+        radius_px = blur.radius_px(blur.in_image(blur.spread(self.moments[rows]), self.jacobian[rows]))
+        rows = rows[~self.is_random[rows] & ~(radius_px * self.bend[rows] <= accuracy_px)]
+        x_px, microlens = self.x_px[rows], self.microlens[rows]
+
+        def bundles(planes: np.ndarray, x_px: np.ndarray) -> Bundles:
+            return Bundles(x_px, microlens, planes, self.square_px)
+
+        def moments(x_px: np.ndarray) -> np.ndarray:
+            pairs = self.planes(rows, x_px)
+            return over_exposure(pairs, lambda planes: held.next_to(self.tracer, bundles(planes, x_px))).moments
+
+        held = Held(self.tracer, bundles(self.planes(rows, x_px).planes[:, 0], x_px), BLUR_LEVEL, STEADY)
+        jacobian = mean_hit(by_x(moments, x_px))
+        is_known = np.isfinite(jacobian).all(axis=(1, 2))
+        self.jacobian[rows[is_known]] = jacobian[is_known]
+        self.rays += held.rays
 
     def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
         """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
@@ -208,7 +238,7 @@ class Search:
     def _difference(self, rows: np.ndarray, half_px: float, level: int) -> np.ndarray:
         """Set derivatives by differences; whether J bends between their ends, so that shorter ones help, (k,) bool."""
         here, is_random = self.residual[rows], self.is_random[rows]
-        is_bent = np.zeros(len(rows), bool)
+        bend = np.zeros(len(rows))
         ends = half_px * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
         integral = self._integral(np.tile(rows, len(ends)), x_px, level)
@@ -217,12 +247,14 @@ class Search:
         values = mean_hit(integral.moments).reshape(2, 2, -1, 2)
         for i, (plus, minus) in enumerate(values):
             change = (plus - minus) / 2
-            is_bent |= ~(np.hypot(*((plus + minus) / 2 - here).T) < _BENT * np.hypot(*change.T))
+            with np.errstate(divide="ignore", invalid="ignore"):  # J that does not move
+                bend = np.maximum(bend, np.hypot(*((plus + minus) / 2 - here).T) / np.hypot(*change.T))
             change = np.where(np.isnan(plus), here - minus, change)
             change = np.where(np.isnan(minus), plus - here, change)
             self.jacobian[rows, :, i] = change / half_px
         self.inverse[rows] = inverse(self.jacobian[rows])
-        return is_bent & ~(is_noisy & (half_px < _DIFFERENCES_PX[0]))
+        self.bend[rows] = bend
+        return ~(bend < _BENT) & ~(is_noisy & (half_px < _DIFFERENCES_PX[0]))
 
     def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
         """Steps with Broyden's update, each halved while it leads to a position without light."""
