@@ -74,10 +74,11 @@ def write_stage(file: Path, path: Path) -> float:
         here.GetReferences().AddReference(str(file), prim.GetPath())
     # A reference brings nothing from beside its prim: what others name there, such as materials, is named anew.
     for thing in [each for prim in asset.Traverse() if len(tops) > 1 for each in prim.GetAuthoredRelationships()]:
-        if any(len(path.GetCommonPrefix(thing.GetPath()).pathString) == 1 for path in thing.GetTargets()):
+        paths = [path for path in thing.GetTargets() if asset.GetObjectAtPath(path)]
+        if any(len(path.GetCommonPrefix(thing.GetPath()).pathString) == 1 for path in paths):
             over = stage.OverridePrim(f"/Scene/Asset{thing.GetPrim().GetPath()}")
-            paths = [path.ReplacePrefix("/", "/Scene/Asset") for path in thing.GetTargets()]
-            over.CreateRelationship(thing.GetName(), custom=False).SetTargets(paths)
+            there = [path.ReplacePrefix("/", "/Scene/Asset") for path in paths]
+            over.CreateRelationship(thing.GetName(), custom=False).SetTargets(there)
     path.parent.mkdir(parents=True, exist_ok=True)
     stage.GetRootLayer().Export(str(path))
     return size * unit

@@ -40,6 +40,8 @@ _MOST_KINDS = 8
 """Number of types of prims with a warning of their own: scenes made elsewhere have dozens, and errors must stay in
 sight.
 """
+_SPACES = ("lin_rec709_scene", "lin_rec709", "lin_srgb", "raw", "data", "identity", "unknown")
+"""Names of the space in which colours are taken, and of none."""
 _MOST_PATHS = 4
 """Number of prims that the warning about a type lists; further ones are counted."""
 _AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
@@ -248,10 +250,11 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     named = {path for relationship in relationships for path in target_paths(relationship)}
     named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
-    replaced: dict[str, list[Usd.Prim]] = {}
+    unheard: dict[str, list[Usd.Attribute]] = {}
     for prim in prims:
-        if (mode := prim.GetAttribute("model:drawMode").Get() or "default") not in ("default", "inherited"):
-            replaced.setdefault(mode, []).append(prim)
+        for attribute in prim.GetAuthoredAttributes():
+            if instead := _unheard(attribute):
+                unheard.setdefault(instead, []).append(attribute)
         if prim.IsA("PlenWindow") and prim.GetPath() not in named:
             message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
             hint = f"name it in rel {WINDOWS} of each camera that it stands before"
@@ -264,18 +267,27 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         elif prim.GetPath() not in named:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
-        message = f"{kind} {_paths(unnamed)} is in no image: no relationship names it"
+        message = f"{kind} {_listed(unnamed)} is in no image: no relationship names it"
         hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
         yield warning(unnamed[0], "not-in-image", message, hint=hint)
-    for mode, models in replaced.items():
-        message = f'"model:drawMode" = "{mode}" of {_paths(models)} has no effect: the model itself is drawn'
-        yield not_drawn(models[0].GetAttribute("model:drawMode"), message)
+    for instead, attributes in unheard.items():
+        yield not_drawn(attributes[0], f"{_listed(attributes)} has no effect: {instead}")
 
 
-def _paths(prims: list[Usd.Prim]) -> str:
-    """Paths of the first prims, and how many more there are."""
-    paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
-    return paths + (f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else "")
+def _unheard(attribute: Usd.Attribute) -> str | None:
+    """What is drawn instead of what an attribute of a whole prim asks for, or of a colour in another space."""
+    is_name, is_colour = attribute.GetName() == "colorSpace:name", attribute.GetRoleName() == "Color"
+    space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
+    if space and space not in _SPACES:
+        return f'colours in "{space}" are drawn as those of linear sRGB'
+    is_mode = attribute.GetName() == "model:drawMode" and attribute.Get() not in (None, "default", "inherited")
+    return "models are drawn themselves" if is_mode else None
+
+
+def _listed(things: Sequence[Usd.Prim | Usd.Attribute]) -> str:
+    """Paths of the first things, and how many more there are."""
+    paths = ", ".join(f"<{thing.GetPath()}>" for thing in things[:_MOST_PATHS])
+    return paths + (f" and {len(things) - _MOST_PATHS} more" if len(things) > _MOST_PATHS else "")
 
 
 def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:

@@ -308,13 +308,22 @@ def test_too_few_colours_of_instances_are_named(tmp_path):
     assert "too few values for 4 instances" in problem.message
 
 
-def test_models_that_are_drawn_in_place_of_their_cards_are_named(tmp_path):
-    cards = '"Many"\n(prepend apiSchemas = ["GeomModelAPI"]\nkind = "component")\n'
-    content = MANY.replace('"Many"\n', cards).replace(
-        "rel prototypes", 'token model:drawMode = "cards"\nrel prototypes'
-    )
-    loaded = load(scene(tmp_path, content, 2))
-    assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", "/Scene/Things/Many.model:drawMode")]
+@pytest.mark.parametrize(
+    ("schema", "line", "name"),
+    [
+        ("GeomModelAPI", 'token model:drawMode = "cards"', "model:drawMode"),
+        ("ColorSpaceAPI", 'uniform token colorSpace:name = "lin_ap1_scene"', "colorSpace:name"),
+        (
+            "GeomModelAPI",
+            'color3f[] primvars:displayColor = [(1, 0, 0)] (colorSpace = "lin_ap1_scene")',
+            "primvars:displayColor",
+        ),
+    ],
+)
+def test_what_has_no_effect_on_a_thing_is_named(schema: str, line: str, name: str, tmp_path):
+    content = f'def Sphere "Ball" (prepend apiSchemas = ["{schema}"])\n{{\n{line}\n}}\n'
+    loaded = load(scene(tmp_path, content))
+    assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", f"/Scene/Things/Ball.{name}")]
 
 
 RED = """def Material "Red"
