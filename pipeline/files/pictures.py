@@ -67,6 +67,8 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
             _require_few(4 * picture.width * picture.height)
             deep = picture.mode.startswith("I;16")
             kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
+            if "transparency" in picture.info and not deep:  # a colour that stands for a hole
+                kind = "LA" if kind == "L" else "RGBA"
             if picture.format == "PNG" and content[24] == _BITS and not deep:
                 return _by_opencv(content), _DEEP  # Pillow keeps 8 bits of each
             pixels = np.array(picture if deep else picture.convert(kind))

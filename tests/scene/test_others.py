@@ -219,6 +219,15 @@ def test_pictures_of_radiance_are_read_and_their_size_first(monkeypatch):
             decoded(bad, ".hdr", "auto")
 
 
+@pytest.mark.parametrize(("mode", "hole"), [("L", 64), ("RGB", (64, 0, 9))])
+def test_a_colour_that_stands_for_holes_is_transparent(tmp_path, mode, hole):
+    """tRNS of a PNG, beside a pixel of another colour."""
+    picture = Image.new(mode, (2, 1))
+    picture.putpixel((0, 0), hole)
+    picture.save(tmp_path / "key.png", transparency=hole)
+    assert decoded((tmp_path / "key.png").read_bytes(), ".png", "raw")[0, :, 3].tolist() == [0, 1]
+
+
 def test_halves_that_are_infinite_are_refused(tmp_path):
     """Suns of skies are, where the file has half precision."""
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
