@@ -22,9 +22,9 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import rigid
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.derivatives import Neighbour, Variation, derivatives
+from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import StillPlanes, tangent_planes
 from pipeline.truth.rows import Solutions
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
@@ -41,9 +41,10 @@ def main() -> None:
         rig = Rig.of(Tracer(pipeline.open_dataset(EXAMPLES / name / "dataset.usda").cameras[0].camera))
         rows, still_s = timed(partial(solved, rig), turns)
         rates, more_s = timed(partial(varied, rig, rows), turns)
+        _, blur_s = timed(partial(varied, rig, rows, with_blur=True), turns)
         count = len(rows.point)
         print(f"{name}: {count} rows, {1e3 * still_s / count:.2f} ms each")
-        print(f"  by {rates} numbers: {more_s / still_s:.2f} times as much again")
+        print(f"  by {rates} numbers: {more_s / still_s:.2f} times as much again; with blur {blur_s / still_s:.1f}")
 
 
 def solved(rig: Rig) -> Solutions:
@@ -51,25 +52,27 @@ def solved(rig: Rig) -> Solutions:
     return solve(rig, guesses(rig, planes)[0], planes, 1e-3, 0.05).solutions
 
 
-def varied(rig: Rig, rows: Solutions) -> int:
+def varied(rig: Rig, rows: Solutions, with_blur: bool = False) -> int:
     """Number of derivatives of each row, which are computed; cameras are made ready, too."""
-    here = tangent_planes(POSE, BOARD.points_mm())[rows.point]
+    here = StillPlanes(tangent_planes(POSE, BOARD.points_mm()))
     sides = [
-        *(partial(moved, rig, rows, number) for number in range(6)),
+        *(partial(moved, rig, number) for number in range(6)),
         *(partial(edited, rig, here, f) for f in EDITS),
     ]
-    rates = derivatives(rig, rows.xy_px, rows.cell, here, [Variation(STEP, side(-STEP), side(STEP)) for side in sides])
+    variations = [Variation(STEP, side(-STEP), side(STEP)) for side in sides]
+    solved = SolvedRows(rows.point, rows.cell, rows.xy_px, here)
+    rates = derivatives(rig, solved, variations, with_blur=with_blur)
     assert np.isfinite(rates.x_px).all()
     return rates.x_px.shape[1]
 
 
-def moved(rig: Rig, rows: Solutions, number: int, by: float) -> Neighbour:
+def moved(rig: Rig, number: int, by: float) -> Neighbour:
     step = by * np.eye(6)[number]
     turn = rigid(Rotation.from_rotvec(step[3:], degrees=True).as_matrix(), step[:3])
-    return Neighbour(rig.tracer, tangent_planes(POSE @ turn, BOARD.points_mm())[rows.point])
+    return Neighbour(rig.tracer, StillPlanes(tangent_planes(POSE @ turn, BOARD.points_mm())))
 
 
-def edited(rig: Rig, planes: np.ndarray, edit: Callable[[Camera, float], Camera], by: float) -> Neighbour:
+def edited(rig: Rig, planes: StillPlanes, edit: Callable[[Camera, float], Camera], by: float) -> Neighbour:
     return Neighbour(rig.tracer.next_to(edit(rig.tracer.camera, by)), planes)
 
 

@@ -52,7 +52,9 @@ class Held:
         return Integral(whole, np.full((n, 2), np.nan), np.zeros(n, bool), rays)
 
 
-def by_x(moments_at: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-    """Derivatives of moments by image position, (n, COLUMNS, 2): central differences."""
-    ends = [[moments_at(x_px + sign * step) for sign in (1, -1)] for step in HALF_PX * np.eye(2)]
-    return np.stack([(more - less) / (2 * HALF_PX) for more, less in ends], axis=-1)
+def by_x(
+    moments_at: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "n 2"], half_px: float = HALF_PX
+) -> np.ndarray:
+    """Derivatives of moments by image position, (n, COLUMNS, 2): central differences over half a step to both sides."""
+    ends = [[moments_at(x_px + sign * step) for sign in (1, -1)] for step in half_px * np.eye(2)]
+    return np.stack([(more - less) / (2 * half_px) for more, less in ends], axis=-1)

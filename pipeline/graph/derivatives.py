@@ -42,7 +42,11 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
                 )
                 views.append(view)
             params = frames.RowDerivatives(
-                here=here, numbers=tuple(views), square_px=entry.square_px, seed=entry.sampling.seed
+                here=here,
+                numbers=tuple(views),
+                square_px=entry.square_px,
+                seed=entry.sampling.seed,
+                with_blur=entry.blur_derivatives,
             )
             name = f"{entry.full_name}/{frame.number:04d}"
             task = add(graph, f"derivatives/{name}", params, {**reads, "truth": f"truth/{name}"})

@@ -40,8 +40,10 @@ class Projected:
     `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
     `fates`: one per point.
     `t_s`: middle of the exposure of the position's line after the time code, (n,) float64; None without a shutter.
+    `blur_px2`: covariance of the bundle at the point, mapped to the image, (n, 2, 2) float64.
     `derivatives`: of (x_px, y_px) by each number that was asked for, (n, 2) float64 per unit of it, and of those with
     several (n, 2, k); "point": by x, y and z of the point, (n, 2, 3) [px per mm]. NaN where what passes is in pieces.
+    `blur_derivatives`: of `blur_px2` if asked for, (n, 2, 2) or (n, 2, 2, k).
     """
 
     point: np.ndarray
@@ -53,8 +55,10 @@ class Projected:
     microlens: np.ndarray | None
     microlens_type: np.ndarray | None
     fates: tuple[Fate, ...]
+    blur_px2: np.ndarray
     t_s: np.ndarray | None = None
     derivatives: dict[str, np.ndarray] = field(default_factory=dict)
+    blur_derivatives: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def is_seen(self) -> np.ndarray:

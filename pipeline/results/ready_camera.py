@@ -22,7 +22,7 @@ from pipeline.records.declared import number
 from pipeline.results.answers import Fate, PixelRays, Projected
 from pipeline.results.notebook import html_table
 from pipeline.scene.dataset import VariedNumber
-from pipeline.truth.derivatives import Neighbour, Variation
+from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as row_derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, planes_of_rays, solve
 from pipeline.truth.moving import planes_at_own_times
@@ -91,6 +91,7 @@ class ReadyCamera:
         moving: Motion | Callable[[float], np.ndarray] | None = None,
         accuracy_px: float | None = None,
         derivatives: Sequence[str] = (),
+        blur_derivatives: bool = False,
     ) -> Projected:
         """Image positions of points: where the mean of a position's bundle is the point, J(x) = p.
 
@@ -111,6 +112,8 @@ class ReadyCamera:
             Numbers by which positions have derivatives: "point", the point itself, and paths of properties of the
             stage, from its default prim on: "Rig/Lens/Front.plen:radius". What follows from a number counts: a
             lens is focused again.
+        blur_derivatives : bool
+            Whether the blur has them, too. They cost eight times what those of positions do.
 
         CameraError if an argument holds no such numbers, or if something moves before a camera without a shutter.
         """
@@ -138,7 +141,8 @@ class ReadyCamera:
         rows, lattice = truth.only(is_lit), self.rig.tracer.lattice
         if derivatives and moving is not None:
             raise CameraError("positions that move with their lines have no derivatives", hint="leave out one of both")
-        cell = rows.solutions.cell
+        cell, solved = rows.solutions.cell, rows.solutions
+        rates, blur_rates = self._derivatives(solved, planes, derivatives, with_blur=blur_derivatives)
         return Projected(
             point=rows.solutions.point,
             x_px=rows.solutions.x_px,
@@ -150,11 +154,15 @@ class ReadyCamera:
             microlens_type=None if lattice is None else lattice.type[cell],
             fates=tuple(fates),
             t_s=None if self.shutter is None else self.shutter.middle_s(rows.solutions.xy_px, self.size_px),
-            derivatives=self._derivatives(rows.solutions, planes, derivatives),
+            blur_px2=rows.blur_px2,
+            derivatives=rates,
+            blur_derivatives=blur_rates,
         )
 
-    def _derivatives(self, rows: Solutions, planes: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Derivatives of positions by numbers, (n, 2) or (n, 2, k)."""
+    def _derivatives(
+        self, rows: Solutions, planes: np.ndarray, names: Sequence[str], *, with_blur: bool
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Derivatives of positions and, if asked for, of blur by numbers, (n, 2) and (n, 2, 2) or (..., k)."""
         on, variations, ends = StillPlanes(planes), list[Variation](), list[tuple[str, int]]()
         for name in dict.fromkeys(names):
             if name == POINT:
@@ -167,12 +175,18 @@ class ReadyCamera:
                     variations.append(Variation(number.step, *sides))
             ends.append((name, len(variations)))
         if not variations:
-            return {}
-        rates, result, first = row_derivatives(self.rig, rows.point, rows.cell, rows.xy_px, on, variations).x_px, {}, 0
-        for name, end in ends:
-            several = rates[:, first:end].transpose(0, 2, 1)
-            result[name], first = several if end - first > 1 else several[..., 0], end
-        return result
+            return {}, {}
+        solved = SolvedRows(rows.point, rows.cell, rows.xy_px, on)
+        rates = row_derivatives(self.rig, solved, variations, with_blur=with_blur)
+
+        def by_name(rates: np.ndarray) -> dict[str, np.ndarray]:
+            result, first = {}, 0
+            for name, end in ends:
+                several = np.moveaxis(rates[:, first:end], 1, -1)
+                result[name], first = several if end - first > 1 else several[..., 0], end
+            return result
+
+        return by_name(rates.x_px), {} if rates.blur_px2 is None else by_name(rates.blur_px2)
 
     def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> MovingPlanes:
         if self.shutter is None:

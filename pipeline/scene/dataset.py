@@ -87,6 +87,7 @@ class CameraEntry:
     extent: Annotated[str, "plen:truth:extent"] = "tiles"
     #: Whether rays.exr is delivered even if no method needs it
     delivers_rays: Annotated[bool, "plen:truth:rays"] = False
+    blur_derivatives: Annotated[bool, "plen:truth:blurDerivatives"] = False  #: whether blur has derivatives, too
     #: Of further white images, in the order of the stage
     f_numbers: Annotated[tuple[float, ...], "plen:image:fNumbers"] = ()
     diffraction: Annotated[bool, "plen:image:diffraction"] = False  #: whether images show it

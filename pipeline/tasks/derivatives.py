@@ -18,7 +18,7 @@ from pipeline.tasks.certificate import cells_of
 from pipeline.tasks.params.cameras import SettledCamera, VariedCameras
 from pipeline.tasks.params.frames import RowDerivatives, SeenTargets
 from pipeline.tasks.params.outputs import DERIVATIVES
-from pipeline.truth.derivatives import Neighbour, Variation
+from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as rates_of
 from pipeline.truth.planes import Planes
 
@@ -29,6 +29,7 @@ _REMARKS = (
     "spread_mm2 (n, v, 2, 2): of the covariance of the bundle on the tangent plane of the point, along the row",
     "jacobian_mm_per_px (n, 2, 2): of J on that plane by x_px and y_px; blur is the covariance mapped by its inverse",
 )
+_REMARK_OF_BLUR = "blur_px2 (n, v, 2, 2): of the columns of blur"
 
 
 def varied(params: VariedCameras, inputs: Inputs, out: Path) -> None:
@@ -64,6 +65,8 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
         "spread_mm2": np.full((rows, numbers, 2, 2), np.nan),
         "jacobian_mm_per_px": np.full((rows, 2, 2), np.nan),
     }
+    if params.with_blur:
+        arrays["blur_px2"] = np.full((rows, numbers, 2, 2), np.nan)
     cells = cells_of(rig, table)
     for place, entry in enumerate(params.here.targets):
         here = _planes(params.here, place, rig)
@@ -78,10 +81,11 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
             for number, of_number in zip(params.numbers, tracers, strict=True)
         ]
         of_target = names == entry.name
-        rates = rates_of(rig, point[of_target], cells[of_target], x_px[of_target], here, variations)
-        for name in ("x_px", "spread_mm2", "jacobian_mm_per_px"):
+        solved_rows = SolvedRows(point[of_target], cells[of_target], x_px[of_target], here)
+        rates = rates_of(rig, solved_rows, variations, with_blur=params.with_blur)
+        for name in set(arrays) - {"names", "units"}:
             arrays[name][of_target] = getattr(rates, name)
-    write_npz(out / DERIVATIVES, _REMARKS, arrays)
+    write_npz(out / DERIVATIVES, (*_REMARKS, *([_REMARK_OF_BLUR] if params.with_blur else [])), arrays)
 
 
 def _planes(seen: SeenTargets, place: int, rig: Rig) -> Planes:

@@ -27,10 +27,11 @@ from pipeline.frames import rigid
 from pipeline.motion import Shutter
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.load import load
-from pipeline.truth.derivatives import Derivatives, Neighbour, Variation, derivatives
+from pipeline.truth.derivatives import Derivatives, Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.moving import solve_moving
-from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
+from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, tangent_planes
+from pipeline.truth.rows import Solutions
 
 SAME = 1e-6
 """Relative to the largest derivative of a kind: what is asked for. Rims that cut each other at small angles bend it,
@@ -43,6 +44,10 @@ def planes_at(pose: np.ndarray = POSE, points_mm: np.ndarray = POINTS_MM) -> np.
     return tangent_planes(pose, points_mm)
 
 
+def solved_rows(rows: Solutions, planes: Planes) -> SolvedRows:
+    return SolvedRows(rows.point, rows.cell, rows.xy_px, planes)
+
+
 def rates(
     camera: Camera, change: Callable[[Camera, float], Camera], step: float
 ) -> tuple[Rig, np.ndarray, Derivatives]:
@@ -51,7 +56,7 @@ def rates(
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
     on = StillPlanes(planes)
     sides = (Neighbour(rig.tracer.next_to(change(camera, sign * step)), on) for sign in (-1, 1))
-    return rig, rows.xy_px, derivatives(rig, rows.point, rows.cell, rows.xy_px, on, [Variation(step, *sides)])
+    return rig, rows.xy_px, derivatives(rig, solved_rows(rows, on), [Variation(step, *sides)])
 
 
 def of_surface(place: int, /, **field: int | None) -> Callable[[Camera, float], Camera]:
@@ -234,7 +239,7 @@ def test_rows_that_move_with_their_lines_have_the_derivatives_of_rows_that_are_s
         expected.append((more - less) / (2 * step))
         sides = (Neighbour(rig.tracer.next_to(end.tracer.camera), on) for end, on in ends)
         variations.append(Variation(step, *sides))
-    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, planes(), variations).x_px
+    rate = derivatives(rig, solved_rows(rows, planes()), variations).x_px
 
     largest = np.abs(expected).max(axis=(1, 2))
     assert len(rows.point) == 12 and largest[2] * 1e-3 > 1, largest  # px by a millisecond from line to line
@@ -271,12 +276,13 @@ def _covariance(rig: Rig, x_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def stage_with(folder: Path, numbers: str) -> Path:
     path = folder / "dataset.usda"
-    path.write_text(over_tiny(f'rel plen:truth:derivatives = [{numbers}]\nuniform token plen:truth:method = "direct"'))
+    asked = f"rel plen:truth:derivatives = [{numbers}]\nuniform bool plen:truth:blurDerivatives = true"
+    path.write_text(over_tiny(f'{asked}\nuniform token plen:truth:method = "direct"'))
     return path
 
 
 def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, steps and derivatives (n, v, 2) of the rows of a frame, without the engine."""
+    """Names of numbers, and derivatives of positions (n, v, 2) and blur (n, v, 2, 2) of a frame, without the engine."""
     dataset = load(path, [DATA.parents[1]]).dataset
     assert dataset is not None
     (camera,), (target,) = dataset.cameras, dataset.targets
@@ -297,8 +303,9 @@ def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.nda
         )
         variations.append(Variation(number.step, *ends))
     assert len(rows.point) == len(points.kinds)
-    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, StillPlanes(here), variations).x_px
-    return [number.name for number in varied], np.array([number.step for number in varied]), rate
+    rate = derivatives(rig, solved_rows(rows, StillPlanes(here)), variations, with_blur=True)
+    assert rate.blur_px2 is not None
+    return [number.name for number in varied], rate.x_px, rate.blur_px2
 
 
 ROOT = "/TinyConventional"
@@ -316,7 +323,7 @@ def adjoint(a_from_b: np.ndarray) -> np.ndarray:
 
 def test_a_camera_and_a_board_that_move_together_by_all_six_gauges_leave_every_row_where_it_is(tmp_path):
     path = stage_with(tmp_path, f"<{ROOT}/Board>, <{ROOT}/Rig/Camera>")
-    names, _, rate = all_rates(path, frame=1)
+    names, rate, blur = all_rates(path, frame=1)
     dataset = load(path, [DATA.parents[1]]).dataset
     vision_from_target = dataset.frames[1].vision_from_target("Rig.Camera", "Board")
     by_board, by_camera = rate[:, :6], rate[:, 6:]
@@ -326,6 +333,8 @@ def test_a_camera_and_a_board_that_move_together_by_all_six_gauges_leave_every_r
     assert [name.removeprefix(ROOT) for name in names[:2]] == ["/Board x", "/Board y"]
     assert np.abs(by_camera).max() > 1
     np.testing.assert_allclose(of_board + by_camera, 0.0, atol=1e-9 * np.abs(by_camera).max())
+    blur_by_board = np.einsum("nvij,vw->nwij", blur[:, :6], adjoint(np.linalg.inv(vision_from_target)))
+    np.testing.assert_allclose(blur_by_board + blur[:, 6:], 0.0, atol=SAME * np.abs(blur).max())
 
 
 def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tmp_path):
@@ -339,7 +348,7 @@ def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tm
     rest = ("Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch", "Board.plen:squareSize")
     others = [f"<{ROOT}/{name}>" for name in (*rest, "Board.xformOp:translate")]
     path = stage_with(tmp_path, ", ".join([*of_lens, *others]))
-    names, _, rate = all_rates(path)
+    names, rate, blur = all_rates(path)
     dataset = load(path, [DATA.parents[1]]).dataset
     translate = dict(zip("012", np.array(dataset.frames[0].world_from_target["Board"])[:3, 3], strict=True))
     sensor = dataset.cameras[0].asked.sensor
@@ -362,6 +371,8 @@ def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tm
 
     assert len(of_lens) > 25
     np.testing.assert_allclose(terms.sum(axis=1), 0.0, atol=1e-7 * np.abs(terms).max())
+    blur_terms = blur * np.array(lengths)[:, None, None]
+    np.testing.assert_allclose(blur_terms.sum(axis=1), 0.0, atol=1e-5 * np.abs(blur_terms).max())
 
 
 def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_nothing_else(tmp_path):
@@ -371,12 +382,13 @@ def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_n
     result = made(stage_with(tmp_path, numbers), tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
     ran = {task.name.partition("/")[0] for task in result.tasks if task.state == "executed"}
     delivered = np.load(tmp_path / "out/frames/0002/Rig.Camera/derivatives.npz")
-    _, _, rate = all_rates(stage_with(tmp_path, numbers), frame=1)
+    _, rate, blur = all_rates(stage_with(tmp_path, numbers), frame=1)
 
     assert ran == {"varied", "derivatives"}
     assert list(delivered["names"][-1:]) == [f"{ROOT}/Rig/Lens/S3.plen:radius"]
     assert list(delivered["units"]) == ["mm"] * 3 + ["deg"] * 3 + ["mm"]
     np.testing.assert_allclose(delivered["x_px"], rate, atol=1e-6 * np.abs(rate).max())
+    np.testing.assert_allclose(delivered["blur_px2"], blur, atol=1e-4 * np.abs(blur).max())
 
 
 def test_a_stage_has_derivatives_by_the_delay_of_lines_and_by_the_pose_of_a_board_that_moves(tmp_path, common_store):
@@ -419,14 +431,17 @@ def test_a_camera_made_ready_gives_derivatives_by_points_and_by_numbers_of_its_s
         1e-2,
     )
     radius = f"{ROOT}/Rig/Lens/S3.plen:radius"
-    seen = camera.project(points, accuracy_px=1e-9, derivatives=["point", radius])
+    seen = camera.project(points, accuracy_px=1e-9, derivatives=["point", radius], blur_derivatives=True)
     for axis in range(3):
         shift = h * np.eye(3)[axis]
         more, less = (camera.project(points + sign * shift, accuracy_px=1e-9) for sign in (1, -1))
         expected = np.stack([more.x_px - less.x_px, more.y_px - less.y_px], axis=1) / (2 * h)
         np.testing.assert_allclose(seen.derivatives["point"][:, :, axis], expected, atol=1e-6)
+        of_blur = (more.blur_px2 - less.blur_px2) / (2 * h)
+        np.testing.assert_allclose(seen.blur_derivatives["point"][..., axis], of_blur, atol=1e-6)
 
-    assert seen.derivatives[radius].shape == (2, 2)
+    assert np.abs(of_blur).max() > 1e-3
+    assert seen.derivatives[radius].shape == (2, 2) and seen.blur_derivatives[radius].shape == (2, 2, 2)
     with pytest.raises(CameraError, match="without a stage"):
         pipeline.ready(camera.camera).project(points, derivatives=[radius])
 
@@ -443,7 +458,7 @@ def test_a_pitch_that_moves_the_number_of_microlenses_on_an_array_has_derivative
     step, on = 1e-4, StillPlanes(planes)
     sides = [rig.tracer.next_to(change(sign * step)) for sign in (-1, 1)]
     variation = Variation(step, *(Neighbour(side, on) for side in sides))
-    rate = derivatives(rig, rows.point, rows.cell, rows.xy_px, on, [variation])
+    rate = derivatives(rig, solved_rows(rows, on), [variation])
     # The middle microlens stays where it is; all others move away from it as their distance grows.
     axial = rig.axial[rows.cell]
     away = np.hypot(*axial.T) > 0

@@ -17,7 +17,7 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import rigid
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.truth.derivatives import Neighbour, Variation, derivatives
+from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import StillPlanes, tangent_planes
 
@@ -265,7 +265,7 @@ def test_derivatives_by_all_numbers_are_those_of_a_trace_that_dr_jit_differentia
         step = STEPS.get(number[0], 1e-3)
         ends = (Neighbour(rig.tracer.next_to(changed(camera, number, value + by)), on) for by in (-step, step))
         variations.append(Variation(step, *ends))
-    ours = derivatives(rig, point, cell, x_px, on, variations).x_px
+    ours = derivatives(rig, SolvedRows(point, cell, x_px, on), variations).x_px
     expected = by_drjit(values, x_px, planes[point], steps)
     largest = np.abs(expected).max(axis=(0, 2))
     off = np.abs(ours - expected).max(axis=(0, 2)) / largest

@@ -459,6 +459,9 @@ METHOD = {
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
     "plen:truth:derivatives": [Case(A, ["Two"], {"derivatives"}, given=BOARDS | plen(A, truth__derivatives=["One"]))],
+    "plen:truth:blurDerivatives": [
+        Case(A, True, {"derivatives"}, given=BOARDS | plen(A, truth__derivatives=["One"])),
+    ],
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 

@@ -166,6 +166,7 @@ class RowDerivatives:
     numbers: tuple[VariedView, ...]
     square_px: float
     seed: int
+    with_blur: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
