@@ -339,6 +339,12 @@ def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line,
         ("body", "bool doublesided = 1", "unknown-property"),
         ("body", "token visibility = 'hidden'", "bad-token"),
         ("body", "normal3d[] normals = [(0, 0, 1)]", "wrong-type"),
+        (
+            "beside",
+            'def Mesh "Odd"\n{\nfloat subdivisionScheme = 1\nint[] faceVertexCounts = [3]\n'
+            "int[] faceVertexIndices = [0, 1, 2]\npoint3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n}",
+            "wrong-type",
+        ),
         ("body", "float3[] extent = [(inf, 0, 0), (1, 1, nan)]", "not-finite"),
         ("body", "rel material:binding = </Man/Nothing>", "missing-target"),
         ("own", 'uniform token[] xformOpOrder = ["xformOp:gone"]', "missing-xform-op"),

@@ -122,7 +122,8 @@ def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     if str(prim.GetTypeName()) in _SOLIDS:
         return _of_solid(prim, _code(time))
     polygons = polygons_of(prim, time)
-    scheme = str(UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get())
+    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get()
+    scheme = written if written in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
     if scheme != UsdGeom.Tokens.none and len(polygons.count):
         from pipeline.scene.usd.subdivided import NotManifold, refined  # loads SciPy, which few datasets need
 
