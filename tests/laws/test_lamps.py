@@ -93,6 +93,17 @@ def test_lamps_add_up_and_hide_each_other():
     lights(lamps, disk + 0.2 * (math.pi - disk))
 
 
+@pytest.mark.parametrize("sky", [0.02, 1.0, 20.0])
+def test_a_sky_adds_to_a_lamp_what_that_does_not_hide_and_no_noise_if_it_is_faint(sky):
+    """Paths that leave a plate meet an open sky anyway: its light is known without a ray, and all rays are for the
+    lamp. Were it asked as a lamp is, there would be ten times the noise."""
+    disk = lamp("disk", (60.0, 0.0), towards(DOWN, (SPOT[0], SPOT[1], 400.0)))
+    alone = math.pi * 60.0**2 / (60.0**2 + 100.0**2)
+    found, error = irradiance([disk, lamp("dome", radiance=(sky,) * 3)], rays=4096)
+    agrees((found, error), alone + sky * (math.pi - alone))
+    assert sky > 0.5 or error < 1.5 * irradiance([disk], rays=4096)[1]
+
+
 def test_rects_and_disks_shine_from_one_side_only():
     for kind in ("rect", "disk"):
         assert irradiance([lamp(kind, (40.0, 40.0), towards(FACING, (30.0, -20.0, 400.0)))])[0] == 0.0

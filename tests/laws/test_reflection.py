@@ -21,7 +21,7 @@ from tolerances import (
 )
 
 from pipeline.render.lighting.records import Coat, Input, Material
-from pipeline.render.lighting.reflection import Paint, reflected, scattered, tabled_layers
+from pipeline.render.lighting.reflection import Paint, reflected, scattered, seen_along, tabled_layers
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
@@ -153,16 +153,21 @@ COATED = [Paint(0.7, 0.0, 0.0, 1.0, 0.1), Paint(0.4, 0.04, 0.2, 0.6, 0.03), Pain
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0), *COATED])
 def test_reflection_is_reciprocal(paint):
     one, other = (0.3, 0.2, math.sqrt(0.87)), (-0.5, 0.6, math.sqrt(0.39))
-    there, back = (reflected.function(tabled_layers(), paint, a, b)[0] / b[2] for a, b in ((one, other), (other, one)))
+    seen = (seen_along.function(tabled_layers(), paint, way) for way in (one, other))
+    there, back = (
+        reflected.function(tabled_layers(), paint, at, lit)[0] / lit[2]
+        for at, lit in zip(seen, (other, one), strict=True)
+    )
     assert there == pytest.approx(back, rel=1e-12) and there > 0
 
 
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.3, 0.5, 0.6), *COATED])
 def test_directions_are_chosen_with_the_density_that_is_stated(paint):
     """Means over chosen directions of 1 / density count the solid angle of a part of the sky."""
-    table, seen, total = tabled_layers(), (0.5, 0.1, math.sqrt(0.74)), []
+    table, total = tabled_layers(), []
+    seen = seen_along(table, paint, (0.5, 0.1, math.sqrt(0.74)))
     for pair in np.random.default_rng(1).random((1 << 13, 2)):
-        lit = scattered(table, paint, seen, (pair[0], pair[1]))
+        lit = scattered(paint, seen, (pair[0], pair[1]))
         density = reflected(table, paint, seen, lit)[1]
         inside = lit[2] > 0.5 and lit[0] > 0.0
         total.append(1.0 / density if inside and density > 0 else 0.0)

@@ -43,6 +43,8 @@ TOUCHING = 1e-9
 """Part of a path within which two things count as the same place [1]."""
 _EVEN = 0.25
 """Part of the choices of a lamp that does not ask how much light it may send [1]: estimates know of no walls."""
+_STEADY = 0.5
+"""Error of the light of an even sky by a path, over that of a lamp of the same estimate [1]: it only has shadows."""
 
 
 class Lamps(NamedTuple):
@@ -267,14 +269,28 @@ def estimate(lamps, k, point, normal):
 
 
 @inline
-def estimates_at(lamps, point, normal):
-    """Estimates of all lamps together."""
-    total, number = 0.0, 0
-    for k in range(lamps_in(lamps)):
-        light = estimate(lamps, k, point, normal)
-        total += light
-        number += 1 if light > 0.0 else 0
+def estimates_at(lamps, point, normal, of_each):
+    """Estimates of all lamps, and together; `of_each`, (lamps_in,), is written.
+
+    An even sky is found as well by all paths that leave the surface. So the errors of its light and of all other are
+    the same if it gets half of what its estimate, times `_STEADY`, exceeds theirs; if it does not, nothing.
+    """
+    others, total, number = 0.0, 0.0, 0
+    for k in range(of_each.size):
+        of_each[k] = estimate(lamps, k, point, normal)
+        others += 0.0 if is_even_sky(lamps.table, k) else of_each[k]
+    for k in range(of_each.size):
+        if is_even_sky(lamps.table, k):
+            of_each[k] = 0.5 * max(_STEADY * of_each[k] - others, 0.0)
+        total += of_each[k]
+        number += 1 if of_each[k] > 0.0 else 0
     return Estimates(total, number)
+
+
+@inline
+def is_even_sky(table, k):
+    """Whether a lamp is a dome without a picture; the one behind the last are surfaces that shine."""
+    return k < table.shape[0] and table[k, KIND] == DOME and table[k, PICTURE] < 0.0
 
 
 @inline
@@ -284,11 +300,11 @@ def chance_of(light, estimates):
 
 
 @inline
-def chosen_lamp(lamps, estimates, point, normal, u):
+def chosen_lamp(of_each, estimates, u):
     """A lamp, -1 if none may send light, its probability, and what is left of a number in [0, 1)."""
     lamp, part = -1, 0.0
-    for k in range(lamps_in(lamps)):
-        chance = chance_of(estimate(lamps, k, point, normal), estimates)
+    for k in range(of_each.size):
+        chance = chance_of(of_each[k], estimates)
         if chance > 0.0:
             lamp, part = k, chance
             if u < chance:

@@ -28,6 +28,7 @@ from pipeline.render.lighting.materials import INDEX, SOLID, THRESHOLD, VEIL, Ma
 from pipeline.render.lighting.paths import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.reflection import Layers, tabled_layers
+from pipeline.render.lighting.shading_kernels import shade
 from pipeline.render.lighting.skies import sky_of
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
@@ -145,35 +146,31 @@ class LitScene:
         """Radiance that arrives along each ray, (n,)."""
         light, chosen = np.empty(len(origin_mm)), np.empty(len(origin_mm), np.int64)
         draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
-        for k, tint in enumerate(self._tints):
-            some = chosen == k
-            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], _those(names, some)))
+        rows, ends = np.argsort(chosen, kind="stable"), np.cumsum(np.bincount(chosen, minlength=len(self._tints)))
+        for tint, some in zip(self._tints, np.split(rows, ends[:-1]), strict=True):
+            light[some] = self._traced(tint, _first(origin_mm, direction, names, some))
         return light
 
     def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
         """Light of paths from the camera in a slice, (n,)."""
-        light, lamps = np.zeros(len(paths.power)), tint.lamps
+        count, lamps = len(paths.power), tint.lamps
+        light, all_hits, all_shadows = np.zeros(count), _no_hits(count), _no_shadows(count)
         for vertex in range(self._bounces + 2):
             if vertex > self._bounces and lamps.glow.estimate == 0.0:
                 # After the last surface only paths count that meet a lamp unless something is in their way.
-                reaches = np.zeros(len(paths.power), bool)
-                kernels.reach_lamps(lamps, paths, reaches)
-                paths = _those(paths, reaches)
+                paths = _first_of(paths, kernels.reach_lamps(lamps, paths))
             if not len(paths.power):
                 break
-            hits = self._meet(tint, vertex, paths)
+            hits = _first_of(all_hits, len(paths.power))
+            self._meet(tint, vertex, paths, hits)
             kernels.gather(lamps, paths, hits, light)
             if self._has_glass:
                 self._cross_glass(tint, vertex, paths, hits, light)
-            lit = np.isfinite(hits.distance)
-            if vertex > self._bounces or not lit.any():
+            if vertex > self._bounces:
                 break
-            paths, hits = _those(paths, lit), _those(hits, lit)
-            if len(lamps.table) or lamps.glow.estimate > 0.0:
-                self._ask_lamps(tint, vertex, paths, hits, light)
-            goes_on = np.zeros(len(paths.power), bool)
-            kernels.scatter(self._scene, vertex, paths, hits, goes_on)
-            paths = _those(paths, goes_on)
+            rays, going_on = shade(lamps, self._scene, vertex, paths, hits, all_shadows)
+            self._ask_lamps(tint, _first_of(all_shadows, rays), light)
+            paths = _first_of(paths, going_on)
         return light
 
     def _cross_glass(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
@@ -187,7 +184,8 @@ class LitScene:
                 return
             some, faces = Paths(*(each[rows] for each in paths)), Hits(*(each[rows] for each in hits))
             cross(self._scene, draws.crossing_stage(vertex, crossing), some, faces)
-            there = self._meet(tint, vertex, some, crossing + 1)
+            there = _no_hits(len(rows))
+            self._meet(tint, vertex, some, there, crossing + 1)
             kernels.gather(tint.lamps, some, there, light)
             for whole, part in (*zip(paths, some, strict=True), *zip(hits, there, strict=True)):
                 whole[rows] = part
@@ -200,15 +198,8 @@ class LitScene:
         draws.name_rays(seed, self._light, rays.squares, owner, *names)
         return names
 
-    def _ask_lamps(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
+    def _ask_lamps(self, tint: _Tint, shadows: Shadows, light: np.ndarray) -> None:
         """Add the light that lamps send to some surfaces directly."""
-        lamps, count = tint.lamps, len(paths.power)
-        shadows = Shadows(
-            np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count), np.zeros(count, bool)
-        )
-        kernels.send_to_lamps(lamps, self._scene, vertex, paths, hits, shadows)
-        some = shadows.light > 0.0
-        shadows = _those(shadows, some)
         left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
 
         def dimmed(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
@@ -227,7 +218,7 @@ class LitScene:
             shadows.light[some] = light_there
 
         triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
-        kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
+        kernels.arrive(self._shapes.corners, triangle, shadows, self._gap_mm, light)
 
     def first_seen(self, of_pixels: PixelRays) -> np.ndarray:
         """First triangle that each ray of the camera does not pass, (n,), of targets, then of occluders; -1: none."""
@@ -244,14 +235,11 @@ class LitScene:
 
         return passes
 
-    def _meet(self, tint: _Tint, vertex: int, paths: Paths, crossing: int = 0) -> Hits:
+    def _meet(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, crossing: int = 0) -> None:
+        """Write what paths meet."""
         names, count = Names(paths.key, paths.place), len(paths.power)
         passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
-        triangle = self._first_triangle(paths.origin, paths.direction, passes)
-        point, flat, normal = np.empty((3, count, 3))
-        hits = Hits(
-            np.empty(count), triangle, point, flat, normal, np.empty((count, 6)), np.empty(count), np.empty(count)
-        )
+        hits.triangle[:] = triangle = self._first_triangle(paths.origin, paths.direction, passes)
         albedo = np.full(count, np.nan)
         for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
@@ -259,7 +247,6 @@ class LitScene:
                 albedo[on_art] = 0.0
                 art.shine(np.where(on_art, triangle - first, -1), paths.origin, paths.direction, albedo)
         kernels.meet(self._shapes, tint.materials, tabled_layers(), albedo, paths, hits)
-        return hits
 
     def _surfaces(self, tint: _Tint) -> tuple[shapes.Shapes, Materials, Layers]:
         return self._shapes, tint.materials, tabled_layers()
@@ -290,8 +277,26 @@ def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:
     return type(arrays)(*(values.take(rows, axis=0) for values in arrays))
 
 
-def _first(origin: np.ndarray, direction: np.ndarray, names: Names) -> Paths:
-    """The rays of the camera as paths."""
-    count = len(origin)
+def _first_of(arrays: _Arrays, count: int) -> _Arrays:
+    """The first rows of arrays."""
+    return type(arrays)(*(values[:count] for values in arrays))
+
+
+def _first(origin: np.ndarray, direction: np.ndarray, names: Names, some: np.ndarray) -> Paths:
+    """Some rays of the camera as paths."""
+    count = len(some)
     from_none = np.zeros(count), np.zeros((count, 3)), np.zeros(count), np.zeros(count)
-    return Paths(origin.copy(), direction.copy(), np.ones(count), *from_none, names.key, names.place, np.arange(count))
+    rays = origin.take(some, axis=0), direction.take(some, axis=0), np.ones(count)
+    return Paths(*rays, *from_none, names.key.take(some), names.place.take(some), np.arange(count))
+
+
+def _no_hits(count: int) -> Hits:
+    """Room for what so many paths meet."""
+    (point, flat, normal), (distance, emission, beyond) = np.empty((3, count, 3)), np.empty((3, count))
+    return Hits(distance, np.empty(count, np.int64), point, flat, normal, np.empty((count, 6)), emission, beyond)
+
+
+def _no_shadows(count: int) -> Shadows:
+    """Room for a ray to a lamp from each of so many surfaces."""
+    (origin, direction), (end, light) = np.empty((2, count, 3)), np.empty((2, count))
+    return Shadows(origin, direction, end, light, np.empty(count, bool), np.empty(count, np.int64))

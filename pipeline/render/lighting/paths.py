@@ -55,5 +55,6 @@ class Shadows(NamedTuple):
     origin: np.ndarray
     direction: np.ndarray
     end: np.ndarray  # path to the lamp
-    light: np.ndarray  # light that arrives if nothing is in between; 0: there is no such ray
+    light: np.ndarray  # light that arrives if nothing is in between
     straight: np.ndarray  # bool, whether it goes through bodies of glass, unbent
+    ray: np.ndarray  # (n,) int64, the ray of the camera that it belongs to

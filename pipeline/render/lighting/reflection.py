@@ -145,12 +145,6 @@ def fresnel(facing, cosine):
 
 
 @inline
-def reflected(layers, paint, seen, lit):
-    """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
-    return reflected_as(layers, paint, seen_along(layers, paint, seen), lit)
-
-
-@inline
 def seen_along(layers, paint, seen):
     """The surface as it is seen along a direction."""
     bare = Layer(0.0, 0.0)
@@ -216,8 +210,8 @@ def let_through(layers, paint, cosine):
 
 
 @inline
-def reflected_as(layers, paint, as_seen, lit):
-    """Values of `reflected`, for many directions of light."""
+def reflected(layers, paint, as_seen, lit):
+    """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
     if not (as_seen.direction[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
     if paint.coat > 0.0:
@@ -271,19 +265,17 @@ def specular_chance(paint, layer):
 
 
 @inline
-def scattered(layers, paint, seen, pair):
-    """A direction in which light may have come, for light that is seen along a direction."""
-    u = pair[0]
+def scattered(paint, as_seen, pair):
+    """A direction in which light may have come."""
+    u, seen = pair[0], as_seen.direction
     if paint.coat > 0.0:
-        chance = seen_along(layers, paint, seen).coat_chance
-        if u < chance:
-            return _mirrored(paint.coat_alpha, seen, u / chance, pair[1])
-        u = (u - chance) / (1.0 - chance)
+        if u < as_seen.coat_chance:
+            return _mirrored(paint.coat_alpha, seen, u / as_seen.coat_chance, pair[1])
+        u = (u - as_seen.coat_chance) / (1.0 - as_seen.coat_chance)
     if paint.alpha > 0.0:
-        chance = specular_chance(paint, _layer(layers, paint, seen[2]))
-        if u < chance:
-            return _mirrored(paint.alpha, seen, u / chance, pair[1])
-        u = (u - chance) / (1.0 - chance)
+        if u < as_seen.chance:
+            return _mirrored(paint.alpha, seen, u / as_seen.chance, pair[1])
+        u = (u - as_seen.chance) / (1.0 - as_seen.chance)
     radius, turn = math.sqrt(u), 2.0 * math.pi * pair[1]
     return radius * math.cos(turn), radius * math.sin(turn), math.sqrt(max(0.0, 1.0 - u))
 
