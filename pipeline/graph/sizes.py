@@ -1,13 +1,19 @@
 """Sizes of tasks for forecasts: numbers proportional to their work, and a coarse cost where nothing has run yet."""
 
+import contextlib
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.parts.camera import Camera
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.records import Params
 from pipeline.graph.dataset_graph import graph_of
+from pipeline.optics.first_order import first_order
+from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 
 SECONDS_PER_RAY = 1e-7
@@ -19,6 +25,12 @@ _SHARE_OF_GLOWING = 0.3
 """Share of its rays that an image without lamps takes: it has those of the white image, and few outside the targets."""
 _SECONDS_PER_TASK = 0.05
 """Processor time of a task besides such rays [s]: tiles of truth took 0.3 s there, and most others less than this."""
+_SECONDS_PER_PAIR = {True: 6e-4, False: 1e-2}
+"""Processor time to look for a point behind a microlens in one wavelength [s]: thin ones in a plane parallel to the
+sensor took 0.6 ms, others, whose apertures are found by tracing, 5 to 13 ms, on an Intel Xeon on 27 November 2026.
+"""
+_SLACK_PITCHES = 2.0
+"""Width by which the microlenses that may see a point surpass its light [pitches]."""
 _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
@@ -37,17 +49,41 @@ def size(_: str, params: Params) -> float:
 
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
-    params, rays = graph[name].params, 0.0
+    params, rays, more_s = graph[name].params, 0.0, 0.0
     how = params.get("sampling") or params.get("exposure")
+    while "camera" in graph[name].reads:
+        name = graph[name].reads["camera"]
+    focus = graph[name].params
+    if params.get("points") and params.get("view"):
+        more_s = _seconds_of_pairs(params, focus)
     if how and not params.get("tiles") and not params.get("number"):
-        while "camera" in graph[name].reads:
-            name = graph[name].reads["camera"]
-        focus = graph[name].params
         sensor = (focus["camera"] or focus["request"])["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
         rays *= _SHARE_OF_GLOWING if "view" in params and params["view"]["lighting"] is None else 1.0
-    return Cost(cpu_seconds=_SECONDS_PER_TASK + rays * SECONDS_PER_RAY, rays=rays, peak_bytes=0)
+    return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * SECONDS_PER_RAY, rays=rays, peak_bytes=0)
+
+
+def _seconds_of_pairs(params: Params, focus: Params) -> float:
+    """Processor time of a tile of truth by its points and the microlenses that see them, to first order; 0 without."""
+    asked = from_plain(Camera, focus["camera"]) if focus["camera"] else from_plain(FocusRequest, focus["request"])
+    array, sensor, channel = asked.microlenses, asked.sensor, params["table"]["channel"]
+    if array is None:
+        return 0.0
+    lens, pairs = first_order(asked.prescription), 0.0
+    pupil, sensor_mm = lens.exit_pupil, asked.sensor_distance_mm
+    if sensor_mm is None:
+        assert isinstance(asked, FocusRequest) and asked.focus_distance_mm is not None
+        sensor_mm = -lens.image_mm(asked.focus_distance_mm)
+    most = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
+    for target in params["view"]["targets"]:
+        first, end = params["points"].get(target["name"], (0, 0))
+        with contextlib.suppress(ZeroDivisionError):  # a point in the front focus
+            image_mm = lens.image_mm(target["vision_from_target"][2][3])
+            light_mm = pupil.diameter_mm * abs((array.distance_mm - sensor_mm - image_mm) / (pupil.z_mm - image_mm))
+            across = light_mm / array.pitch_mm + _SLACK_PITCHES
+            pairs += (end - first) * min(most, math.pi / 4 * across**2) if math.isfinite(across) else 0.0
+    return pairs * (len(channel["wavelengths_nm"]) if channel else 1) * _SECONDS_PER_PAIR[array.is_plain]
 
 
 def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[str]:

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 from engine import toy
+from laws.solving import planes_of
 
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
 from pipeline.engine.planning.forecast import Cost
@@ -14,6 +17,7 @@ from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.sizes import assumed_cost
 from pipeline.scene.load import open_dataset
+from pipeline.truth.direct.direct_rows import guesses
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 
@@ -85,3 +89,19 @@ def test_the_rays_of_a_first_plan_are_those_of_its_images():
     costs = [assumed_cost(graph, name) for name in graph]
     assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
     assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
+
+
+@pytest.mark.parametrize(("tilt_deg", "pair_s"), [(0.0, 6e-4), (0.02, 1e-2)])
+def test_truth_behind_microlenses_is_reckoned_by_the_pairs_that_are_looked_for(tilt_deg, pair_s):
+    """Within a factor of two of what rays from the points through the lens find."""
+    dataset = open_dataset(Path(__file__).parents[2] / "examples/02_plenoptic/dataset.usda")
+    (camera,), (target,) = dataset.cameras, dataset.targets
+    array = replace(camera.asked.microlenses, tilt_x_deg=tilt_deg)
+    tilted = replace(camera, asked=replace(camera.asked, microlenses=array))
+    graph = graph_of(replace(dataset, cameras=(tilted,)))[0]
+    tiles = [name for name in graph if name.startswith(f"truth_tile/{camera.name}/0001/")]
+    reckoned_s = sum(assumed_cost(graph, name).cpu_seconds - 0.05 for name in tiles)
+    pose = dataset.frames[0].vision_from_target(camera.name, target.name)
+    pairs = len(guesses(Rig.of(Tracer(camera.camera)), planes_of(target.target, pose))[0].point)
+
+    assert 0.5 < reckoned_s / (pairs * pair_s) < 2.0
