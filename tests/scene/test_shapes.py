@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
-from stage_text import in_the_library, mesh_text, placed, stage_in
+from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
 from pipeline.scene.load import load
@@ -356,11 +356,24 @@ def test_instances_have_the_materials_that_their_prototypes_have_by_prims_above_
     assert colours == {"0": (1, 0, 0), "1": (0.18, 0.18, 0.18), "2": (1, 0, 0), "3": (0.18, 0.18, 0.18)}
 
 
-def test_instances_have_a_limit_and_wrong_ones_a_warning(tmp_path, monkeypatch):
-    wrong = MANY.replace("protoIndices = [0, 1, 0, 1]", "protoIndices = [0, 1, 0, 9]")
-    loaded = load(scene(tmp_path, wrong, 2))
-    assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", "/Scene/Things/Many")]
-    assert loaded.dataset.occluders == ()
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("protoIndices = [0, 1, 0, 1]", "protoIndices = [0, 1, 0, 9]"),
+        ("scales = [(1, 1, 1)", "scales = [(1, nan, 1)"),
+        ("int64[] ids", "number[] ids"),
+    ],
+)
+def test_instances_that_are_wrong_have_a_warning(tmp_path, old, new):
+    """In a file of others."""
+    many = MANY.replace("Scene/Things", "Top").replace(old, new)
+    (tmp_path / "many.usda").write_text(f'{head("Top")}def Xform "Top"\n{{\n{many}}}\n')
+    loaded = load(scene(tmp_path, 'def "Others" (prepend references = @many.usda@)\n{\n}\n', 2))
+    assert loaded.errors == [] and loaded.dataset.occluders == ()
+    assert [each.at for each in loaded.problems if each.code == "not-drawn"] == ["/Scene/Things/Others/Many"]
+
+
+def test_instances_have_a_limit(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, "instances=3")
     (error,) = load(scene(tmp_path, MANY, 2)).errors
     assert error.code == "over-limit" and "instances=4" in error.hint

@@ -2,11 +2,13 @@
 written into the session layer of a stage, so that no file changes.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdSkel
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 
 from pipeline.limits import limits
 from pipeline.scene.usd.problems import Problem, not_drawn, over_limit
@@ -31,8 +33,9 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         done.add(prim.GetPath())
         try:
             instances = _instances(UsdGeom.PointInstancer(prim), frames)
-        except (Tf.ErrorException, ValueError, IndexError):
-            message = f"<{prim.GetPath()}> is not drawn: its prototypes, protoIndices and arrays of values do not fit"
+        except (Tf.ErrorException, TypeError, ValueError, IndexError):
+            what = "its prototypes, protoIndices and arrays of values do not fit, or are not finite"
+            message = f"<{prim.GetPath()}> is not drawn: {what}"
             problems.append(not_drawn(prim, message))
             _write_instances(prim, [])  # hides the prototypes
             continue
@@ -109,6 +112,8 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
         rows = zip(ids, numbers, mask, poses, strict=True)
         for index, (identity, number, is_there, pose) in enumerate(rows):
             if is_there:
+                if not all(map(math.isfinite, chain(*pose))):
+                    raise ValueError
                 instance = found.setdefault((identity, number), _Instance(prototypes[number]))
                 instance.poses[float(frame)], instance.places[float(frame)] = pose, index
     return list(found.values())
@@ -221,8 +226,8 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     bound = [prim for root in roots for prim in Usd.PrimRange(root) if prim.HasAPI(UsdSkel.BindingAPI)]
     if not bound or not frames:
         return []
-    points = sum(len(UsdGeom.PointBased(prim).GetPointsAttr().Get() or ()) for prim in bound)
-    count = points * len(frames)
+    points = (UsdGeom.PointBased(prim).GetPointsAttr().Get() for prim in bound)
+    count = sum(len(each) for each in points if isinstance(each, Vt.Vec3fArray)) * len(frames)
     if over := over_limit(bound[0], "shapes", count, f"{count:,} points of skinned meshes"):
         return over
     session, sampled = stage.GetSessionLayer(), list[Sdf.Path]()
