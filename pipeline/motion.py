@@ -109,10 +109,6 @@ class Motion:
         share = np.where(is_node.any(axis=1, keepdims=True), is_node.astype(float), share)
         return np.einsum("nk,nkij->nij", share, poses[piece])
 
-    def between(self, left: Float64[np.ndarray, "4 4"], right: Float64[np.ndarray, "4 4"]) -> "Motion":
-        """The motion of left @ pose @ right."""
-        return replace(self, poses=tuple((left @ np.array(piece) @ right).tolist() for piece in self.poses))
-
     @staticmethod
     def times_s(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:
         """Times of the poses of all pieces, (m - 1, nodes)."""

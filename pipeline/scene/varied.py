@@ -8,13 +8,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
 
-import numpy as np
-from pxr import Sdf, Usd
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from pipeline.camera.parts.errors import CameraError
-from pipeline.frames import inverse
-from pipeline.optics.table import motion
-from pipeline.scene.dataset import Dataset, Frame, VariedNumber
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.scene.dataset import Dataset, VariedNumber
 from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.problems import Problem, StageError, problem
@@ -27,6 +25,8 @@ _SHARE, _LEAST, _FROM_ZERO = 1e-5, 1e-8, 1e-4
 least step, and that of a number that is 0, in its unit: mm, degrees or none."""
 _SAG_MM = 1e-6
 """What the step of a coefficient of an asphere adds to its sag at the edge [mm]: its own size may be 0."""
+_POSE_STEP = 1e-3
+"""Step of a pose [mm, degrees]: windows that stand before a camera are where they are to 1e-10."""
 _POSE = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("turn_x", "deg"), ("turn_y", "deg"), ("turn_z", "deg"))
 """Numbers of a pose, with their units: shift along and turn about the axes of what is posed."""
 _COEFFICIENTS = {"plen:evenCoefficients": 2, "plen:oddCoefficients": 3}
@@ -60,45 +60,25 @@ def _varied(
     if path.IsPropertyPath():
         yield from varied_numbers(root.GetStage(), path, read_again)
         return
-    cameras = [entry.name for entry in dataset.cameras if entry.prim_path == str(path)]
-    boards = [entry.name for entry in dataset.targets if entry.prim_path == str(path)]
-    if not cameras and not boards:
+    is_camera = str(path) in [entry.prim_path for entry in dataset.cameras]
+    if not is_camera and str(path) not in [entry.prim_path for entry in dataset.targets]:
         hint = "name a camera or a target, of which it is the pose, or one property: </Rig/Lens/Front.plen:radius>"
         message = f"rows have no derivative by <{path}>, which is neither a camera nor a target of the dataset"
         raise UnreadableValue(message, root.GetStage().GetPrimAtPath(path), hint, "no-derivative")
     for axis, (name, unit) in enumerate(_POSE):
-        ends = []
-        for sign in (-1, 1):
-            step = [0.0] * 6
-            step[axis] = sign * _FROM_ZERO
-            shift = np.eye(4)
-            shift[:3, 3] = step[:3]
-            turn = motion((0.0, 0.0), (step[3], step[4]), 0.0, step[5])
-            ends.append(_posed(dataset, cameras, boards, shift if turn is None else turn))
-        yield VariedNumber(name=f"{path} {name}", unit=unit, step=_FROM_ZERO, less=ends[0], more=ends[1])
+        of_axis = VISION_FROM_CAMERA[axis % 3, axis % 3] if is_camera else 1.0
+        ends = [_posed(root.GetStage(), path, axis, sign * of_axis * _POSE_STEP, read_again) for sign in (-1, 1)]
+        yield VariedNumber(name=f"{path} {name}", unit=unit, step=_POSE_STEP, less=ends[0], more=ends[1])
 
 
-def _posed(dataset: Dataset, cameras: list[str], boards: list[str], moved: np.ndarray) -> Dataset:
-    """The dataset with some cameras and targets moved in their own frames: vision and target frame."""
-
-    def of(frame: Frame) -> Frame:
-        views, poses, motions = dict(frame.camera_from_world), dict(frame.world_from_target), dict(frame.motions)
-        views |= {name: _rows(inverse(moved) @ np.array(views[name])) for name in cameras if name in views}
-        poses |= {name: _rows(np.array(poses[name]) @ moved) for name in boards}
-        for camera, before in frame.motions.items():
-            left = inverse(moved) if camera in cameras else np.eye(4)
-            targets = {
-                name: motion.between(left, moved if name in boards else np.eye(4))
-                for name, motion in before.targets.items()
-            }
-            motions[camera] = replace(before, targets=targets)
-        return replace(frame, camera_from_world=views, world_from_target=poses, motions=motions)
-
-    return replace(dataset, frames=tuple(map(of, dataset.frames)))
-
-
-def _rows(transform: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, transform.tolist()))
+def _posed(stage: Usd.Stage, path: Sdf.Path, axis: int, by: float, read_again: Callable[[], R]) -> R:
+    """What is read with a camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
+    prim, step = stage.GetPrimAtPath(path), Gf.Vec3d()
+    step[axis % 3] = by if axis >= 3 else by / stage_mm_per_unit(prim)
+    with edited(stage, {}) as layer, Usd.EditContext(stage, layer), unchanging():
+        add = UsdGeom.Xformable(prim).AddRotateXYZOp if axis >= 3 else UsdGeom.Xformable(prim).AddTranslateOp
+        add(UsdGeom.XformOp.PrecisionDouble, "varied").Set(step)  # the last one is applied first
+        return read_again()
 
 
 def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]) -> Iterator[VariedNumber[R]]:
@@ -135,6 +115,6 @@ def _step(attribute: Usd.Attribute, i: int, size: float) -> float:
     name, prim = attribute.GetName(), attribute.GetPrim()
     if name in _COEFFICIENTS:
         return float(_SAG_MM / read(prim, "plen:semiDiameter") ** (_COEFFICIENTS[name] + 2 * i))
-    if size == 0:
-        return float(_FROM_ZERO / (stage_mm_per_unit(prim) if name.startswith("xformOp:translate") else 1.0))
-    return max(_SHARE * size, _LEAST)
+    if name.startswith("xformOp:"):
+        return float(_POSE_STEP / (stage_mm_per_unit(prim) if name.startswith("xformOp:translate") else 1.0))
+    return max(_SHARE * size, _LEAST) if size else _FROM_ZERO

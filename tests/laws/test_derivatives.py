@@ -337,6 +337,27 @@ def test_a_camera_and_a_board_that_move_together_by_all_six_gauges_leave_every_r
     np.testing.assert_allclose(blur_by_board + blur[:, 6:], 0.0, atol=SAME * np.abs(blur).max())
 
 
+def test_a_camera_that_moves_before_a_pane_of_the_world_leaves_the_pane_where_it_is(tmp_path):
+    """Camera, board and pane along the same way leave every row where it is, and the pane alone does not."""
+    across = "xformOp:translate[0]"
+    wish = f"<{ROOT}/Rig/Camera>, <{ROOT}/Board.xformOp:translate>, <{ROOT}/Pane.xformOp:translate>"
+    surface = 'def PlenSurface "{}"\n{{\n{}\nuniform double plen:semiDiameter = 90\n}}\n'
+    glass = 'uniform string plen:glass = "schott:N-BK7"\nuniform double plen:thickness = 12\n'
+    pane = 'double3 xformOp:translate = (0, 0, -300)\ndouble3 xformOp:rotateXYZ = (20, 5, 0)\n'
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]\n'
+    faces = surface.format("Outer", glass + "uniform double plen:radius = 500") + surface.format("Inner", "")
+    pane += f'{order}uniform token[] plen:surfaceOrder = ["Outer", "Inner"]\n{faces}'
+    path, camera = stage_with(tmp_path, wish), f"rel plen:camera:windows = <{ROOT}/Pane>\nrel plen:truth:"
+    text = path.read_text(encoding="utf-8").replace("rel plen:truth:", camera)
+    path.write_text(f'{text.rstrip()[:-1]}def PlenWindow "Pane"\n{{\n{pane}}}\n}}\n', encoding="utf-8")
+    names, _, rate = all_rates(path)
+    by = dict(zip((name.removeprefix(ROOT) for name in names), rate.transpose(1, 0, 2), strict=True))
+
+    assert np.abs(by[f"/Pane.{across}"]).max() > 0.1
+    together = by["/Rig/Camera x"] + by[f"/Board.{across}"] + by[f"/Pane.{across}"]
+    np.testing.assert_allclose(together, 0.0, atol=SAME * np.abs(by["/Rig/Camera x"]).max())
+
+
 def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tmp_path):
     lens = load(stage_with(tmp_path, f"<{ROOT}/Board>"), [DATA.parents[1]]).dataset.cameras[0].camera.prescription
     of_lens = [
