@@ -34,10 +34,10 @@ def inform(
     """Ask the rows of a build about a camera; by default of OpenCV's five coefficients, or of a thin lens before
     pinholes.
     """
-    output = open_output(out)
-    camera = output.camera if name is None else output.cameras[name]
+    output, live = open_output(out), ready(out, name, allow_roots)
+    camera = output.cameras[live.name]
     wanted = model or (THIN_LENS if camera.is_plenoptic else _DEFAULT)
-    return knowledge(output, camera, ready(out, camera.name, allow_roots), wanted, noise_px)
+    return knowledge(output, camera, live, wanted, noise_px)
 
 
 def page(known: Knowledge) -> Iterator[str]:

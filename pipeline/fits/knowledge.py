@@ -59,6 +59,8 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
     parameters: tuple[str, ...]
     project: Project
     if splined is not None:
+        if splined.columns * splined.rows > sum(len(view.correspondences.point_id) for view in camera.views):
+            raise FitError(f"{camera.name} sees too few points for {model}")
         parameters, project = splined.parameters, splined.project
         centre = np.array([0.0, 0.0, centre_z_mm])
         start = splined.nearest(field.points(field.between_mm[2]) - centre, field.x_px)

@@ -257,6 +257,7 @@ def test_the_report_shows_what_was_said_if_asked(folder, monkeypatch, in_this_pr
         ("thin-lens-plenoptic", "models for it"),
         ("thin-prism", "too few points"),
         (EXAMPLE, "too few points"),
+        (EXAMPLE.replace("Nx=12_Ny=9", "Nx=4000_Ny=4000"), "too few points"),
     ],
 )
 def test_models_that_cannot_stand_for_a_camera_are_refused(folder, model, words):
@@ -265,6 +266,9 @@ def test_models_that_cannot_stand_for_a_camera_are_refused(folder, model, words)
         inform(out, None, model, 0.05)
 
 
-def test_a_folder_that_is_no_build_is_refused(folder):
+def test_a_folder_that_is_no_build_and_a_camera_that_it_does_not_have_are_refused(folder):
+    out = made(TINY, folder / "out", folder / "store").out
+    with pytest.raises(UsageError, match='did you mean "Rig.Camera"'):
+        inform(out, "Rig.Camra", None, 0.05)
     with pytest.raises(UsageError, match="no output folder"):
         inform(TINY, None, None, 0.05)
