@@ -16,9 +16,11 @@ from stage_text import tiny_text
 
 import pipeline
 from pipeline.app import ensemble as ensembles
-from pipeline.app.build import build_with, project
+from pipeline.app.build import build_with, project, run_together
 from pipeline.engine.options import BuildOptions
+from pipeline.engine.output.manifest import render
 from pipeline.engine.running.result import Result
+from pipeline.errors import UsageError
 from pipeline.results.spread import figures, rows
 from pipeline.scene.load import load
 from pipeline.scene.tolerances import Tolerance, drawn, share
@@ -236,3 +238,11 @@ def test_an_ensemble_writes_what_its_members_differ_by(tmp_path, monkeypatch):
     deviations = np.stack([table["deviation_x_px"], table["deviation_y_px"]], axis=1)
     assert np.allclose(deviations[table["frame"] == 1], np.sqrt(expected), rtol=2e-3, atol=2e-6)
     assert "principal_distance_px" in "\n".join(ensembles.summary(built))
+
+
+def test_the_folder_of_another_build_is_refused_as_what_it_is(tmp_path):
+    path, out = stage(tmp_path, RADII), tmp_path / "out"
+    out.mkdir()
+    (out / "manifest.json").write_bytes(render({"stage": "other.usda </Other>"}, {}, {}))
+    with pytest.raises(UsageError, match="other.usda </Other>', not 'an ensemble'"):
+        run_together({path: out / "nominal"}, BuildOptions(jobs=1, pictures=False))
