@@ -268,7 +268,7 @@ def test_models_that_cannot_stand_for_a_camera_are_refused(folder, model, words)
 
 def test_a_folder_that_is_no_build_and_a_camera_that_it_does_not_have_are_refused(folder):
     out = made(TINY, folder / "out", folder / "store").out
-    with pytest.raises(UsageError, match='did you mean "Rig.Camera"'):
+    with pytest.raises(UsageError, match='did you mean "Rig'):
         inform(out, "Rig.Camra", None, 0.05)
     with pytest.raises(UsageError, match="no output folder"):
         inform(TINY, None, None, 0.05)

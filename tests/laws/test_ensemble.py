@@ -244,5 +244,5 @@ def test_the_folder_of_another_build_is_refused_as_what_it_is(tmp_path):
     path, out = stage(tmp_path, RADII), tmp_path / "out"
     out.mkdir()
     (out / "manifest.json").write_bytes(render({"stage": "other.usda </Other>"}, {}, {}))
-    with pytest.raises(UsageError, match="other.usda </Other>', not 'an ensemble'"):
+    with pytest.raises(UsageError, match="</Other>', not 'an ensemble'"):
         run_together({path: out / "nominal"}, BuildOptions(jobs=1, pictures=False))
