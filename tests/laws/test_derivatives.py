@@ -343,7 +343,7 @@ def test_a_camera_that_moves_before_a_pane_of_the_world_leaves_the_pane_where_it
     wish = f"<{ROOT}/Rig/Camera>, <{ROOT}/Board.xformOp:translate>, <{ROOT}/Pane.xformOp:translate>"
     surface = 'def PlenSurface "{}"\n{{\n{}\nuniform double plen:semiDiameter = 90\n}}\n'
     glass = 'uniform string plen:glass = "schott:N-BK7"\nuniform double plen:thickness = 12\n'
-    pane = 'double3 xformOp:translate = (0, 0, -300)\ndouble3 xformOp:rotateXYZ = (20, 5, 0)\n'
+    pane = "double3 xformOp:translate = (0, 0, -300)\ndouble3 xformOp:rotateXYZ = (20, 5, 0)\n"
     order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]\n'
     faces = surface.format("Outer", glass + "uniform double plen:radius = 500") + surface.format("Inner", "")
     pane += f'{order}uniform token[] plen:surfaceOrder = ["Outer", "Inner"]\n{faces}'
