@@ -29,7 +29,7 @@ def entries(value: Any) -> np.ndarray:
     if isinstance(value, bool | int | str) or value is None or hasattr(value, "GetImaginary"):
         return np.zeros(0)
     array = numbers(value)
-    return array.astype(float) if array.dtype.kind == "f" and np.isfinite(array).all() else np.zeros(0)
+    return array if np.asarray(value).dtype.kind not in "biu" and np.isfinite(array).all() else np.zeros(0)
 
 
 def name_of(path: Sdf.Path, value: Any, i: int) -> str:
