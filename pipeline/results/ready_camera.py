@@ -118,6 +118,8 @@ class ReadyCamera:
         CameraError if an argument holds no such numbers, or if something moves before a camera without a shutter.
         """
         points = _numbers("points_mm", points_mm, 3)
+        if isinstance(derivatives, str) or not all(isinstance(name, str) for name in derivatives):
+            raise CameraError(f"derivatives={derivatives!r} is no list of names", hint=f'as ["{POINT}"]')
         planes = np.empty((len(points), 4, 3))
         planes[:, 0] = points
         planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))

@@ -463,6 +463,9 @@ def test_a_camera_made_ready_gives_derivatives_by_points_and_by_numbers_of_its_s
 
     assert np.abs(of_blur).max() > 1e-3
     assert seen.derivatives[radius].shape == (2, 2) and seen.blur_derivatives[radius].shape == (2, 2, 2)
+    for wrong in ("point", [3]):
+        with pytest.raises(CameraError, match="no list of names"):
+            pipeline.ready(camera.camera).project(points, derivatives=wrong)
     with pytest.raises(CameraError, match="without a stage"):
         pipeline.ready(camera.camera).project(points, derivatives=[radius])
 
