@@ -350,7 +350,7 @@ def test_a_camera_that_moves_before_a_pane_of_the_world_leaves_the_pane_where_it
     path, camera = stage_with(tmp_path, wish), f"rel plen:camera:windows = <{ROOT}/Pane>\nrel plen:truth:"
     text = path.read_text(encoding="utf-8").replace("rel plen:truth:", camera)
     path.write_text(f'{text.rstrip()[:-1]}def PlenWindow "Pane"\n{{\n{pane}}}\n}}\n', encoding="utf-8")
-    names, _, rate = all_rates(path)
+    names, rate, _ = all_rates(path)
     by = dict(zip((name.removeprefix(ROOT) for name in names), rate.transpose(1, 0, 2), strict=True))
 
     assert np.abs(by[f"/Pane.{across}"]).max() > 0.1
