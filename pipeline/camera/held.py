@@ -21,7 +21,7 @@ degrees per px, and a node that a corner passes errs: at 1e-3 px by up to 4 % of
 
 
 class Held:
-    """What passes for bundles, at a level of quadrature.
+    """Bundles of which is held what passes, at a level of quadrature.
 
     `rays`: number of rays traced so far.
     """

@@ -20,7 +20,7 @@ EXAMPLE = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=12_Ny=9_fov_x_deg=60"
 _NAME = re.compile(r"LENSMODEL_SPLINED_STEREOGRAPHIC_order=([23])_Nx=(\d+)_Ny=(\d+)_fov_x_deg=(\d+)")
 _LEAST = 4
 """Fewest control points along x or y: those of one cubic segment."""
-_TOLD = 1e-6
+_LEAST_SHARE = 1e-6
 """Share of the largest singular value below which positions do not tell a direction of control points [1]."""
 
 
@@ -48,7 +48,7 @@ class Splined:
 
     @property
     def name(self) -> str:
-        """What mrcal calls it."""
+        """Name of the model in mrcal."""
         grid = f"order={self.order}_Nx={self.columns}_Ny={self.rows}_fov_x_deg={self.fov_x_deg}"
         return f"LENSMODEL_SPLINED_STEREOGRAPHIC_{grid}"
 
@@ -61,10 +61,8 @@ class Splined:
         """Image positions (n, 2) of points (n, 3) [mm] by control points (m,); analytic in both."""
         depth = np.sqrt((points * points).sum(axis=1)) + points[:, 2]
         u = 2 * points[:, :2] / depth[:, None]
-        half = np.tan(np.deg2rad(self.fov_x_deg / 4)) * 2
-        per_u = (self.columns - self.order) / (
-            2 * half
-        )  # a spline of order k needs (k - 1) / 2 intervals beyond an edge
+        across = 4 * np.tan(np.deg2rad(self.fov_x_deg / 4))
+        per_u = (self.columns - self.order) / across  # a spline of order k needs (k - 1) / 2 intervals beyond an edge
         (i, of_x), (j, of_y) = (
             self._weights(u[:, axis] * per_u + (count - 1) / 2, count)
             for axis, count in enumerate((self.columns, self.rows))
@@ -78,7 +76,7 @@ class Splined:
         nothing, none = np.zeros(len(self.parameters)), np.zeros((len(points), 0))
         by_own, _ = derivatives(self.project, nothing, points, none)
         off = x_px - self.project(nothing, points, none)
-        return np.linalg.lstsq(by_own.reshape(off.size, -1), off.ravel(), rcond=_TOLD)[0]
+        return np.linalg.lstsq(by_own.reshape(off.size, -1), off.ravel(), rcond=_LEAST_SHARE)[0]
 
     def _weights(self, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Control points that bend places counted in these, and their weights, (n, order + 1) each.

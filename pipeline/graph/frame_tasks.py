@@ -278,15 +278,14 @@ def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry
 
 
 def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> labels.NextFrame:
-    """What of a frame is where in the next one, before the camera there."""
+    """The things of a frame in the next one, before the camera there."""
     poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
     there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
     shutter = _shutter_in(camera, later)
     return labels.NextFrame(
-        targets=tuple(matrix(poses[target.name]) for target in dataset.targets),
+        targets=bare.targets(poses, motions, named=False),
         occluders=tuple(map(there.get, _paths(dataset, frame))),
         shutter=shutter and replace(shutter, instants=1),
-        motions=tuple(motions.targets.get(target.name) for target in dataset.targets) if motions and shutter else (),
     )
 
 

@@ -1,10 +1,9 @@
 """Sizes of tasks for forecasts: numbers proportional to their work, and a coarse cost where nothing has run yet."""
 
-import contextlib
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+from pipeline.camera.figures.outlook import microlenses_lit
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.planning.explain import duration
@@ -12,7 +11,6 @@ from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.records import Params
 from pipeline.graph.dataset_graph import graph_of
-from pipeline.optics.first_order import first_order
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 
@@ -29,8 +27,6 @@ _SECONDS_PER_PAIR = {True: 6e-4, False: 1e-2}
 """Processor time to look for a point behind a microlens in one wavelength [s]: thin ones in a plane parallel to the
 sensor took 0.6 ms, others, whose apertures are found by tracing, 5 to 13 ms, on an Intel Xeon on 27 November 2026.
 """
-_SLACK_PITCHES = 2.0
-"""Width by which the microlenses that may see a point surpass its light [pitches]."""
 _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
@@ -67,22 +63,12 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
 def _seconds_of_pairs(params: Params, focus: Params) -> float:
     """Processor time of a tile of truth by its points and the microlenses that see them, to first order; 0 without."""
     asked = from_plain(Camera, focus["camera"]) if focus["camera"] else from_plain(FocusRequest, focus["request"])
-    array, sensor, channel = asked.microlenses, asked.sensor, params["table"]["channel"]
+    array, channel, pairs = asked.microlenses, params["table"]["channel"], 0.0
     if array is None:
         return 0.0
-    lens, pairs = first_order(asked.prescription), 0.0
-    pupil, sensor_mm = lens.exit_pupil, asked.sensor_distance_mm
-    if sensor_mm is None:
-        assert isinstance(asked, FocusRequest) and asked.focus_distance_mm is not None
-        sensor_mm = -lens.image_mm(asked.focus_distance_mm)
-    most = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
     for target in params["view"]["targets"]:
         first, end = params["points"].get(target["name"], (0, 0))
-        with contextlib.suppress(ZeroDivisionError):  # a point in the front focus
-            image_mm = lens.image_mm(target["vision_from_target"][2][3])
-            light_mm = pupil.diameter_mm * abs((array.distance_mm - sensor_mm - image_mm) / (pupil.z_mm - image_mm))
-            across = light_mm / array.pitch_mm + _SLACK_PITCHES
-            pairs += (end - first) * min(most, math.pi / 4 * across**2) if math.isfinite(across) else 0.0
+        pairs += (end - first) * microlenses_lit(asked, array, target["vision_from_target"][2][3])
     return pairs * (len(channel["wavelengths_nm"]) if channel else 1) * _SECONDS_PER_PAIR[array.is_plain]
 
 

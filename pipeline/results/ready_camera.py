@@ -120,6 +120,8 @@ class ReadyCamera:
         points = _numbers("points_mm", points_mm, 3)
         if isinstance(derivatives, str) or not all(isinstance(name, str) for name in derivatives):
             raise CameraError(f"derivatives={derivatives!r} is no list of names", hint=f'as ["{POINT}"]')
+        if derivatives and moving is not None:
+            raise CameraError("positions that move with their lines have no derivatives", hint="leave out one of both")
         planes = np.empty((len(points), 4, 3))
         planes[:, 0] = points
         planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))
@@ -141,21 +143,19 @@ class ReadyCamera:
         ):
             fates[points_there] = fate
         rows, lattice = truth.only(is_lit), self.rig.tracer.lattice
-        if derivatives and moving is not None:
-            raise CameraError("positions that move with their lines have no derivatives", hint="leave out one of both")
-        cell, solved = rows.solutions.cell, rows.solutions
-        rates, blur_rates = self._derivatives(solved, planes, derivatives, with_blur=blur_derivatives)
+        solutions = rows.solutions
+        rates, blur_rates = self._derivatives(solutions, planes, derivatives, with_blur=blur_derivatives)
         return Projected(
-            point=rows.solutions.point,
-            x_px=rows.solutions.x_px,
-            y_px=rows.solutions.y_px,
+            point=solutions.point,
+            x_px=solutions.x_px,
+            y_px=solutions.y_px,
             error_px=rows.sigma_px,
             hit_fraction=rows.hit_fraction,
             rho_px=rows.rho_px,
-            microlens=None if lattice is None else self.rig.axial[cell],
-            microlens_type=None if lattice is None else lattice.type[cell],
+            microlens=None if lattice is None else self.rig.axial[solutions.cell],
+            microlens_type=None if lattice is None else lattice.type[solutions.cell],
             fates=tuple(fates),
-            t_s=None if self.shutter is None else self.shutter.middle_s(rows.solutions.xy_px, self.size_px),
+            t_s=None if self.shutter is None else self.shutter.middle_s(solutions.xy_px, self.size_px),
             blur_px2=rows.blur_px2,
             derivatives=rates,
             blur_derivatives=blur_rates,

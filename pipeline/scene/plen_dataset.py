@@ -275,7 +275,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _unheard(attribute: Usd.Attribute) -> str | None:
-    """What is drawn instead of what an attribute of a whole prim asks for, or of a colour in another space."""
+    """The substitute for a mode that an attribute asks for a whole prim, or for a colour in another space."""
     is_name, is_colour = attribute.GetName() == "colorSpace:name", attribute.GetRoleName() == "Color"
     space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
     if space and space not in _SPACES:

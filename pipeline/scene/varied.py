@@ -72,7 +72,7 @@ def _varied(
 
 
 def _posed(stage: Usd.Stage, path: Sdf.Path, axis: int, by: float, read_again: Callable[[], R]) -> R:
-    """What is read with a camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
+    """A reading of the stage with a camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
     prim, step = stage.GetPrimAtPath(path), Gf.Vec3d()
     step[axis % 3] = by if axis >= 3 else by / stage_mm_per_unit(prim)
     with edited(stage, {}) as layer, Usd.EditContext(stage, layer), unchanging():

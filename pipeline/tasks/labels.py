@@ -65,9 +65,10 @@ def _line_by_line(
 def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
     asked, later, after = params.channels, None, params.later
     if after is not None:
+        poses = [np.array(then.vision_from_target) for then in after.targets]
         occluders = [None if then is None else placed_occluder(then) for then in after.occluders]
-        motions = [*after.motions, *(then.motion if then else None for then in after.occluders)]
-        later = Later(list(map(np.array, after.targets)), occluders, after.shutter, motions)
+        motions = [None if then is None else then.motion for then in (*after.targets, *after.occluders)]
+        later = Later(poses, occluders, after.shutter, motions)
     targets, others = list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders))
     view = images.scene_of(params.view, inputs) if params.view.lighting else None
     lit = view.in_light(0) if isinstance(view, LitView) else None

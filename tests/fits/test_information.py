@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from builds import made, tiny
-from fits.debian_mrcal import by_mrcal
+from debian_mrcal import by_mrcal
 from places import TINY
 from scipy.spatial.transform import Rotation
 

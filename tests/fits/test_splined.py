@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fits.debian_mrcal import by_mrcal
+from debian_mrcal import by_mrcal
 from scipy.interpolate import BSpline
 
 from pipeline.fits.field import FitError

@@ -4,12 +4,14 @@ Points are in the vision frame. A doubtful point counts as seen: who is told tha
 rely on it.
 """
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.from_stop import depths_mm, is_steep, pupil_fan
@@ -28,6 +30,10 @@ _WIDE, _TRIED = 25, 8
 of a pose get them: those nearest to the axis."""
 _SLACK_PX, _BLUR_SHARE = 4.0, 0.25
 """Distance from the image that the middle of a point's light may have outside of it: pixels, and share of its blur."""
+
+
+_SLACK_PITCHES = 2.0
+"""Width by which the microlenses that may see a point surpass its light [pitches]."""
 
 
 class Fate(IntEnum):
@@ -92,6 +98,23 @@ def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     scale = sensor.pitch_mm * abs((z_mm - lens.entrance_pupil.z_mm) / principal_mm)
     return sensor.width_px * scale, sensor.height_px * scale
+
+
+def microlenses_lit(camera: Camera | FocusRequest, array: MicrolensArray, z_mm: float) -> float:
+    """Number of microlenses that may see a point at vision z, paraxially; 0 where its light has no width."""
+    lens, sensor, sensor_mm = first_order(camera.prescription), camera.sensor, camera.sensor_distance_mm
+    if sensor_mm is None:
+        assert isinstance(camera, FocusRequest) and camera.focus_distance_mm is not None
+        sensor_mm = -lens.image_mm(camera.focus_distance_mm)
+    try:
+        image_mm = lens.image_mm(z_mm)
+    except ZeroDivisionError:  # a point in the front focus
+        return 0.0
+    pupil, array_mm = lens.exit_pupil, array.distance_mm - sensor_mm
+    light_mm = pupil.diameter_mm * abs((array_mm - image_mm) / (pupil.z_mm - image_mm))
+    across = light_mm / array.pitch_mm + _SLACK_PITCHES
+    most = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
+    return min(most, math.pi / 4 * across**2) if math.isfinite(across) else 0.0
 
 
 def widest_blur_px(camera: Camera) -> float:

@@ -38,10 +38,10 @@ class Later:
     def at(
         self, points_mm: Float64[np.ndarray, "n 3"], thing: Int64[np.ndarray, "n"], time_s: Float64[np.ndarray, "n"]
     ) -> np.ndarray:
-        """Where points of things, (n, 3) at the time code of the frame, are at times after it."""
+        """Points of things, (n, 3) at the time code of the frame, at times after it."""
         poses = [*self.targets, *(then and then[1] for then in self.occluders)]
         result = points_mm.copy()
-        for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=False)):
+        for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=True)):
             rows = np.flatnonzero(thing == number)
             if motion is not None and pose is not None and len(rows):
                 way = motion.at(time_s[rows]) @ inverse(pose)

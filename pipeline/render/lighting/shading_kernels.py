@@ -1,4 +1,4 @@
-"""What surfaces do with paths of light that meet them: they send rays to lamps, and choose where each path comes from.
+"""Surfaces and the paths of light that meet them: they send rays to lamps, and choose where each path comes from.
 Kernels only; vision frame, mm. Arguments are named in `paths`.
 """
 
@@ -182,7 +182,7 @@ def _candidate(lamps, layers, estimates, place, pair, asked):
 
 @inline
 def _scattered(layers, place, dice, may_end):
-    """Where light may have come from: the direction, and its height above the side that is seen; the value of the
+    """A direction from which light may have come, and its height above the side that is seen; the value of the
     reflectance, the density of the direction, and the probability with which the path goes on. Without value it ends.
     """
     points, key, number, stage = dice

@@ -149,7 +149,7 @@ class SeenTargets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariedView:
-    """What a camera sees in a frame with a number a little different; None: the same."""
+    """Targets of a frame with a number a little different; None: they are the same."""
 
     name: str
     unit: str

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from pipeline.motion import Motion, Shutter
 from pipeline.tasks.params.cameras import Exposure
-from pipeline.tasks.params.frames import Matrix, PaintedView, PlacedOccluder
+from pipeline.tasks.params.frames import Matrix, PaintedView, PlacedOccluder, PlacedTarget
 
 LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
 
@@ -20,15 +20,11 @@ class Channels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextFrame:
-    """What is where in the next frame: vision_from_target of all targets, and all occluders; None: it is not there.
+    """All targets and occluders in the next frame, None: it is not there; and the shutter before which some move."""
 
-    With the motions of targets, and the shutter, if something moves before it there.
-    """
-
-    targets: tuple[Matrix, ...]
+    targets: tuple[PlacedTarget, ...]
     occluders: tuple[PlacedOccluder | None, ...]
-    shutter: Shutter | None = None
-    motions: tuple[Motion | None, ...] = ()
+    shutter: Shutter | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

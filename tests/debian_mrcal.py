@@ -12,7 +12,7 @@ _PYTHON = Path("/usr/bin/python3")
 def by_mrcal(program: str, given: dict) -> list:
     """What a program with `given` and `mrcal` prints last; without mrcal the test is skipped."""
     if not _PYTHON.exists() or subprocess.run([_PYTHON, "-c", "import mrcal"], capture_output=True).returncode:
-        pytest.skip("no mrcal (Debian: python3-mrcal): it judges nothing here")
+        pytest.skip("NOT JUDGED: mrcal is not installed (Debian: python3-mrcal)")
     started = "import json, sys, numpy as np, mrcal\ngiven = json.load(sys.stdin)\n" + program
     answer = subprocess.run(
         [_PYTHON, "-c", started], input=json.dumps(given), capture_output=True, text=True, check=True
