@@ -15,7 +15,7 @@ from pipeline.app.stages import sound
 from pipeline.engine.files import chosen_place
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.running.result import Result
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.tables import write_table
 from pipeline.report.ending import certificate_lines, failed
@@ -87,12 +87,16 @@ def ensemble(
     """Build the nominal camera and `count` members (2 at least) below a folder, and write what they differ by.
 
     Tasks of many members run `together`; then each is built of what is in the store, or says what has failed. Raises
-    StageError: the dataset or a member does not pass `check`; MemberError: a build failed.
+    StageError: the dataset or a member does not pass `check`; UsageError: the folder has further members; MemberError:
+    a build failed.
     """
     dataset = require_dataset(sound(stage, options.allow_roots), stage)
     roots = (*allowed_roots(stage, options.allow_roots)[:1], *options.allow_roots)  # a member may lie in no project
     options = replace(options, allow_roots=roots)
     names = [f"member_{number:04d}" for number in range(1, count + 1)]
+    if more := sorted({path.stem for path in out.glob("member_[0-9]*")} - {*names}):
+        hint = "remove them and their layers, or choose another folder by --out"
+        raise UsageError(f"{out} has members of a larger ensemble: {more[0]} to {more[-1]}", hint=hint)
     layers = {name: out / f"{name}.usda" for name in names}
     texts, numbers = {}, {}
     for member, (name, layer) in enumerate(layers.items(), 1):

@@ -321,6 +321,13 @@ def test_the_best_of_many_poses_project_better_by_opencv_s_calibrations_than_the
     assert wrong[0] < np.mean(wrong[2:]) / 1.5
 
 
+def test_best_and_poses_at_once_are_refused(run):
+    code, _, log = run("new", "dataset", "d.usda", *PARTS, "--best", "2", "--poses", "9")
+    assert code == 2
+    assert "--poses and --best" in log
+    assert not Path("d.usda").exists()
+
+
 @pytest.mark.heavy
 def test_poses_that_are_chosen_are_told_and_not_all_among_which(run, monkeypatch):
     monkeypatch.setattr("pipeline.app.authoring.best.CANDIDATES", 2)

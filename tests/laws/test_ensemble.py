@@ -197,6 +197,8 @@ def test_what_stops_an_ensemble_is_named(tmp_path):
         assert (tmp_path / "out").exists() == bool(tolerances)
     assert built == ["nominal", "member_0001", "member_0002"]
     assert [[place.name for place in places] for places in started] == [[*built, "member_0003"]]
+    with pytest.raises(UsageError, match="larger ensemble: member_0003 to member_0003"):  # what it says may be stale
+        ensembles.ensemble(tmp_path / "dataset.usda", tmp_path / "out", 2, BuildOptions(), run, together)
 
 
 def test_a_member_whose_certificate_fails_is_named():

@@ -111,6 +111,13 @@ def test_what_is_kept_of_a_sensor_is_told(tmp_path):
     )
     (tmp_path / "cosine.usda").write_text(head("Part") + other.replace("    prepend references = []\n", ""))
     assert codes(tmp_path, "PlenSensor", f"{SMALL}, @cosine.usda@") == ["merged"]
+    assert codes(tmp_path, "PlenSensor", f"{SMALL}, @cosine.usda@", "    uniform double plen:acceptancePower = 3") == [
+        "merged"
+    ]
+    own = '    uniform token plen:acceptance = "cosine"\n    uniform double plen:acceptancePower = 3'
+    assert codes(tmp_path, "PlenSensor", f"{SMALL}, @cosine.usda@", own) == []
+    (tmp_path / "part.usda").rename(tmp_path / "mine.usda")
+    assert codes(tmp_path, "PlenSensor", "@mine.usda@") == []
 
 
 @pytest.mark.parametrize("text", ["", FILTER])

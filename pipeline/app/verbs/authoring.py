@@ -32,7 +32,7 @@ def dataset(
     out: NewFile,
     rig: Annotated[Path, _option("RIG", f"{_LIBRARY} rigs/conventional_100mm.usda.")],
     target: Annotated[Path, _option("TARGET", f"{_LIBRARY} targets/charuco_8x5.usda.")],
-    poses: Annotated[int, _option("N", "Frames, one pose each.", min=1, max=1000)] = 12,
+    poses: Annotated[int | None, _option("N", "Frames, one pose each; else 12.", min=1, max=1000)] = None,
     camera: Annotated[str | None, _option("NAME", "One of the rig; else all see each pose.")] = None,
     tilt: Annotated[float, _option("DEGREES", "Largest tilt of the target.", min=0, max=80)] = 40.0,
     seen: Annotated[float, _option("SHARE", "Least share of its points that a pose shows.", min=0.01, max=1)] = 1.0,
@@ -54,7 +54,9 @@ def dataset(
     from pipeline.app.authoring.new_dataset import new_dataset
     from pipeline.app.authoring.poses import Wish
 
-    count, of = (poses, 1) if best is None else (best, CANDIDATES)
+    if poses is not None and best is not None:
+        raise UsageError("--poses and --best both say how many frames there are", hint="give one of them")
+    count, of = (poses or 12, 1) if best is None else (best, CANDIDATES)
     wish = Wish(count=count, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit, of=of)
     _end(out, new_dataset(out, rig, target, wish, camera, note))
 

@@ -312,8 +312,11 @@ def _check_merged(prim: Usd.Prim) -> Iterator[Problem]:
     if not index or not index.rootNode:
         return
     first, *others = _origins(index.rootNode) or [None]
+    stronger, node = set[str](), first
+    while node:
+        stronger, node = stronger | _names(node), node.parent
     for other in others:
-        kept = _names(other) - _names(first)
+        kept = _names(other) - stronger
         if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
             more = f" and {len(rest) - _MOST_NAMES} more" if len(rest) > _MOST_NAMES else ""
             names = f"{', '.join(rest[:_MOST_NAMES])}{more}"
