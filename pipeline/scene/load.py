@@ -131,7 +131,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     return Loaded(
         dataset=dataset,
         problems=problems,
-        flattened=text_for_viewers(layer, cameras, targets, dataset),
+        flattened=text_for_viewers(layer, cameras, dataset),
         cameras=cameras,
         lens=lens,
         targets=targets,

@@ -19,10 +19,7 @@ from pipeline.app.build import build, project
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.files.png import read_png
 from pipeline.scene.load import load
-from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.targets.patterns.lines import Lines
 from pipeline.targets.preview import preview_faces
-from pipeline.targets.target import Target
 
 TWO_POSES = (ROOT / "tests/data/two_poses.usda").read_text(encoding="utf-8")
 VIEWER = """
@@ -131,28 +128,6 @@ def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
     assert slope == pytest.approx(4.0 / 121.7263, rel=1e-5)  # the principal distance that `show` prints
 
 
-LINES = Lines(columns=400, rows=300, spacing_mm=1.0, width_mm=0.5)
-FLAT = [
-    *("aprilgrid_6x6", "charuco_8x5", "checkerboard_4x7", "circles_7x5", "circles_asymmetric_4x11", "deltille_7x5"),
-    *("lines_7x5", "siemens_star_36", "slanted_edge_5deg", "stars_7x5"),
-]
-
-
-@pytest.mark.parametrize("name", FLAT)
-def test_preview_faces_have_the_colours_of_the_pattern_and_cover_its_sheet(name):
-    """At random points: squares and tags to the last one, round and slanted shapes but for their edges."""
-    target = load(ROOT / f"stages/targets/{name}.usda").targets[0].target
-    faces, drawing = preview_faces(target), target.pattern.drawing
-    x, y = np.random.default_rng(1).uniform(-1, 1, (2, 2000)) * [[drawing.half_x_mm], [drawing.half_y_mm]]
-    low, high = faces.points_mm[faces.faces].min(axis=1), faces.points_mm[faces.faces].max(axis=1)
-    holds = (x[:, None] > low[:, 0]) & (x[:, None] < high[:, 0]) & (y[:, None] > low[:, 1]) & (y[:, None] < high[:, 1])
-    same = faces.radiance[holds.argmax(axis=1)] == target.pattern.radiance(x, y)
-
-    assert (holds.sum(axis=1) == 1).all()
-    is_upright = name.startswith(("april", "charuco", "checker", "lines"))
-    assert same.all() if is_upright else same.mean() > 0.95
-
-
 @pytest.mark.parametrize(
     "name", ["charuco_cylinder", "checkerboard_4x7_warped", "aprilgrid_cube", "checkerboard_stairs"]
 )
@@ -167,15 +142,6 @@ def test_preview_faces_of_other_shapes_lie_on_the_surface_and_look_outwards(name
     for point, axes in list(zip(points.position_mm, points.axes, strict=True))[::7]:
         nearest = np.argmin(np.linalg.norm(corners.mean(axis=1) - point, axis=1) + 1e3 * (normals @ axes[:, 2] < 0.9))
         assert abs((point - corners[nearest].mean(axis=0)) @ normals[nearest]) < 0.05
-
-
-@pytest.mark.parametrize("pattern", [Checkerboard(columns=3001, rows=2000, square_mm=1.0), LINES])
-def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
-    faces = preview_faces(Target(pattern))
-
-    assert len(faces.faces) == 1 and faces.radiance.tolist() == [0.5]
-    half = pattern.drawing.half_x_mm, pattern.drawing.half_y_mm, 0.0
-    assert np.allclose(faces.points_mm.max(axis=0), half, rtol=1e-12)
 
 
 def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_clipping_range(stage):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from laws import rigs
+from places import ROOT
 from scipy.interpolate import RegularGridInterpolator
 from targets.examples import name_of
 from tolerances import ROUNDING_MM
@@ -10,6 +11,7 @@ from tolerances import ROUNDING_MM
 from pipeline.frames import apply
 from pipeline.render.glow import TargetLight
 from pipeline.render.surroundings import MeshScene
+from pipeline.scene.load import load
 from pipeline.targets.mesh import MeshTarget, Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.lines import Lines
@@ -236,19 +238,34 @@ def test_a_face_that_names_a_vertex_beyond_the_mesh_is_refused_also_among_others
 SMALL = Checkerboard(columns=4, rows=3, square_mm=2.0, white=0.9, black=0.1)
 
 
-@pytest.mark.parametrize(
-    "surface", [None, Cube(edge_mm=20.0), Cylinder(radius_mm=20.0)], ids=["flat", "cube", "cylinder"]
-)
-def test_the_picture_has_the_colour_of_every_face_where_the_face_lies(surface):
-    target = Target(SMALL) if surface is None else Target(SMALL, surface)
-    faces, picture = preview_faces(target), preview_picture(target, 512)
-    assert set(np.unique(picture)) == {0.1, 0.9} and picture.shape == (512, 512 * len(target.patches()))
-    assert faces.sheet.min() >= 0 and faces.sheet.max() <= 1
-    middle = faces.sheet[faces.faces].mean(axis=1)
-    column, row = (middle * (picture.shape[1], 512)).astype(int).T
-    sides = len(target.patches())  # each has its own part of the picture
-    assert np.unique((middle[:, 0] * sides).astype(int)).tolist() == list(range(sides))
-    assert (picture[512 - 1 - row, column] == faces.radiance).all()
+FLAT = [
+    *("aprilgrid_6x6", "charuco_8x5", "checkerboard_4x7", "circles_7x5", "circles_asymmetric_4x11", "deltille_7x5"),
+    *("lines_7x5", "siemens_star_36", "slanted_edge_5deg", "stars_7x5"),
+]
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_the_picture_of_a_target_has_the_colours_of_its_pattern(name):
+    """In all pixels but those whose middle lies on an edge; the first row is the top."""
+    target, share = load(ROOT / f"stages/targets/{name}.usda").targets[0].target, (2 * np.arange(300) + 1) / 300 - 1
+    drawing = target.pattern.drawing
+    x, y = np.meshgrid(drawing.half_x_mm * share, -drawing.half_y_mm * share)
+    expected = target.pattern.radiance(x.ravel(), y.ravel()).reshape(x.shape)
+    assert np.mean(preview_picture(target, 300) == expected) > 0.999 and np.ptp(expected) > 0.5
+
+
+@pytest.mark.parametrize("surface", [Flat(), Cube(edge_mm=20.0), Cylinder(radius_mm=20.0)], ids=name_of)
+def test_points_of_a_preview_lie_on_the_picture_where_they_lie_on_their_sheet(surface):
+    """Pictures of patches stand side by side."""
+    target = Target(SMALL, surface)
+    faces, patches = preview_faces(target), target.patches()
+    points, sheets = (rows.reshape(len(patches), -1, rows.shape[1]) for rows in (faces.points_mm, faces.sheet))
+    for number, patch in enumerate(patches):
+        half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
+        chart = (2 * (sheets[number] * [len(patches), 1] - [number, 0]) - 1) * half
+        there = apply(patch.target_from_patch, patch.place(chart)[0])
+        np.testing.assert_allclose(points[number], there, rtol=0, atol=1e-9)
+        assert np.array_equal(np.unique(chart.round(9), axis=0)[[0, -1]], [-half, half])
 
 
 def test_the_picture_of_very_many_faces_has_a_width_that_viewers_show():

@@ -152,14 +152,15 @@ export interface CameraPart {
   residuals: Residuals;
 }
 
-/** A target: faces as quadrilaterals in the target frame, with a grey value each. */
+/** A target: faces as quadrilaterals in the target frame, and the places of their corners on its picture. */
 export interface TargetPart {
   name: string;
   kind: string;
   points: number;
   corners_mm: number[][];
   faces: number[][];
-  greys: number[];
+  places: number[][];
+  picture: string;
 }
 
 /** A task: how it ended in the last build, and the run that made its result. */

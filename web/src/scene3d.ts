@@ -1,8 +1,8 @@
 // Cameras, boards and rays in space. Lengths in mm; the world is USD's, y up; a vision frame has y down and z forward.
 
 import {
-  AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, LatheGeometry, LineBasicMaterial,
-  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, PerspectiveCamera, Scene, Vector2, Vector3,
+  AmbientLight, BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, Group, LatheGeometry, LineBasicMaterial,
+  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, PerspectiveCamera, Scene, Texture, TextureLoader, Vector2, Vector3,
   WebGLRenderer, Box3,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -23,6 +23,7 @@ export class SceneView {
   private eye = new PerspectiveCamera(35, 1, 1, 1e6);
   private controls: OrbitControls | null = null;
   private parts = new Map<string, Group>();
+  private patterns = new Map<string, Texture>();
   private hidden = new Set<string>(["Other frames"]);
   private lens = new Box3();
   private look: Look = "all";
@@ -93,12 +94,12 @@ export class SceneView {
       seen.add(body);
       this.part("Fields of view").add(frustum(one, at, reach(view), one.name.split("@")[0] === camera.name.split("@")[0]));
     });
-    for (const target of page.targets) {
-      const pose = worldFromTarget(view, target.name);
-      if (pose) this.scene.add(board(target, pose, 1));
+    for (const target of page.targets.filter((one) => one.picture)) {
+      const pose = worldFromTarget(view, target.name), pattern = this.pattern(target);
+      if (pose) this.scene.add(board(target, pattern, pose, 1));
       for (const other of camera.views) {
         const there = other !== view && worldFromTarget(other, target.name);
-        if (there) others.add(board(target, there, 0.16));
+        if (there) others.add(board(target, pattern, there, 0.16));
       }
     }
     for (const one of page.cameras) {
@@ -129,6 +130,13 @@ export class SceneView {
       this.part("Rays").add(rays);
       this.lens = new Box3().setFromObject(group);
     }
+  }
+
+  /** The picture of a target, which is drawn once it has been decoded. */
+  private pattern(target: TargetPart): Texture {
+    const pattern = this.patterns.get(target.name) ?? new TextureLoader().load(target.picture, () => this.draw());
+    this.patterns.set(target.name, pattern);
+    return pattern;
   }
 
   private part(name: string): Group {
@@ -205,20 +213,12 @@ function reach(view: View): number {
   return Math.max(1, ...Object.values(view.camera_from_target).map((pose) => pose[2][3])) * 1.08;
 }
 
-function board(target: TargetPart, pose: Matrix4, opacity: number): Mesh {
-  const place: number[] = [], tints: number[] = [];
-  const brightest = Math.max(1e-9, ...target.greys);
-  target.faces.forEach((face, i) => {
-    const tint = new Color().setScalar(0.04 + 0.92 * (target.greys[i] / brightest));
-    for (const corner of [0, 1, 2, 0, 2, 3]) {
-      place.push(...target.corners_mm[face[corner]]);
-      tints.push(tint.r, tint.g, tint.b);
-    }
-  });
+function board(target: TargetPart, pattern: Texture, pose: Matrix4, opacity: number): Mesh {
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(new Float32Array(place), 3));
-  geometry.setAttribute("color", new BufferAttribute(new Float32Array(tints), 3));
-  const material = new MeshBasicMaterial({ vertexColors: true, side: DoubleSide, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(target.corners_mm.flat()), 3));
+  geometry.setAttribute("uv", new BufferAttribute(new Float32Array(target.places.flat()), 2));
+  geometry.setIndex(target.faces.flatMap(([a, b, c, d]) => [a, b, c, a, c, d]));
+  const material = new MeshBasicMaterial({ color: "#efefef", map: pattern, side: DoubleSide, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
   const mesh = new Mesh(geometry, material);
   mesh.applyMatrix4(pose);
   if (opacity === 1) mesh.userData.board = true;

@@ -140,10 +140,7 @@ def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> s
 
 def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:
     known = {entry.name: entry.target for entry in loaded.targets} if loaded else {}
-    return tuple(
-        target_part(name, target.kind, len(target.points_mm), known.get(name))
-        for name, target in source.output.targets.items()
-    )
+    return tuple(target_part(source, name, target, known.get(name)) for name, target in source.output.targets.items())
 
 
 def _asset(name: str) -> bytes:

@@ -4,6 +4,7 @@ Data are scripts: a page from disk may load scripts, and nothing else. Images ar
 ones, under names made of their digests: what a report already holds is not made again.
 """
 
+import base64
 import dataclasses
 import json
 import shutil
@@ -30,7 +31,7 @@ from pipeline.report.page.records import (
 )
 from pipeline.report.page.shapes import matrix
 from pipeline.results.output import Output
-from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltView
+from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltTarget, BuiltView
 from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
@@ -39,8 +40,6 @@ _FARTHEST_PX = 1e12
 """Principal distance in the 3-D view of a lens that no pinhole fits [px]: its field is no pyramid, and shrinks to the
 axis."""
 
-_MOST_FACES = 20_000
-"""Faces of a target in the 3-D view; one with more is left out there."""
 _FUNCTION = "plenopticReport"
 """Name of the function that a script calls with its name and its data."""
 _WHOLE_PX = 2048
@@ -164,17 +163,21 @@ def _pictures(source: ReportedBuild, place: str, kinds: tuple[str, ...], before:
     return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in files)
 
 
-def target_part(name: str, kind: str, count: int, target: AnyTarget | None) -> TargetPart:
-    """A target with its faces; none of a mesh, and none where the stage could not be read."""
-    part = TargetPart(name=name, kind=kind, points=count, corners_mm=(), faces=(), greys=())
-    faces = preview_faces(target) if isinstance(target, Target) else None
-    if faces is None or len(faces.faces) > _MOST_FACES:
+def target_part(source: ReportedBuild, name: str, target: BuiltTarget, known: AnyTarget | None) -> TargetPart:
+    """A target with its faces and its picture; without those of a mesh, and where the stage could not be read."""
+    part = TargetPart(
+        name=name, kind=target.kind, points=len(target.points_mm), corners_mm=(), faces=(), places=(), picture=""
+    )
+    picture = source.folder.file(f"pictures/{name}.png")
+    if not isinstance(known, Target) or picture is None:
         return part
+    faces = preview_faces(known)
     return dataclasses.replace(
         part,
-        corners_mm=tuple(tuple(point) for point in np.round(faces.points_mm, 4).tolist()),
-        faces=tuple(tuple(face) for face in faces.faces.tolist()),
-        greys=tuple(grey or 0.0 for grey in drawn(faces.radiance)),
+        corners_mm=tuple(map(tuple, np.round(faces.points_mm, 4).tolist())),
+        faces=tuple(map(tuple, faces.faces.tolist())),
+        places=tuple(map(tuple, faces.sheet.tolist())),
+        picture=f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode()}",
     )
 
 

@@ -184,14 +184,15 @@ class CameraPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetPart:
-    """A target: faces as quadrilaterals in the target frame, with a grey value each."""
+    """A target: faces as quadrilaterals in the target frame, and the places of their corners on its picture."""
 
     name: str
     kind: str
     points: int
     corners_mm: tuple[tuple[float, ...], ...]
     faces: tuple[tuple[int, ...], ...]
-    greys: tuple[float, ...]
+    places: tuple[tuple[float, ...], ...]  # from (0, 0), lower left, to (1, 1)
+    picture: str  # a PNG as a URL of its data: a page from disk may show no file in space
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

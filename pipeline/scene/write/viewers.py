@@ -21,7 +21,7 @@ from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.camera import read_camera_entries
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.pictures import named_by
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
@@ -67,9 +67,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     return layer
 
 
-def text_for_viewers(
-    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], dataset: Dataset | None = None
-) -> str:
+def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: Dataset | None = None) -> str:
     """Text of a flattened stage with what viewers need; completing it again changes nothing. A build makes parts of the
     cameras of a dataset and pictures of its targets, beside the layer; meshes that it reads are not overwritten.
     """
@@ -79,27 +77,23 @@ def text_for_viewers(
     if wanted := {**types, **(layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {})}:
         layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
-    built, kept = set[str](), set[str]()
-    if dataset:
-        built = {camera.prim_path for camera in dataset.cameras} | {target.prim_path for target in dataset.targets}
-        kept = {occluder.prim_path for occluder in dataset.occluders}
+    kept = {occluder.prim_path for occluder in dataset.occluders} if dataset else set[str]()
     for camera in cameras:
         prim = layer.GetPrimAtPath(camera.prim_path)
         states = [entry for entry in dataset.cameras if entry.prim_path == camera.prim_path] if dataset else []
         _write_camera(prim, camera, unit_mm)
         if dataset and len(states) > 1:
             _write_states(prim, [(state, dataset.frames_of(state)) for state in states], unit_mm)
-        if camera.prim_path in built:  # a prim whose payload are the parts of the camera
+        if states:  # a prim whose payload are the parts of the camera
             _leave_out_parts(prim)
             parts = Sdf.PrimSpec(prim, PARTS, Sdf.SpecifierDef, "Scope")
             parts.payloadList.Prepend(Sdf.Payload(f"./{states[0].parts_file}"))
             purpose = Sdf.AttributeSpec(parts, "purpose", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform)
             purpose.default = UsdGeom.Tokens.guide
-    for target in targets:
+    for target in dataset.targets if dataset else ():
         if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
-            picture = f"./{target.picture_file}" if target.prim_path in built else None
             prim = layer.GetPrimAtPath(target.prim_path)
-            _write_board(prim, preview_faces(target.target), unit_mm, picture)
+            _write_board(prim, preview_faces(target.target), unit_mm, f"./{target.picture_file}")
     return layer.ExportToString().rstrip("\n") + "\n"
 
 
@@ -163,7 +157,7 @@ def _leave_out_parts(camera: Sdf.PrimSpec) -> None:
         del camera.nameChildren[PARTS]
 
 
-def _write_board(prim: Sdf.PrimSpec, faces: PreviewFaces, unit_mm: float, picture: str | None) -> None:
+def _write_board(prim: Sdf.PrimSpec, faces: PreviewFaces, unit_mm: float, picture: str) -> None:
     """Write the preview below a target in place of an older mesh; the picture is a PNG of its linear reflectance."""
     if not np.abs(faces.points_mm / unit_mm).max() < _LARGEST:
         return
@@ -173,8 +167,7 @@ def _write_board(prim: Sdf.PrimSpec, faces: PreviewFaces, unit_mm: float, pictur
         del prim.nameChildren[PREVIEW]
     alone = Usd.Stage.CreateInMemory()
     mesh = _mesh(alone, faces, unit_mm)
-    if picture is not None:
-        _paint(alone, mesh, faces, picture)
+    _paint(alone, mesh, faces, picture)
     Sdf.CreatePrimInLayer(prim.layer, prim.path.AppendChild(PREVIEW))
     Sdf.CopySpec(alone.GetRootLayer(), mesh.GetPath(), prim.layer, prim.path.AppendChild(PREVIEW))
 
@@ -186,8 +179,6 @@ def _mesh(stage: Usd.Stage, faces: PreviewFaces, unit_mm: float) -> UsdGeom.Mesh
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray(faces.faces.ravel().tolist()))
     mesh.CreatePointsAttr(_vectors(points))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    grey = np.repeat(np.clip(faces.radiance, 0, 1)[:, None], 3, axis=1)
-    mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform).Set(_vectors(grey))
     return mesh
 
 
