@@ -1,7 +1,7 @@
 """Claim: derivatives of rows are those of the law that rows obey.
 
-Judged by a twin that traces in complex numbers and has no edge search, by rows solved again, by what the world and a
-unit of length cannot change, and in a stage from the attribute to the file.
+Judged by rows solved again, by what the world and a unit of length cannot change, and in a stage from the attribute to
+the file; `published/test_drjit.py` has a trace of its own.
 """
 
 import dataclasses
@@ -25,7 +25,6 @@ from pipeline.camera.rig import Rig
 from pipeline.files.tables import read_table
 from pipeline.frames import rigid
 from pipeline.motion import Shutter
-from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.load import load
 from pipeline.truth.derivatives import Derivatives, Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
@@ -136,80 +135,6 @@ def test_a_ring_has_derivatives_and_its_inner_edge_counts():
 
     assert np.abs(expected).max() > 1e-2
     np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=1e-4 * np.abs(expected).max(), rtol=0)
-
-
-# A twin in complex numbers: a singlet with its stop behind it, so that straight lines from the sensor say what passes.
-
-SINGLET = Prescription(
-    surfaces=(
-        Surface(radius_mm=60.0, thickness_mm=6.0, index=1.6, semi_diameter_mm=15.0),
-        Surface(radius_mm=-80.0, thickness_mm=5.0, semi_diameter_mm=15.0),
-        Surface(semi_diameter_mm=4.0, is_stop=True),
-    )
-)
-DISTANCE_MM = 55.0
-
-
-def twin_j(theta: dict[str, complex], x_mm: np.ndarray, plane: np.ndarray) -> np.ndarray:
-    """J of a sensor position on a plane (4, 3): mean over the disc of the stop, by Gauss and by even angles."""
-    node, weight = np.polynomial.legendre.leggauss(12)
-    angle = 2 * math.pi * np.arange(40) / 40
-    radius = theta["semi"] * (node + 1) / 2
-    u = (radius[:, None] * np.cos(angle)).ravel()
-    v = (radius[:, None] * np.sin(angle)).ravel()
-    measure = np.repeat(weight * radius, len(angle))
-    way = np.stack([u - x_mm[0], v - x_mm[1], np.full(len(u), theta["distance"], complex)], axis=1)
-    measure = measure * theta["distance"] ** 2 / (way * way).sum(axis=1) ** 2
-    way = way / np.sqrt((way * way).sum(axis=1))[:, None]
-    at = np.stack([u, v, np.zeros(len(u), complex)], axis=1)
-    # From the stop forwards: the rear surface, then the front one; z of the vision frame
-    for z, c, mu in (
-        (theta["gap"], -1 / theta["rear"], 1 / theta["index"]),
-        (theta["gap"] + theta["thick"], -1 / theta["front"], theta["index"]),
-    ):
-        p = at - np.array([0, 0, 1]) * z
-        a, b = c + 0j, c * (p * way).sum(axis=1) - way[:, 2]
-        k = c * (p * p).sum(axis=1) - 2 * p[:, 2]
-        p = p + (k / (-b + np.sqrt(b * b - a * k)))[:, None] * way
-        normal = np.array([0, 0, 1]) - c * p
-        cos = (way * normal).sum(axis=1)
-        way = mu * way + (np.sqrt(1 - mu * mu * (1 - cos * cos)) - mu * cos)[:, None] * normal
-        at = p + np.array([0, 0, 1]) * z
-    t = ((plane[0] - at) @ plane[3]) / (way @ plane[3])
-    hit = at + t[:, None] * way - plane[0]
-    return np.array([(measure * (hit @ plane[axis])).sum() / measure.sum() for axis in (1, 2)])
-
-
-TWIN = {
-    "front": (of_surface(0, radius_mm=None), 5e-3),
-    "rear": (of_surface(1, radius_mm=None), 5e-3),
-    "thick": (of_surface(0, thickness_mm=None), 1e-4),
-    "gap": (of_surface(1, thickness_mm=None), 1e-4),
-    "index": (of_surface(0, index=None), 1e-6),
-    "semi": (of_surface(2, semi_diameter_mm=None), 1e-3),
-    "distance": (farther, 1e-3),
-}
-
-
-@pytest.mark.parametrize("name", ["front", "semi", *(pytest.param(n, marks=pytest.mark.heavy) for n in TWIN)])
-def test_derivatives_are_those_of_a_twin_by_complex_steps_that_knows_its_region_in_closed_form(name):
-    theta = {"front": 60.0, "rear": -80.0, "thick": 6.0, "gap": 5.0, "index": 1.6, "semi": 4.0, "distance": DISTANCE_MM}
-    camera = rigs.bare(SINGLET, Sensor(width_px=400, height_px=300, pitch_mm=0.05), DISTANCE_MM, (400.0, 600.0))
-    change, step = TWIN[name]
-    rig, x_px, rate = rates(camera, change, step)
-    planes, expected = planes_at(), []
-    for row, position in enumerate(rig.tracer.positions_mm(*x_px.T)):
-        tiny = 1e-30
-        moved = {key: value + 1j * tiny * (key == name) for key, value in theta.items()}
-        by_theta = twin_j(moved, position, planes[row]).imag / tiny
-        by_x = np.stack(
-            [twin_j(theta, position + 1j * tiny * axis, planes[row]).imag / tiny for axis in np.eye(2)], axis=1
-        )
-        # Image coordinates run against those of the sensor in the vision frame.
-        expected.append(np.linalg.solve(by_x * -camera.sensor.pitch_mm, -by_theta))
-
-    assert len(x_px) == len(POINTS_MM)
-    np.testing.assert_allclose(rate.x_px[:, 0], expected, atol=SAME * np.abs(expected).max(), rtol=0)
 
 
 def test_rows_that_move_with_their_lines_have_the_derivatives_of_rows_that_are_solved_again():

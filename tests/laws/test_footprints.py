@@ -89,25 +89,6 @@ def test_few_pixels_of_one_colour_are_not_called_so(kind: str, request: pytest.F
     assert np.isnan(colour[0]).mean() < 2 * mixed[0].mean()
 
 
-@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
-def test_the_error_is_that_of_all_samples(kind: str, request: pytest.FixtureRequest) -> None:
-    """Against 2,048 samples, 16 samples where an edge may be leave what 16 everywhere leave, within a tenth."""
-    camera: Camera = request.getfixturevalue(kind)
-    rig = Rig.of(Tracer(camera))
-    board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
-    light = TargetLight([(board, random_pose(np.random.default_rng(1), rig))], 0.25)
-    exact = irradiance(Rig(Tracer(camera, 99), rig.images), 2048, light.radiance, ROWS)
-    errors = []
-    for seed in range(4):
-        rig = Rig(Tracer(camera, seed), rig.images)
-        white, foreign = irradiance_and_crosstalk(rig, 16, None, ROWS)
-        found = pictures(rig, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
-        errors.append([found - exact, irradiance(rig, 16, light.radiance, ROWS) - exact])
-    now, all_samples = np.sqrt(np.mean(np.square(errors), axis=(0, 2, 3)))
-    assert 0.001 < all_samples < 0.1
-    assert now < 1.1 * all_samples
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_sampled_pixels_are_those_of_the_whole_scene(seed: int) -> None:
     """Where all light comes through one microlens, or none: the same rays, the same sums."""
