@@ -163,18 +163,6 @@ def test_the_microlens_on_the_axis_has_its_micro_image_on_the_axis(k: int, l: in
     assert centre == pytest.approx([middle[0] + x_mm / pixel, middle[1] + y_mm / pixel], abs=1e-9)
 
 
-@pytest.mark.parametrize("steps", [(3, 0), (0, 3), (2, -5)])
-def test_a_shift_moves_what_a_pixel_sees_by_the_shifted_field(steps: tuple[int, int]) -> None:
-    """A pixel of a conventional camera sees what the pixel at the same place across the axis saw before the shift."""
-    camera = rigs.conventional()
-    pitch = camera.sensor.pitch_mm
-    moved = shifted(camera, steps[0] * pitch, steps[1] * pitch)
-    here, before = np.array([13.0, 17.0]), np.array([13.0 - steps[0], 17.0 - steps[1]])
-    np.testing.assert_allclose(
-        Tracer(moved).positions_mm(*here[:, None]), Tracer(camera).positions_mm(*before[:, None]), rtol=0, atol=1e-12
-    )
-
-
 def test_the_principal_distance_scales_an_image_that_is_far_away() -> None:
     """The chief ray of a point at the height x on the sensor leaves the lens under x / c: real rays from the centre of
     the stop, close to the axis, both ways."""

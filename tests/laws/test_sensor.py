@@ -57,29 +57,6 @@ def test_variance_grows_with_the_mean(photons):
     assert abs(variance / expected - 1) < SIGMAS * np.sqrt(2 / pixels)
 
 
-def test_the_photon_transfer_curve_gives_back_gain_efficiency_and_dark_noise():
-    """Slopes through the origin of variance over mean and of mean over photons, and the variance in the dark."""
-    response = having(IDEAL, quantum_efficiency=(0.6,), gain_dn_per_e=0.35, bit_depth=12, shot_noise=True)
-    response = having(response, dark_noise_e=6.5, black_level_dn=64.0, full_well_e=11000.0)
-    photons = np.arange(1, 13) * 1000.0  # to 65 % of the full well
-    dark_mean, dark_variance, pixels = pair(response, 0.0)
-    means, variances, _ = np.transpose([pair(response, one) for one in photons])
-    x, y = means - dark_mean, variances - dark_variance
-
-    gain, responsivity = np.sum(x * y) / np.sum(x**2), np.sum(photons * x) / np.sum(photons**2)
-
-    dark = 0.35**2 * 6.5**2 + QUANTISATION
-    light = dark + 0.35**2 * 0.6 * photons
-    of_gain = np.sqrt(np.sum(x**2 * 2 * light**2 + 2 * dark**2 * np.sum(x) * x) / pixels) / np.sum(x**2)
-    of_slope = np.sqrt(np.sum(photons**2 * light + dark * np.sum(photons) * photons) / (2 * pixels)) / np.sum(
-        photons**2
-    )
-    assert abs(gain - 0.35) < SIGMAS * of_gain
-    assert abs(responsivity - 0.35 * 0.6) < SIGMAS * of_slope
-    assert abs(responsivity / gain - 0.6) < SIGMAS * 0.6 * np.hypot(of_gain / 0.35, of_slope / 0.21)
-    assert abs(dark_variance / dark - 1) < SIGMAS * np.sqrt(2 / pixels)
-
-
 def test_twice_the_time_is_twice_the_electrons():
     response = having(IDEAL, quantum_efficiency=(0.5,), shot_noise=True)
     once, twice = (Irradiation(exposure_time_s=time_s, photon_rate=4.0e5) for time_s in (0.01, 0.02))
