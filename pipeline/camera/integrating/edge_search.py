@@ -2,7 +2,7 @@
 
 Unlike the searches of `camera.boundary`, this one asks of a ray not only whether it passes but by what clearance, and
 interpolates: to 3e-8 of a way behind a double Gauss it takes 7 rays where halving takes 25. Method `direct` spends most
-of its time here. So the loop is a kernel, too, in which new ways take the places of those that are found.
+of its time here. So the loop is a kernel, too, in which new ways follow as soon as some are found.
 
 Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`.
 """
@@ -50,28 +50,32 @@ def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     The clearance is positive inside of all apertures and negative beyond that which blocks, in shares of them; its sign
     is wrong where something else blocks.
     """
-    microlenses, table, label = camera.microlenses, camera.table, labels.label
-    alive, rows = packet.alive, table.shape[0]
+    microlenses, elements, label, clearance = camera.microlenses, camera.elements, labels.label, labels.clearance
+    alive, rows = packet.alive, camera.table.shape[0]
+    is_behind, is_plain = microlens[owner[0]] >= 0, elements.model == PLAIN
+    for i in range(size):
+        label[i], clearance[i] = PASSES, 1.0
+    if is_behind and not is_plain:
+        _label_faces(camera, microlens, owner, start, size, packet, labels)
+        for i in range(size):
+            packet.x[i], packet.y[i] = points[i, 0], points[i, 1]
     aim_mixed(camera, microlens, owner, start, size, packet)
     for i in range(size):
-        label[i] = PASSES if alive[i] > 0.0 else rows
-        labels.clearance[i] = 1.0
-    label_surfaces(table, 0, PASSES, packet, size, labels)
-    if microlens[owner[0]] < 0:
-        return
-    if camera.elements.model != PLAIN:
-        _label_faces(camera, microlens, owner, points, start, size, packet, label)
-    elif not camera.elements.disc_mm > 0.0:
+        label[i] = rows if (label[i] == PASSES) & (not alive[i] > 0.0) else label[i]
+    if is_behind and is_plain:
         for i in range(size):
-            if label[i] == rows:
-                n = microlens[owner[i]]
-                side = _side_of(camera.aperture, points[i, 0] - microlenses[n, X], points[i, 1] - microlenses[n, Y])
-                label[i] += _STRAIGHT * (1 + side)
+            n = microlens[owner[i]]
+            ax, ay = points[i, 0] - microlenses[n, X], points[i, 1] - microlenses[n, Y]
+            if elements.disc_mm > 0.0:
+                clearance[i] = 1.0 - (ax * ax + ay * ay) / (elements.disc_mm * elements.disc_mm)
+            elif label[i] == rows:
+                label[i] += _STRAIGHT * (1 + _side_of(camera.aperture, ax, ay))
+    label_surfaces(camera.table, 0, packet, size, labels)
 
 
 @inline
-def _label_faces(camera, microlens, owner, points, start, size, packet, label):
-    """Say which face of its microlens blocks a ray that does not reach the main lens; weights are lost."""
+def _label_faces(camera, microlens, owner, start, size, packet, labels):
+    """Label what the faces of microlenses block; the packet is left there."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
     first = 0
     while first < size:
@@ -79,19 +83,17 @@ def _label_faces(camera, microlens, owner, points, start, size, packet, label):
         while end < size and microlens[owner[end]] == n:
             end += 1
         here = slice(first, end)
-        for i in range(first, end):
-            x[i], y[i] = points[i, 0], points[i, 1]
         part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
         towards_microlens(camera, n, SensorPoints(start.x[here], start.y[here]), end - first, part)
-        faces, rows = camera.elements.faces[int(camera.microlenses[n, KIND])], camera.table.shape[0]
-        labels = Labels(label[here], weight[here])  # a clearance nobody wants
-        label_surfaces(faces, rows + 1, rows, part, end - first, labels)
+        faces = camera.elements.faces[int(camera.microlenses[n, KIND])]
+        some = Labels(labels.label[here], labels.clearance[here])
+        label_surfaces(faces, camera.table.shape[0] + 1, part, end - first, some)
         first = end
 
 
 @unit
-def label_surfaces(table, base, unknown, packet, size, labels):
-    """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
+def label_surfaces(table, base, packet, size, labels):
+    """Trace a packet surface by surface and name, from `base` on, what blocks rays that nothing has blocked before."""
     x, y, alive, label, clearance = packet.x, packet.y, packet.alive, labels.label, labels.clearance
     for k in range(table.shape[0]):
         trace_packet(table[k : k + 1], packet, size)
@@ -101,13 +103,13 @@ def label_surfaces(table, base, unknown, packet, size, labels):
             squared = (x[i] * x[i] + y[i] * y[i]) * per_squared
             room = min(1.0 - squared, squared - inner) if inner > 0.0 else 1.0 - squared
             # Written so that a ray that has become NaN counts as blocked.
-            comes, falls = label[i] == unknown, not alive[i] > 0.0
+            comes, falls = label[i] == PASSES, not alive[i] > 0.0
             clearance[i] = room if comes & (room < clearance[i]) else clearance[i]
             label[i] = base + k if comes & falls & is_round else label[i]
         if not is_round:
             is_posed = table[k, POSE] > 0.0
             for i in range(size):
-                if label[i] == unknown:
+                if label[i] == PASSES:
                     px, py = x[i], y[i]
                     if is_posed:  # edges are stated where the surface was before it was displaced
                         there = entered(motion_of_row(table[k], POSE), ray_of(packet, i))
@@ -194,7 +196,7 @@ def _turn(angle, f, place, known, along):
 def find_edges(camera, positions, microlens, centres, spokes, steps, radius, label):
     """Search the edge of what passes along directions from inner points (n, 2); returns the number of rays.
 
-    Packets are filled with as many directions as fit; a new one takes the place of one that is found.
+    Packets are filled with as many directions as fit; new ones follow when some are found.
     `steps`: the radius errs by less than 2^-(steps + 1) of the way to the bound.
     `radius`, `label`: (m,), written: where light ends, and what ends it; the bound itself, and no label, where a ray
         passes there.
@@ -224,7 +226,8 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
             x[i], y[i] = points[i, 0], points[i, 1]
         label_packet(camera, microlens, at[:size], points, start, size, packet, labels)
         rays += size
-        for i in range(size - 1, -1, -1):
+        kept = 0
+        for i in range(size):
             passes = blocker[i] == PASSES
             is_done = passes and search[HERE, i] == 1.0
             if is_done:
@@ -234,12 +237,13 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
                 is_done = _narrowed(search[:, i], passes, clearance[i], narrow)
                 if is_done:
                     radius[way[i]], label[way[i]] = limit[way[i]] * search[HERE, i], blockers[i]
-            if is_done:
-                size -= 1
-                way[i], blockers[i] = way[size], blockers[size]
-                along[0, i], along[1, i] = along[0, size], along[1, size]
+            if not is_done:  # in their order: rays behind one microlens stay side by side
+                way[kept], blockers[kept] = way[i], blockers[i]
+                along[0, kept], along[1, kept] = along[0, i], along[1, i]
                 for k in range(search.shape[0]):
-                    search[k, i] = search[k, size]
+                    search[k, kept] = search[k, i]
+                kept += 1
+        size = kept
 
 
 @inline

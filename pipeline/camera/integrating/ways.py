@@ -103,7 +103,8 @@ class Ways:
         limit: Float64[np.ndarray, "n"],
     ) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
-        height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
+        number = np.arange(len(owner)) - np.searchsorted(owner, owner)  # among its own: no row depends on others
+        height = 0.125 + 0.25 * (number % 4)
         open_ = radius < limit * (1 - 1e-9)
         points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
         label = self.probe(owner[open_], points[open_])

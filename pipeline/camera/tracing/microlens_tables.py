@@ -46,7 +46,7 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
         plane = np.zeros(COEFFICIENTS)
         plane[INDEX_RATIO] = 1.0
         row = append_edges(plane, outline if radius is None else None)
-        row[SEMI_DIAMETER_SQUARED] = np.inf if radius is None else radius**2
+        row[SEMI_DIAMETER_SQUARED] = (1 + 1e-12) * np.sum(outline**2, axis=1).max() if radius is None else radius**2
         return np.tile(row, (len(array.focal_lengths_mm), 1, 1))
     try:
         flat = array.model == "two-plane"

@@ -42,9 +42,9 @@ _LONGEST_STEP_PX = 8.0
 _FINE_STEPS = 3
 """Most steps of one level: with `_TRUST` a thousandth of the first step is left after three."""
 _TRUST = 0.1
-"""Relative error of the derivative near a solution, at most a tenth and mostly far less, and so the part of a step
-that may be left after it. With random rays the derivative is noisy; then the part left by the last step tells its
-error.
+"""Relative error of the derivative near a solution, mostly far less, and so the part of a step that may be left after
+it: at least this, and as much as the last step left, which tells more where J bends. With random rays the derivative is
+noisy; then the latter alone counts.
 """
 
 
@@ -213,8 +213,9 @@ class Search:
 
     def _left(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Upper bound of the error that Newton's method leaves after a step, (n, 2) [px]."""
-        measured = (self.left_over[rows] * np.hypot(*step.T))[:, None]
-        return np.where(self.is_random[rows, None], measured, _TRUST * np.abs(step))
+        share = self.left_over[rows, None]
+        trusted = np.where(np.isfinite(share), share, _TRUST) * np.abs(step)
+        return np.where(self.is_random[rows, None], share * np.hypot(*step.T)[:, None], trusted)
 
     def _leave_the_dark(self) -> np.ndarray:
         """Compute J at the first guesses, moving those without light towards `home_px`; returns the rows with light."""
