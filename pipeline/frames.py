@@ -32,7 +32,24 @@ def apply(a_from_b: Float64[np.ndarray, "4 4"], points_mm: Float64[np.ndarray, "
     return points_mm @ a_from_b[:3, :3].T + a_from_b[:3, 3]
 
 
-def on_tilted(
+def distorted(
+    coefficients: Num[np.ndarray, "k"], u: Num[np.ndarray, "n"], v: Num[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the plane z = 1 as OpenCV's distortion with 0, 5, 8, 12 or 14 coefficients bends them; analytic.
+
+    opencv/opencv, modules/calib3d: projectPoints.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, *tau = np.concatenate(
+        [coefficients, np.zeros(14 - len(coefficients))]
+    )
+    r2 = u * u + v * v
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u) + r2 * (s1 + r2 * s2)
+    y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v + r2 * (s3 + r2 * s4)
+    return _on_tilted(np.array(tau), x, y) if any(tau) else (x, y)
+
+
+def _on_tilted(
     tau_rad: Num[np.ndarray, "2"], x: Num[np.ndarray, "n"], y: Num[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of the plane z = 1, seen from the origin on that plane turned about (0, 0, 1), in its own x and y.

@@ -34,7 +34,7 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     start = np.zeros(fit.PARAMETERS)
     start[list(fit.TILT)] = image.tilt_rad
     start[[F, *fit.CENTRE, *fit.POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
-    start[[*fit.RADIAL, *fit.TANGENTIAL]] = image.distortion[[0, 1, 4, 2, 3]]
+    start[list(fit.BROWN)] = image.distortion[:5]
     free = (F, *(number for number in fit.RADIAL if start[number]))
     if sum(sightings.x_px.size for sightings in seen) <= 6 * len(seen) + len(free):
         return None

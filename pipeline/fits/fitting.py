@@ -17,11 +17,10 @@ import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import IMAGINARY
 from pipeline.fits.field import FieldRays, FitError
-from pipeline.frames import on_tilted
+from pipeline.frames import distorted
 
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 """Parameters that all models begin with: the centre of projection, vision frame."""
-_PLANE = ("fx", "fy", "cx", "cy")
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "taux", "tauy")
 """Coefficients of OpenCV's distortion, in its order."""
 _RANGES = {"alpha": (0.0, 0.5, 1.0), "beta": (0.0, 1.0, math.inf), "xi": (-1.0, 0.0, 1.0)}
@@ -33,16 +32,21 @@ _INVERTED = 1e-15
 """Relative change of a step that ends them [1]: a few roundings."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Model:
     name: str
     consumer: str  # who has it, and under which name
-    parameters: tuple[str, ...]  # `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians
     # Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
     # positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.
     project: Callable[[np.ndarray, np.ndarray], np.ndarray]
     coefficients: tuple[str, ...]  # parameters that stay at 0, or where `_RANGES` says, if rays do not determine them
+    core: tuple[str, ...] = ("fx", "fy", "cx", "cy")  # those before them
     nearest: str | None = None  # a simpler model with the same parameters and fewer, from whose fit this one's starts
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """`CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians."""
+        return (*CENTRE, *self.core, *self.coefficients)
 
     def positions(self, p: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
         """Image positions of points of the vision frame, (n, 2); `p` holds all parameters."""
@@ -50,16 +54,9 @@ class Model:
 
 
 def _opencv(p: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """`projectPoints` with 0, 5, 8, 12 or 14 coefficients: opencv/opencv, modules/calib3d, projectPoints."""
+    """`projectPoints` of OpenCV."""
     fx, fy, cx, cy = p[:4]
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, taux, tauy = np.concatenate([p[4:], np.zeros(18 - len(p))])
-    u, v = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-    r2 = u * u + v * v
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u) + r2 * (s1 + r2 * s2)
-    y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v + r2 * (s3 + r2 * s4)
-    if len(p) > 16:
-        x, y = on_tilted(np.array([taux, tauy]), x, y)
+    x, y = distorted(p[4:], points[:, 0] / points[:, 2], points[:, 1] / points[:, 2])
     return np.stack([fx * x + cx, fy * y + cy], axis=1)
 
 
@@ -129,60 +126,25 @@ def _over(depth: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
 
 
-def _of_opencv(name: str, count: int, consumer: str, nearest: str | None) -> Model:
-    coefficients = _COEFFICIENTS[:count]
-    parameters = (*CENTRE, *_PLANE, *coefficients)
-    return Model(
-        name=name,
-        consumer=consumer,
-        parameters=parameters,
-        project=_opencv,
-        coefficients=coefficients,
-        nearest=nearest,
-    )
-
-
 _ALL = (
-    _of_opencv("pinhole", 0, "a pinhole without distortion", None),
-    _of_opencv("brown", 5, "OpenCV, 5 coefficients: Brown", "pinhole"),
-    _of_opencv("rational", 8, "OpenCV, 8 coefficients: CALIB_RATIONAL_MODEL", "brown"),
-    _of_opencv("thin-prism", 12, "OpenCV, 12 coefficients: CALIB_THIN_PRISM_MODEL", "rational"),
-    _of_opencv("tilted", 14, "OpenCV, 14 coefficients: CALIB_TILTED_MODEL", "thin-prism"),
+    Model("pinhole", "a pinhole without distortion", _opencv, ()),
+    Model("brown", "OpenCV, 5 coefficients: Brown", _opencv, _COEFFICIENTS[:5], nearest="pinhole"),
+    Model("rational", "OpenCV, 8 coefficients: CALIB_RATIONAL_MODEL", _opencv, _COEFFICIENTS[:8], nearest="brown"),
     Model(
-        name="fisheye",
-        consumer="cv2.fisheye",
-        parameters=(*CENTRE, *_PLANE, "k1", "k2", "k3", "k4"),
-        project=_fisheye,
-        coefficients=("k1", "k2", "k3", "k4"),
+        "thin-prism", "OpenCV, 12 coefficients: CALIB_THIN_PRISM_MODEL", _opencv, _COEFFICIENTS[:12], nearest="rational"
     ),
+    Model("tilted", "OpenCV, 14 coefficients: CALIB_TILTED_MODEL", _opencv, _COEFFICIENTS, nearest="thin-prism"),
+    Model("fisheye", "cv2.fisheye", _fisheye, ("k1", "k2", "k3", "k4")),
     Model(
-        name="kannala-brandt",
-        consumer="Kannala and Brandt 2006, four radial terms; kannalaBrandtK3 of Omniverse",
-        parameters=(*CENTRE, "cx", "cy", "k0", "k1", "k2", "k3"),
-        project=_kannala_brandt,
-        coefficients=("k1", "k2", "k3"),
+        "kannala-brandt",
+        "Kannala and Brandt 2006, four radial terms; kannalaBrandtK3 of Omniverse",
+        _kannala_brandt,
+        ("k1", "k2", "k3"),
+        core=("cx", "cy", "k0"),
     ),
-    Model(
-        name="ftheta",
-        consumer="ftheta of Omniverse",
-        parameters=(*CENTRE, "cx", "cy", "k1", "k2", "k3", "k4"),
-        project=_ftheta,
-        coefficients=("k2", "k3", "k4"),
-    ),
-    Model(
-        name="eucm",
-        consumer="eucm of Kalibr and Basalt: Khomutenko 2016",
-        parameters=(*CENTRE, *_PLANE, "alpha", "beta"),
-        project=_eucm,
-        coefficients=("alpha", "beta"),
-    ),
-    Model(
-        name="double-sphere",
-        consumer="ds of Kalibr and Basalt: Usenko 2018",
-        parameters=(*CENTRE, *_PLANE, "xi", "alpha"),
-        project=_double_sphere,
-        coefficients=("xi", "alpha"),
-    ),
+    Model("ftheta", "ftheta of Omniverse", _ftheta, ("k2", "k3", "k4"), core=("cx", "cy", "k1")),
+    Model("eucm", "eucm of Kalibr and Basalt: Khomutenko 2016", _eucm, ("alpha", "beta")),
+    Model("double-sphere", "ds of Kalibr and Basalt: Usenko 2018", _double_sphere, ("xi", "alpha")),
 )
 MODELS = {model.name: model for model in _ALL}
 """Name -> model, in the order of `pipeline fit --list`."""

@@ -1,6 +1,7 @@
 """Knowledge of a calibration by a build: the views of a camera, a named model at them, and what it then predicts."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
         start = splined.nearest(field.points(field.between_mm[2]) - centre, field.x_px)
     elif model == THIN_LENS:
         parameters = PARAMETERS
-        start, project, centre = thin_plenoptic(ready).parameters, _thin(ready), np.zeros(3)
+        start, project, centre = thin_plenoptic(ready).parameters, partial(on_sensor_px, ready), np.zeros(3)
     else:
         fit = fitted(field, model)
         centre, start = np.split(fit.parameters, [len(CENTRE)])
@@ -111,13 +112,6 @@ def of_model(model: Model) -> Project:
 
     def project(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
         return model.project(p, points)
-
-    return project
-
-
-def _thin(camera: ReadyCamera) -> Project:
-    def project(p: np.ndarray, points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-        return on_sensor_px(camera, p, points, vertices)
 
     return project
 

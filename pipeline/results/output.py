@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
+from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -114,7 +115,7 @@ def open_output(out: str | Path) -> Output:
 def output_of(folder: BuiltFolder) -> Output:
     """The content of a folder; raises as `open_output`."""
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
-    bodies = folder.folders("cameras", "camera.json")
+    bodies = sorted(name.split("/")[1] for name in folder.files if fnmatch(name, "cameras/*/camera.json"))
     seen = {(parts[1], parts[2]) for name in folder.files if (parts := name.split("/"))[0] == "frames"}
     cameras = {name: _camera(folder, name, frames, seen) for body in bodies for name in _in_channels(folder, body)}
     names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))

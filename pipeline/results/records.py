@@ -16,7 +16,7 @@ from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.files.tables import Table, read_table
-from pipeline.frames import on_tilted
+from pipeline.frames import distorted
 from pipeline.motion import Shutter
 from pipeline.records.shapes import Float64
 from pipeline.results.rows import (
@@ -57,15 +57,6 @@ class BuiltFolder:
         """A JSON file of the build; raises as `table`."""
         content: Json = read_json(self.present(name))
         return content
-
-    def folders(self, below: str, holding: str) -> list[str]:
-        """Names of the folders below a folder in which a file of that name lies, sorted."""
-        paths = [name.split("/") for name in self.files]
-        start = below.split("/")
-        deep = len(start)
-        return sorted(
-            parts[deep] for parts in paths if len(parts) == deep + 2 and parts[:deep] == start and parts[-1] == holding
-        )
 
     def present(self, name: str) -> Path:
         """Path of a file that the build made; UsageError if it is gone."""
@@ -150,16 +141,7 @@ class BuiltPinhole:
 
     def projected(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints`."""
-        k1, k2, p1, p2, k3 = self.distortion[:5].tolist()
-        x, y = (points_mm[:, :2] / points_mm[:, 2:]).T
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent: tuple[np.ndarray, np.ndarray] = (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
-        if self.tilt_rad.any():
-            bent = on_tilted(self.tilt_rad, *bent)
+        bent = distorted(self.distortion, *(points_mm[:, :2] / points_mm[:, 2:]).T)
         return np.stack(bent, axis=1) * self.principal_distance_px + self.principal_point_px
 
 

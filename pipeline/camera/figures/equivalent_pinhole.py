@@ -25,7 +25,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.frames import on_tilted
+from pipeline.frames import distorted
 from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64, Num, Shaped
 
@@ -44,6 +44,8 @@ WORTH_IT = 0.9
 IMAGINARY = 1e-30
 """Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken, so
 derivatives have neither truncation errors nor cancelled digits."""
+BROWN = (*RADIAL[:2], *TANGENTIAL, RADIAL[2])
+"""Places of k1, k2, p1, p2, k3: OpenCV's order."""
 _NO_MORE = (0.0,) * 7
 """k4, k5, k6, s1, s2, s3, s4 of OpenCV, which no pinhole here has."""
 _COLUMNS, _ROWS = 17, 13
@@ -74,15 +76,9 @@ class Sightings:
 
     def residuals(self, p: Shaped[np.ndarray, "13"]) -> np.ndarray:
         """Differences of a pinhole's images of the points from their positions, (n, 2) [px]; analytic in `p`."""
-        (k1, k2, k3), (p1, p2) = p[list(RADIAL)], p[list(TANGENTIAL)]
+        coefficients = np.concatenate([p[list(BROWN)], _NO_MORE, p[list(TILT)]])
         ahead = self.places_mm - p[list(CENTRE)]
-        u, v = (ahead[:, :2] / ahead[:, 2:]).T
-        square = u * u + v * v
-        radial = 1 + square * (k1 + square * (k2 + square * k3))
-        x = u * radial + 2 * p1 * u * v + p2 * (square + 2 * u * u)
-        y = v * radial + p1 * (square + 2 * v * v) + 2 * p2 * u * v
-        if p[list(TILT)].any():
-            x, y = on_tilted(p[list(TILT)], x, y)
+        x, y = distorted(coefficients, *(ahead[:, :2] / ahead[:, 2:]).T)
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 
     def slopes(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
@@ -123,13 +119,12 @@ class Sightings:
 
     def projection(self, p: Float64[np.ndarray, "13"]) -> Projection:
         """The part of the parameters that makes the image."""
-        k1, k2, k3, p1, p2 = p[[*RADIAL, *TANGENTIAL]].tolist()
         x, y = p[list(POINT)].tolist()
-        tau = p[list(TILT)].tolist()
+        brown, tau = p[list(BROWN)].tolist(), p[list(TILT)].tolist()
         return Projection(
             principal_distance_px=float(p[F]),
             principal_point_px=(x, y),
-            distortion=(k1, k2, p1, p2, k3, *((*_NO_MORE, *tau) if any(tau) else ())),
+            distortion=(*brown, *((*_NO_MORE, *tau) if any(tau) else ())),
             rms_px=self.rms_px(p),
             max_px=float(np.hypot(*self.residuals(p).T).max()),
         )
@@ -172,7 +167,7 @@ def pinhole(camera: Camera) -> Pinhole | None:
     ideal = camera.prescription.ideal
     bent = _paraxial(camera) if ideal else rays.with_radial(rays.fitted(_paraxial(camera), free), free)
     bare = bent.copy()
-    bare[[*RADIAL, *TANGENTIAL, *TILT]] = 0.0
+    bare[[*BROWN, *TILT]] = 0.0
     plain_free = (F,) if camera.is_centred else (F, *POINT)
     plain = bare if ideal and (bare == bent).all() else rays.fitted(bare, plain_free)
     if not (np.isfinite(bent).all() and np.isfinite(plain).all() and bent[F] > 0):
@@ -194,8 +189,7 @@ def _paraxial(camera: Camera) -> np.ndarray:
     parameters[list(TILT)] = np.arctan(slopes / first_order(camera.prescription).pupil_magnification)
     parameters[[F, *POINT, CENTRE[2]]] = paraxial_pinhole(camera)
     if camera.prescription.ideal and camera.prescription.ideal.distortion:
-        k1, k2, p1, p2, k3 = camera.prescription.ideal.distortion
-        parameters[[*RADIAL, *TANGENTIAL]] = k1, k2, k3, p1, p2
+        parameters[list(BROWN)] = camera.prescription.ideal.distortion
     return parameters
 
 

@@ -1,11 +1,10 @@
 """Rays of all pixels: EXR for pictures, npz in double precision. A band of rows is in memory at a time."""
 
-import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
@@ -23,32 +22,19 @@ FORMAT = Format(
     microlenses=Microlenses.AXIAL,
 )
 
-_VECTORS = ("origin", "direction")
+_VECTORS = {"origin": slice(0, 3), "direction": slice(3, 6)}
 
 
 def write(material: Material, folder: Path) -> None:
     """Write both files of every camera."""
     for camera in material.cameras:
         with traced(camera, folder) as pixels:
-            _write_npz(folder / f"{camera.name}.rays.npz", material, camera, pixels)
+            pixels.rays[..., _VECTORS["origin"]] *= camera.rays.convention.scale
+            numbers = {} if pixels.microlenses is None else {"microlenses": pixels.microlenses}
+            vectors = {name: pixels.rays[..., axes] for name, axes in _VECTORS.items()}  # NumPy writes them in pieces
+            arrays = {"ends_px": camera.rays.ends, **numbers, **vectors}
+            write_npz(folder / f"{camera.name}.rays.npz", material.remarks, arrays)
             _write_exr(folder / f"{camera.name}.rays.exr", material, camera, pixels)
-
-
-def _write_npz(path: Path, material: Material, camera: ExportCamera, pixels: TracedPixels) -> None:
-    """Write arrays without pickles, the large ones row by row; `np.load` opens them."""
-    small: dict[str, Any] = {"remarks": np.array(material.remarks), "ends_px": camera.rays.ends}
-    if pixels.microlenses is not None:
-        small["microlenses"] = pixels.microlenses
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, array in small.items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as stream:
-                np.lib.format.write_array(stream, array, allow_pickle=False)
-        for name in _VECTORS:
-            header = {"descr": "<f8", "fortran_order": False, "shape": (*pixels.rays.shape[:2], 3)}
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as stream:
-                np.lib.format.write_array_header_1_0(stream, header)
-                for row in pixels.rays:
-                    stream.write(np.ascontiguousarray(_vector(camera, row, name), "<f8").tobytes())
 
 
 def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: TracedPixels) -> None:
@@ -57,16 +43,8 @@ def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: Tra
         names = (*names, "microlens.k", "microlens.l")
 
     def rows(first: int, end: int) -> np.ndarray:
-        band = slice(first, end)
-        columns = [_vector(camera, pixels.rays[band], name) for name in _VECTORS]
-        if pixels.microlenses is not None:
-            columns.append(pixels.microlenses[band])
-        return np.concatenate(columns, axis=-1)
+        parts = [part[first:end] for part in (pixels.rays, pixels.microlenses) if part is not None]
+        return np.concatenate(parts, axis=-1)
 
     shape, attributes = pixels.rays.shape[:2], about(material, camera)
     write_bands(path, [BandedPart(name="rays", shape=shape, channels=names, rows=rows, attributes=attributes)])
-
-
-def _vector(camera: ExportCamera, rays: np.ndarray, name: str) -> np.ndarray:
-    """Origins in the unit of the format, or directions, of rays (..., 6)."""
-    return rays[..., :3] * camera.rays.convention.scale if name == "origin" else rays[..., 3:]
