@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.authoring.new_rig import RigWish, new_rig
-from pipeline.app.stages import located, require_free, sound
+from pipeline.app.authoring.new_rig import RigWish, lens_of, new_rig
+from pipeline.app.stages import located, require_free
 from pipeline.camera.figures.plenoptic_design import PlenopticDesign, PlenopticWish, designed
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.parts.errors import CameraError
@@ -66,7 +66,4 @@ def _prescription(lens: Path | float, wish: PlenopticWish) -> Prescription:
             raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
         semi_mm = lens / (1.0 if wish.f_number is None else wish.f_number) / 2
         return Prescription(surfaces=(Surface(focal_length_mm=lens, semi_diameter_mm=semi_mm, is_stop=True),))
-    loaded = sound(located(lens))
-    if loaded.lens is None:
-        raise UsageError(f"{lens} is no lens", hint="a stage whose default prim is a PlenLens")
-    return loaded.lens.prescription
+    return lens_of(lens).prescription

@@ -7,6 +7,7 @@ from pipeline.app.stages import asset_path, located, require_free, sound, write_
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
+from pipeline.scene.dataset import LensEntry
 from pipeline.scene.load import Loaded
 from pipeline.scene.usd.problems import StageError
 
@@ -62,21 +63,26 @@ def new_rig(out: Path, wish: RigWish) -> Loaded:
         raise StageError(mended) from None
 
 
+def lens_of(path: Path) -> LensEntry:
+    """The lens of a file, or of the library; UsageError if it is none, StageError if it does not pass `check`."""
+    loaded = sound(located(path))
+    if loaded.lens is None:
+        raise UsageError(f"{path} is no lens", hint="a stage whose default prim is a PlenLens")
+    return loaded.lens
+
+
 def _lens(out: Path, wish: RigWish) -> str:
     if isinstance(wish.lens, float):
         if wish.f_number is None:
             raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
         return _THIN_LENS.format(focal_mm=wish.lens, semi_mm=wish.lens / wish.f_number / 2)
-    loaded = sound(located(wish.lens))
-    if loaded.lens is None:
-        raise UsageError(f"{wish.lens} is no lens", hint="a stage whose default prim is a PlenLens")
-    stop = ""
+    lens, stop = lens_of(wish.lens), ""
     if wish.f_number is not None:
-        prescription = loaded.lens.prescription
+        prescription = lens.prescription
         semi_mm = prescription.stop.semi_diameter_mm * first_order(prescription).f_number / wish.f_number
         if not semi_mm:
             raise UsageError("a telecentric lens has no F-number at infinity", hint="leave --f-number out")
-        stop = f'        # The stop of F/{wish.f_number:g}.\n        over "{loaded.lens.stop_name}"\n        {{\n'
+        stop = f'        # The stop of F/{wish.f_number:g}.\n        over "{lens.stop_name}"\n        {{\n'
         stop += f"            uniform double plen:semiDiameter = {semi_mm:.9g}\n        }}\n"
     return _part("Lens", asset_path(wish.lens, out), stop)
 

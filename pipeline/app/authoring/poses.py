@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -304,8 +305,9 @@ def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: 
         return None
     pose = np.eye(4)
     # A target that faces the camera has its y and z axes opposite to those of vision.
-    roll = _roll(math.radians(30) * (2 * turned - 1))
-    pose[:3, :3] = axes @ _turn(2 * math.pi * about, tilt) @ roll @ np.diag([1, -1, -1])
+    axis = np.array([math.cos(2 * math.pi * about), math.sin(2 * math.pi * about), 0.0])
+    turn = Rotation.from_rotvec(tilt * axis) * Rotation.from_euler("z", 30 * (2 * turned - 1), degrees=True)
+    pose[:3, :3] = axes @ turn.as_matrix() @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
     pose, seen = inverse(field.vision_from_first) @ pose, []
     for other in fields:
@@ -318,16 +320,3 @@ def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: 
             return None
     away_mm = fields[0].away_mm(pose[:3, 3])
     return BoardPose(vision_from_target=pose, away_mm=away_mm, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
-
-
-def _turn(about: float, angle: float) -> np.ndarray:
-    """Rotation by an angle about an axis of the image plane, itself at the angle `about` from x, (3, 3)."""
-    roll = _roll(about)
-    cos, sin = math.cos(angle), math.sin(angle)
-    return roll @ np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]]) @ roll.T
-
-
-def _roll(angle: float) -> np.ndarray:
-    """Rotation about z, (3, 3)."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])

@@ -27,6 +27,11 @@ def _option(metavar: str, text: str, **limits: Any) -> Any:
     return typer.Option(metavar=metavar, help=text, **limits)
 
 
+SensorOfRig = Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")]
+LensOfRig = Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")]
+FocalLength = Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)]
+
+
 @new.command("dataset", cls=Verb)
 def dataset(
     out: NewFile,
@@ -64,11 +69,9 @@ def dataset(
 @new.command("rig", cls=Verb)
 def rig(
     out: NewFile,
-    sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
-    lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
-    focal_length: Annotated[
-        float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)
-    ] = None,
+    sensor: SensorOfRig,
+    lens: LensOfRig = None,
+    focal_length: FocalLength = None,
     focus: Annotated[float | None, _option("MM", "Object distance from the stop in focus; inf.", min=0)] = None,
     sensor_distance: Annotated[float | None, _option("MM", "Instead of --focus: from stop to sensor.")] = None,
     f_number: Annotated[float | None, _option("N", "By default as the lens is.", min=1e-3, max=1e4)] = None,
@@ -97,11 +100,9 @@ def rig(
 @designs.command("plenoptic", cls=Verb)
 def plenoptic(
     out: NewFile,
-    sensor: Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
-    lens: Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")] = None,
-    focal_length: Annotated[
-        float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)
-    ] = None,
+    sensor: SensorOfRig,
+    lens: LensOfRig = None,
+    focal_length: FocalLength = None,
     near: Annotated[float | None, _option("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
     far: Annotated[float | None, _option("MM", "Its far end; inf.", min=0)] = None,
     magnification: Annotated[

@@ -83,9 +83,7 @@ def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
     for field in bundles:
         shown, weight = field.spot(distance), field.bundle.weight_sr
         for axis, name in enumerate("xy"):
-            waves = (
-                np.exp(2j * np.pi * np.outer(frequency, shown[:, axis])) if weight.any() else np.full((26, 1), np.nan)
-            )
+            waves = np.exp(2j * np.pi * np.outer(frequency, shown[:, axis]))
             contrast = np.abs(waves @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
             lines.append(Line(name=f"{field.place}, {name}", y=drawn(contrast), is_dashed=axis == 1))
     remark = "of the rays of one position in focus: without diffraction and without the pixel's own size"

@@ -71,8 +71,12 @@ class _Grid:
 
     def _view(self, pixels: list[np.ndarray], x_px: int, y_px: int) -> np.ndarray:
         """A view (rows, columns, channels)."""
-        there = self.centres + np.array([x_px, y_px])
-        view = np.stack([bilinear(channel, there) for channel in pixels], axis=-1)
+        from scipy.ndimage import map_coordinates
+
+        rows_and_columns = np.moveaxis((self.centres + np.array([x_px, y_px]))[..., ::-1], -1, 0)
+        # Linear between the centres of pixels, NaN outside of them
+        parts = [map_coordinates(channel, rows_and_columns, order=1, cval=np.nan) for channel in pixels]
+        view = np.stack(parts, axis=-1)
         return view if self.shifted is None else _unshifted(view, self.shifted)
 
 
@@ -83,16 +87,3 @@ def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
     before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
     straight[0::2] = (before + lines[0::2]) / 2
     return np.moveaxis(straight, 1, axis)
-
-
-def bilinear(pixels: np.ndarray, places_px: np.ndarray) -> np.ndarray:
-    """Values of an image (h, w) between pixels at places (..., 2), ours; NaN outside of the centres of its pixels."""
-    height, width = pixels.shape
-    x, y = np.moveaxis(places_px, -1, 0)
-    inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
-    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
-    left, above = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
-    across, down = x - left, y - above
-    upper = (1 - across) * pixels[above, left] + across * pixels[above, left + 1]
-    lower = (1 - across) * pixels[above + 1, left] + across * pixels[above + 1, left + 1]
-    return np.asarray(np.where(inside, (1 - down) * upper + down * lower, np.nan))
