@@ -1,5 +1,6 @@
-"""Builds for tests that read output folders."""
+"""Builds for tests that read output folders, and their tables by another reader than ours."""
 
+import csv
 import os
 from pathlib import Path
 from typing import Any
@@ -24,3 +25,9 @@ def made(stage: Path, out: Path, store: Path, **options: Any) -> Result:
 def tiny(kind: str, folder: Path, store: Path) -> Path:
     """Output folder of `tiny_conventional` or `tiny_plenoptic`, below a folder."""
     return made(DATA / f"tiny_{kind}/dataset.usda", folder / kind, store).out
+
+
+def cells(table: Path) -> list[dict[str, str]]:
+    """Rows of a table of a build, as Python's own reader has them."""
+    with table.open(encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))

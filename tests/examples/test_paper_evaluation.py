@@ -1,6 +1,5 @@
 """The evaluation of example 03: its rays, its statistics, a small run, and the table that is committed with it."""
 
-import csv
 import math
 import re
 import subprocess
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builds import cells
 from laws import rigs
 from tolerances import ROUNDING_MM, SIGMAS
 
@@ -199,7 +199,7 @@ def test_a_small_evaluation_runs(tmp_path):
     assert len(moved) == 2 and max(map(float, moved)) <= np.spacing(2173.0)  # the last digit of the largest position
     sentences = re.findall(r"^\| (?:error and variance|detected corners|320|64|the methods)", done.stdout, re.M)
     assert len(sentences) == 2 * 6  # of both cameras
-    every = table(tmp_path / "results.csv")
+    every = cells(tmp_path / "results.csv")
     assert {row["camera"] for row in every} == {"plenoptic", "conventional"}
     rows = [row for row in every if row["camera"] == "plenoptic"]
     assert {row["method"] for row in rows} == {"image", "two-plane", "moments", "direct"}
@@ -214,7 +214,7 @@ def test_a_small_evaluation_runs(tmp_path):
 
 def test_the_committed_table_says_what_the_page_says():
     """The printed mapping's trend within the scatter of the corners, the methods within 0.016 px of each other."""
-    rows = [row for row in table(EXAMPLE / "results.csv") if row["camera"] == "plenoptic"]
+    rows = [row for row in cells(EXAMPLE / "results.csv") if row["camera"] == "plenoptic"]
     by = {(r["method"], r["mapping"], r["sampling"], int(r["k"]), int(r["samples"])): r for r in rows}
     law = reading.printed_trend_px(KS)
     for k, expected in zip(KS, law, strict=True):
@@ -223,8 +223,3 @@ def test_the_committed_table_says_what_the_page_says():
     for (method, *key), row in by.items():
         if method == "image" and row["k10_px"]:
             assert abs(float(row["k10_px"]) - float(by[("two-plane", *key)]["k10_px"])) < 0.016
-
-
-def table(file: Path) -> list[dict[str, str]]:
-    with file.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))

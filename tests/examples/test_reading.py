@@ -1,12 +1,12 @@
 """docs/reading.md names every file that a build writes, and OpenCV finds in them what the documents promise."""
 
-import csv
 import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from builds import cells
 from scipy.optimize import least_squares
 
 from pipeline.files.exr import read_exr
@@ -47,11 +47,6 @@ def read(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
-
-
 def numbers(table: list[dict[str, str]], *names: str) -> np.ndarray:
     return np.array([[float(row[name]) for name in names] for row in table])
 
@@ -63,7 +58,7 @@ def matrix_of(model: dict) -> np.ndarray:
 
 def truth(built: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Target points (n, 3) [mm] and their exact positions (n, 2) [px]."""
-    table = rows(built / f"frames/0001/{name}/correspondences.csv")
+    table = cells(built / f"frames/0001/{name}/correspondences.csv")
     return numbers(table, "target_x_mm", "target_y_mm", "target_z_mm"), numbers(table, "x_px", "y_px")
 
 
@@ -98,7 +93,7 @@ def test_baselines_are_what_opencv_finds_from_the_exact_positions(built: Path) -
     """By the poses of both cameras that OpenCV solves for; the baseline between the stops is another by 1 mm."""
     (stated,) = [
         row
-        for row in rows(built / "baselines.csv")
+        for row in cells(built / "baselines.csv")
         if (row["frame"], row["camera"], row["second_camera"]) == ("1", "Left.Camera", "Right.Camera")
     ]
     found = []

@@ -1,6 +1,5 @@
 """A real browser opens the report from disk: it switches overlays, zooms, reads a row, and misses nothing."""
 
-import csv
 import json
 import os
 import shutil
@@ -10,7 +9,7 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
-from builds import tiny
+from builds import cells, tiny
 from PIL import Image
 
 from pipeline.app.reporting import report
@@ -58,11 +57,6 @@ def tab(program, page):
         yield tab
 
 
-def rows_of(out: Path) -> list[dict[str, str]]:
-    file = out / "frames/0001/Rig.Camera/correspondences.csv"
-    return list(csv.DictReader(line for line in file.read_text().splitlines() if not line.startswith("#")))
-
-
 INK = """(() => { const canvas = document.querySelector('.overlay');
   const pixels = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
   let drawn = 0; for (let i = 3; i < pixels.length; i += 4) drawn += pixels[i] > 0; return drawn })()"""
@@ -85,7 +79,7 @@ def test_overlays_switch_by_keys_and_buttons(tab):
 
 
 def test_a_row_under_the_pointer_is_the_row_of_the_table_and_zoom_shows_its_pixel(tab, page):
-    rows = rows_of(page[0])
+    rows = cells(page[0] / "frames/0001/Rig.Camera/correspondences.csv")
     tab.run("document.querySelector('.viewer-stage').focus()")
     before = tab.settle(SCALE)
     tab.press("n")

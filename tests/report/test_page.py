@@ -1,6 +1,5 @@
 """The data of the report: the very numbers of the files, laws of ideal lenses, and nothing made twice."""
 
-import csv
 import hashlib
 import json
 import math
@@ -9,10 +8,9 @@ import runpy
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from builds import tiny
+from builds import cells, tiny
 from places import ROOT
 
 from pipeline.app.reporting import report, report_of_build
@@ -22,7 +20,7 @@ from pipeline.report.page.diary import Diary
 from pipeline.report.page.optics import field_curvature, transfer
 from pipeline.report.page.parts import picture_of
 from pipeline.report.page.records import InformationPart
-from pipeline.results.records import BuiltFolder, BuiltPinhole
+from pipeline.results.records import BuiltFolder
 from pipeline.results.spots import field_bundles, spots
 from pipeline.scene.load import open_dataset
 
@@ -47,15 +45,13 @@ def data(place: Path, name: str):
 
 def test_rows_are_those_of_the_table_to_the_last_digit(built):
     out, place = built
-    file = out / "frames/0001/Rig.Camera/correspondences.csv"
-    lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
-    stated = list(csv.DictReader(lines))
+    stated = cells(out / "frames/0001/Rig.Camera/correspondences.csv")
     table = data(place, "rows.Rig.Camera.0001")
     assert table["rows"] == len(stated) > 20
     assert set(table["same"]) | set(table["columns"]) == set(stated[0])
     for name in stated[0]:
-        cells = table["columns"].get(name, [table["same"].get(name)] * len(stated))
-        texts = ["" if cell is None else cell if isinstance(cell, str) else repr(cell) for cell in cells]
+        column = table["columns"].get(name, [table["same"].get(name)] * len(stated))
+        texts = ["" if cell is None else cell if isinstance(cell, str) else repr(cell) for cell in column]
         assert texts == [row[name] for row in stated], name
 
 
@@ -151,21 +147,6 @@ def test_the_finest_tiles_are_the_image_and_coarser_ones_its_means(tmp_path):
     blocks = grey.reshape(550, 2, 1050, 2).mean(axis=(1, 3))
     assert level(2).shape == (550, 1050) and np.abs(level(2) - blocks).max() <= 0.5
     assert level(0).shape == (138, 263)
-
-
-def test_the_pinhole_of_the_residuals_is_opencvs():
-    distortion = np.array([-0.3, 0.2, 0.003, -0.002, 0.05])
-    pinhole = BuiltPinhole(
-        centre_mm=np.zeros(3),
-        principal_distance_px=900.0,
-        principal_point_px=np.array([310.0, 250.5]),
-        distortion=distortion,
-        rms_px=0.0,
-        max_px=0.0,
-    )
-    points = np.random.default_rng(1).uniform((-100, -100, 300), (100, 100, 500), (50, 3))
-    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), pinhole.matrix, distortion)
-    np.testing.assert_allclose(pinhole.projected(points), theirs[:, 0], atol=1e-9)
 
 
 def test_spots_of_an_ideal_lens_are_discs_as_wide_as_similar_triangles_say(ideal):

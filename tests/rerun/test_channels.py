@@ -1,6 +1,5 @@
 """A camera with channels as a whole: its folder, its tables, what channels share, and that other programs read it."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from builds import cells
 from colour.io.fichet2021 import PATTERN_FICHET2021, match_groups_to_nm
 from PIL import Image
 from rerun.channels import TRIANGLE, stage_at
@@ -23,11 +23,6 @@ BAYER = """token[] plen:response:filters = ["red", "green", "green", "blue"]
         int plen:response:bitDepth = 12"""
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-    return list(csv.DictReader(lines))
-
-
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("channels")
@@ -37,14 +32,14 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def test_equal_responses_give_equal_tables_and_are_computed_once(built: Result) -> None:
     folder = built.out / "frames/0001/Rig.Camera"
-    red, again = (rows_of(folder / name / "correspondences.csv") for name in ("red", "again"))
+    red, again = (cells(folder / name / "correspondences.csv") for name in ("red", "again"))
     assert [{**row, "channel": ""} for row in red] == [{**row, "channel": ""} for row in again]
     assert {row["channel"] for row in red} == {"red"}
     assert {row["channel"] for row in again} == {"again"}
 
 
 def test_channels_differ_by_lateral_colour(built: Result) -> None:
-    tables = [rows_of(built.out / f"frames/0002/Rig.Camera/{name}/correspondences.csv") for name in TRIANGLE]
+    tables = [cells(built.out / f"frames/0002/Rig.Camera/{name}/correspondences.csv") for name in TRIANGLE]
     x = np.array([[float(row["x_px"]) for row in rows] for rows in tables])
     assert x.shape == (3, 6)
     assert 0 < np.abs(x[0] - x[2]).max() < 1  # pixels of 0.1 mm

@@ -1,23 +1,17 @@
 """`pipeline.open_output` gives back what the files of a build say, by readers that are not ours."""
 
-import csv
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from builds import cells
 
 import pipeline
 from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import apply
-
-
-def cells(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
 def test_rows_are_those_of_the_tables_in_every_column(plenoptic_build):

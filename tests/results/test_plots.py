@@ -1,6 +1,5 @@
 """Pictures of records in notebooks: drawn where the numbers are, by matplotlib only where it is installed."""
 
-import csv
 import dataclasses
 import math
 import re
@@ -9,6 +8,7 @@ import sys
 import matplotlib
 import numpy as np
 import pytest
+from builds import cells
 
 import pipeline
 from pipeline.errors import UsageError
@@ -41,8 +41,8 @@ def crosses(axes) -> np.ndarray:
 
 def test_crosses_lie_at_the_positions_of_the_table_over_the_pixels_of_the_image(plenoptic_build):
     """(0, 0) is the centre of the first pixel: the image reaches half a pixel beyond it."""
-    lines = (plenoptic_build / "frames/0002/Rig.Camera/correspondences.csv").read_text().splitlines()
-    stated = [(float(row["x_px"]), float(row["y_px"])) for row in csv.DictReader(x for x in lines if x[0] != "#")]
+    rows = cells(plenoptic_build / "frames/0002/Rig.Camera/correspondences.csv")
+    stated = [(float(row["x_px"]), float(row["y_px"])) for row in rows]
     axes = pipeline.open_output(plenoptic_build).correspondences.plot(2)
     assert crosses(axes).tolist() == sorted(map(list, stated))
     (image,) = axes.images
