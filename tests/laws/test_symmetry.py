@@ -15,7 +15,7 @@ from tolerances import HONEST, MOVED_MM, REVERSED_MM, ROUNDING_MM
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.frames import apply, inverse, rigid
+from pipeline.frames import inverse, rigid
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.scene.dataset import Frame
@@ -97,13 +97,6 @@ def test_near_and_far_planes_are_a_matter_of_conditioning_only() -> None:
         found.append(on_target(row[:, :2], row[:, 2:4], near, far, pose))
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=ROUNDING_MM)
     np.testing.assert_allclose(found[2], found[0], rtol=0, atol=ROUNDING_MM)
-
-
-def test_apply_and_inverse_agree_with_the_textbook() -> None:
-    quarter = rigid(Rotation.from_rotvec([0.0, 0.0, np.pi / 2]).as_matrix(), np.array([10.0, 0.0, 0.0]))
-    points = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 3.0]])
-    np.testing.assert_allclose(apply(quarter, points), [[10.0, 1.0, 0.0], [8.0, 0.0, 3.0]], atol=1e-14)
-    np.testing.assert_allclose(apply(inverse(quarter), apply(quarter, points)), points, atol=1e-14)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
