@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from exports.pretended import Scene, write_build, write_manifest
+from exports.pretended import DISTORTION, Scene, write_build, write_manifest
 from places import ROOT
 from typer.testing import CliRunner
 
@@ -125,6 +125,18 @@ def test_cameras_that_move_against_each_other_are_no_rig(tmp_path):
         with pytest.raises(ExportError, match="Right moves against Left"):
             export(open_output(out), [name], tmp_path / "exports")
     assert list((tmp_path / "exports").iterdir()) == []
+
+
+def test_a_rig_of_which_one_sensor_is_tilted_has_as_many_coefficients_of_each_camera(tmp_path):
+    built = write_build(tmp_path / "built", Scene())
+    record = json.loads((built / "cameras/Upper/camera.json").read_text())
+    record["pinhole"]["with_distortion"]["distortion"] += [0.0] * 7 + [0.02, -0.03]
+    (built / "cameras/Upper/camera.json").write_text(json.dumps(record))
+    write_manifest(built)
+    (folder,) = export(open_output(built), ["opencv-multiview"], tmp_path)
+    left, _, upper = np.load(folder / "multiview.npz")["distortions"]
+    np.testing.assert_array_equal(left, [*DISTORTION, *[0.0] * 9])
+    np.testing.assert_array_equal(upper[12:], [0.02, -0.03])
 
 
 def test_the_list_has_a_line_per_format():
