@@ -17,6 +17,7 @@ from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.sizes import assumed_cost
 from pipeline.scene.load import open_dataset
+from pipeline.targets.surfaces import Cylinder
 from pipeline.truth.direct.direct_rows import guesses
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
@@ -89,6 +90,21 @@ def test_the_rays_of_a_first_plan_are_those_of_its_images():
     costs = [assumed_cost(graph, name) for name in graph]
     assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
     assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
+
+
+def test_rays_of_labels_and_of_bent_targets_are_reckoned_to_what_they_meet():
+    """Before, a build of a height map with labels took forty times as long as was said."""
+    dataset = open_dataset(Path(__file__).parents[2] / "examples/01_conventional/dataset.usda")
+    (camera,), (target,) = dataset.cameras, dataset.targets
+    labelled = replace(camera, labels=("depth",))
+    bent = replace(target, target=replace(target.target, surface=Cylinder(radius_mm=40.0)))
+    for changed, per_frame in (
+        (replace(dataset, cameras=(labelled,)), 6e-7 + 0.3e-7),
+        (replace(dataset, targets=(bent,)), 6e-7),
+    ):
+        graph = graph_of(changed)[0]
+        reckoned_s = sum(assumed_cost(graph, name).cpu_seconds for name in graph) - 0.05 * len(graph)
+        assert reckoned_s == pytest.approx(640 * 480 * 64 * (1e-7 + 6 * per_frame))
 
 
 @pytest.mark.parametrize(("tilt_deg", "pair_s"), [(0.0, 6e-4), (0.02, 1e-2)])
