@@ -153,10 +153,8 @@ def test_a_grid_is_found_only_where_ids_count_it_from_the_top():
     assert grid_of(grid * [1, -1, 1]) is None and grid_of(grid[::-1]) is None and grid_of(grid[:11]) is None
 
 
-def test_the_page_holds_the_table():
-    sys.path.insert(0, str(ROOT / "docs"))
-    try:
-        import export_table
-    finally:
-        sys.path.pop(0)
+def test_the_page_holds_the_table(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import export_table
+
     assert export_table.table() in (ROOT / "docs/exports.md").read_text(encoding="utf-8")

@@ -21,7 +21,6 @@ from pipeline.camera.focusing.focus_request import (
     group_shift,
     moved,
     reachable,
-    sensor_distance,
     solved,
     travel_mm,
 )
@@ -70,12 +69,6 @@ def test_without_a_type_the_middle_focal_length_is_meant_also_for_keplerian_arra
     camera = solved(plenoptic(500.0, microlenses=array))
     middle = focal.index(sorted(focal)[1])
     assert foci(camera)[middle].focus_distance_mm == pytest.approx(500.0, rel=0, abs=1e-9)
-
-
-def test_the_papers_rig_is_found_from_its_focus_distance() -> None:
-    """Its middle type is in focus at 429.52 mm with the sensor 125 mm behind the stop."""
-    at_125 = foci(rigs.plenoptic(3.0))[1].focus_distance_mm
-    assert sensor_distance(plenoptic(at_125)) == pytest.approx(125.0, rel=0, abs=1e-9)
 
 
 @pytest.mark.parametrize("focus_mm", [None, 350.0, 600.0])

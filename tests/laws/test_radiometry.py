@@ -87,18 +87,10 @@ def test_a_channel_has_the_photons_of_its_wavelengths_by_their_shares() -> None:
     assert alone[1] < 0.85 * alone[0]
 
 
-@pytest.mark.parametrize("index", [1.5168, 1.9])
-def test_light_across_a_bare_plate_loses_fresnels_share_twice(index: float) -> None:
-    """((n - 1) / (n + 1))^2 at each surface, at normal incidence."""
-    for ratio in (1 / index, index):
-        found = fresnel(ratio, np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1.0]]))
-        np.testing.assert_allclose(found, 1 - ((index - 1) / (index + 1)) ** 2, rtol=BISECTED)
-
-
-def test_at_brewsters_angle_nothing_is_reflected_in_the_plane_and_energy_is_kept() -> None:
+@pytest.mark.parametrize("index", [1.6, 1 / 1.6])
+def test_at_brewsters_angle_nothing_is_reflected_in_the_plane_and_energy_is_kept(index: float) -> None:
     """tan(i) = n; and Fresnel's other pair of equations, for the transmitted amplitude, adds up with it to 1."""
-    index = 1.6
-    for i in (math.atan(index), 0.3, 1.2):
+    for i in (math.atan(index), 0.0, 0.3, 0.67):
         r = math.asin(math.sin(i) / index)
         before, behind = (np.array([[math.sin(a), 0.0, math.cos(a)]]) for a in (i, r))
         s, p = fresnel(1 / index, before, behind)[:, 0]

@@ -181,19 +181,6 @@ def test_normals_of_a_mesh_without_faces_are_no_traceback(tmp_path):
     assert told.code == "not-drawn" and "no faces" in told.message
 
 
-def test_what_is_hidden_or_for_viewers_alone_is_in_no_image(tmp_path):
-    veil = (WALL % "").replace('"Wall"', '"Veil"').replace("-500)", "-400)")
-    shown = SUN + WALL % "color3f[] primvars:displayColor = [(0.6, 0.6, 0.6)]"
-    bare = wall_light(tmp_path, shown)
-    for hiding in (
-        'uniform token purpose = "guide"',
-        'uniform token purpose = "proxy"',
-        'token visibility = "invisible"',
-    ):
-        assert wall_light(tmp_path, shown + veil.replace("int[]", f"{hiding}\n int[]", 1)) == bare
-    assert wall_light(tmp_path, shown + veil) == pytest.approx(2 * 0.18 / math.pi, rel=1e-6)
-
-
 def test_a_lamp_is_off_in_frames_in_which_it_is_invisible(tmp_path):
     blinking = SUN.replace("}", 'token visibility.timeSamples = {1: "inherited", 2: "invisible",}\n}')
     assert wall_light(tmp_path, blinking + WALL % "") > 0
