@@ -96,34 +96,47 @@ class Motion:
 
     def at(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Poses at times, (n, 4, 4); before and after the motion those of its ends."""
-        edges, poses = np.array(self.edges_s), np.array(self.poses)
-        times = np.clip(times_s, edges[0], edges[-1])
-        piece = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(poses) - 1)
-        first, end = edges[piece], edges[piece + 1]
-        # Barycentric interpolation: Berrut and Trefethen, SIAM Review 46 (2004) 501.
-        away = (2 * times - first - end)[:, None] / (end - first)[:, None] - _nodes()
-        is_node = away == 0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = _barycentric() / away
-            share /= share.sum(axis=1, keepdims=True)
-        share = np.where(is_node.any(axis=1, keepdims=True), is_node.astype(float), share)
-        return np.einsum("nk,nkij->nij", share, poses[piece])
+        piece, share = node_shares(np.array(self.edges_s), _NODES, times_s)
+        return np.einsum("nk,nkij->nij", share, np.array(self.poses)[piece])
 
     @staticmethod
     def times_s(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:
         """Times of the poses of all pieces, (m - 1, nodes)."""
-        first, end = edges_s[:-1, None], edges_s[1:, None]
-        return (first + end) / 2 + (end - first) / 2 * _nodes()
+        return node_times(edges_s, _NODES)
+
+
+def node_times(edges_s: Float64[np.ndarray, "m"], count: int) -> np.ndarray:
+    """Times of so many of Chebyshev's nodes in each piece between edges, both ends among them, (m - 1, count)."""
+    first, end = edges_s[:-1, None], edges_s[1:, None]
+    return (first + end) / 2 + (end - first) / 2 * _nodes(count)
+
+
+def node_shares(
+    edges_s: Float64[np.ndarray, "m"], count: int, times_s: Float64[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Piece of each time, (n,), and shares of its nodes in what is interpolated there, (n, count); before and after all
+    pieces those of their ends.
+    """
+    times = np.clip(times_s, edges_s[0], edges_s[-1])
+    piece = np.clip(np.searchsorted(edges_s, times, side="right") - 1, 0, len(edges_s) - 2)
+    first, end = edges_s[piece], edges_s[piece + 1]
+    # Barycentric interpolation: Berrut and Trefethen, SIAM Review 46 (2004) 501.
+    away = (2 * times - first - end)[:, None] / (end - first)[:, None] - _nodes(count)
+    is_node = away == 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = _barycentric(count) / away
+        share /= share.sum(axis=1, keepdims=True)
+    return piece, np.where(is_node.any(axis=1, keepdims=True), is_node.astype(float), share)
 
 
 @functools.cache
-def _nodes() -> np.ndarray:
+def _nodes(count: int) -> np.ndarray:
     """From -1 to 1, both among them."""
-    return -np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
+    return -np.cos(np.pi * np.arange(count) / (count - 1))
 
 
 @functools.cache
-def _barycentric() -> np.ndarray:
-    weight = (-1.0) ** np.arange(_NODES)
+def _barycentric(count: int) -> np.ndarray:
+    weight = (-1.0) ** np.arange(count)
     weight[[0, -1]] /= 2
     return weight

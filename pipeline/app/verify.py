@@ -17,6 +17,7 @@ import numpy as np
 from pipeline.app.build import project
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
+from pipeline.camera.in_time import CameraInTime, TracersInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.camera.rig import Rig
@@ -40,8 +41,9 @@ from pipeline.spelling import printable
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
+from pipeline.tasks.camera import camera_in_time
 from pipeline.tasks.certificate import certificate, points_seen, rows_of
-from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, JoinedRays, Planes
+from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, InTime, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging import sample
 from pipeline.truth.visibility import PointBundles
@@ -90,6 +92,7 @@ class _JudgedCamera:
     """A camera of the stage and its tables; `supersampling` is the K of its position images, None without any."""
 
     camera: Camera
+    in_time: CameraInTime | None
     square_px: float
     supersampling: int | None
     tables: tuple[_FrameTable, ...]
@@ -175,6 +178,8 @@ def _judge(out: Path, name: str, points: Any, camera: _JudgedCamera, seed: int, 
     """Add the findings about a camera to a verdict; `points` is what the manifest counts."""
     tracer = Tracer(camera.camera, camera.truth.seed ^ (_STREAM + seed))
     rig = Rig.of(tracer, camera.square_px)
+    if camera.in_time:
+        rig = dataclasses.replace(rig, in_time=TracersInTime(camera.in_time, tracer.seed))
     tables = list(_kept_tables(out, camera, rig, verdict.problems))
     judged = [(frame.view.targets, table) for frame, table in tables]
     if len(tables) == len(camera.tables) and points_seen([frame.truth.frame for frame, _ in tables], judged) != points:
@@ -192,6 +197,9 @@ def _judged_camera(build: Project, name: str) -> _JudgedCamera:
     file_of = {source[0]: path for path, source in build.files.items() if not isinstance(source, bytes)}
     return _JudgedCamera(
         camera=_camera(graph, name),
+        in_time=camera_in_time(from_plain(InTime, graph[states].params))
+        if (states := f"in_time/{name}") in graph
+        else None,
         square_px=first.square_px,
         supersampling=rays.sampling.supersampling if rays else None,
         tables=tuple(_FrameTable(file_of[task], truth.table, _view(graph, task)) for task, truth in truths.items()),
@@ -277,7 +285,7 @@ def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed:
     for frame, table in tables:
         targets = frame.view.targets
         shutter = frame.truth.shutter
-        in_time = SurroundingsInTime.of(frame.view, shutter, rig.tracer.camera.sensor.size_px)
+        in_time = SurroundingsInTime.of(frame.view, shutter, rig)
         names = np.array(table.columns["target"], str)
         for number, of_target in enumerate(rows_of(rig, targets, table, shutter)):
             here = drawn[(drawn >= first) & (drawn < first + len(of_target.cell))] - first

@@ -82,6 +82,10 @@ class Integral:
     is_random: Bool[np.ndarray, "n"]  # whether random rays were used
     rays: int  # traced
 
+    def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Integral":
+        """Those of some bundles, with the rays of all."""
+        return Integral(self.moments[rows], self.error_mm[rows], self.is_random[rows], self.rays)
+
 
 def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
     """Integrate bundles.

@@ -58,6 +58,23 @@ def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
     return add(graph, name, params, {"camera": camera})
 
 
+def in_time(graph: TaskGraph, entry: CameraEntry) -> dict[str, str]:
+    """What a task reads, besides the camera, that sees it while its shutter is open: nothing if it does not change."""
+    if (asked := entry.in_time) is None:
+        return {}
+    windows = None
+    if entry.windows is not None:
+        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
+    params = cameras.InTime(
+        edges_s=asked.edges_s,
+        states=tuple(map(cameras.AskedCamera.of, asked.states)),
+        channel=entry.channel and replace(entry.channel, name=""),
+        windows=windows,
+    )
+    name = f"in_time/{entry.full_name}"
+    return {"in_time": name if name in graph else add(graph, name, params)}
+
+
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
@@ -71,9 +88,11 @@ def frame_of(task: Task, field: str | None) -> int | None:
 
 
 def _shutter_in(entry: CameraEntry, frame: Frame, *, in_world: bool = False) -> Shutter | None:
-    """The shutter of a camera before which, or with which `in_world`, something moves; else a frame is a still."""
+    """The shutter of a camera that changes, or before which, or with which `in_world`, something moves; else a frame is
+    a still.
+    """
     motions = frame.motions.get(entry.name)
-    moves = motions and (motions.targets or motions.things or (in_world and motions.camera))
+    moves = entry.in_time or (motions and (motions.targets or motions.things or (in_world and motions.camera)))
     return entry.shutter if moves else None
 
 
@@ -112,7 +131,7 @@ class FrameTasks:
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        self._reads = {"camera": seen_through(graph, entry)}
+        self._reads = {"camera": seen_through(graph, entry), **in_time(graph, entry)}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[frames.JudgedFrame] = []
@@ -254,7 +273,8 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             shutter=shutter and replace(shutter, instants=1),
             camera_motion=motions.camera if motions and in_world else None,
         )
-        name, reads = f"{entry.name}/{frame.number:04d}", {"camera": seen_through(graph, entry)}
+        name = f"{entry.name}/{frame.number:04d}"
+        reads = {"camera": seen_through(graph, entry), **in_time(graph, entry)}
         together = f"labels/{entry.name}"
         if later := following.get(frame.number):
             then = _in_frame(dataset, entry, later)

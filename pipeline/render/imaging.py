@@ -111,13 +111,13 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
 
 
 def irradiance_and_crosstalk(
-    rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None
+    rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None, columns: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part through other microlenses than that of the pixel's cell, (h, w) each: see `irradiance`.
 
     `samples`: their number, or which of them.
     """
-    band, batch = Band.of(rig, rows), batch_of(samples)
+    band, batch = Band.of(rig, rows, columns), batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
     for rays in rays_of(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):
         origin, direction, share, _ = rays.leaving
@@ -221,7 +221,7 @@ def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
     return flux / rig.tracer.reference_weight_sr
 
 
-def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.ndarray:
+def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray:
     """The white image and its part through other microlenses than that of the pixel's cell, by wavelength.
 
     `samples`: as in `irradiance_and_crosstalk`, of all wavelengths together.
@@ -229,15 +229,15 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.
         `in_all` sums them up.
     """
     shared = _shared(rig.tracer, batch_of(samples))
-    parts = [irradiance_and_crosstalk(in_light, shared, None, rows) for in_light in rig.in_each_light]
+    parts = [irradiance_and_crosstalk(in_light, shared, None, rows, columns) for in_light in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
 
 
-def known_white_parts(rig: Rig, rows: Rows | None = None) -> np.ndarray | None:
+def known_white_parts(rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray | None:
     """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` knows nothing."""
     parts = []
     for in_light in rig.in_each_light:
-        band = Band.of(in_light, rows)
+        band = Band.of(in_light, rows, columns)
         flux = known_flux(band)
         if flux is None:
             return None

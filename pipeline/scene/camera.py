@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from pipeline.camera.focusing.ideal_lens import PINHOLE, PRESCRIPTION, with_idea
 from pipeline.camera.parts.camera import REPLICAS, Camera, Sampling
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import pupil_fan
-from pipeline.channel_names import name_in_state
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.channels import check_channels, check_formulas, check_wavelength, illuminant_of, read_channels
@@ -32,10 +31,10 @@ from pipeline.scene.sensor import (
 )
 from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.temperature import growth_of, larger_array, mount_growth
-from pipeline.scene.usd.poses import camera_name, frame_numbers
+from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem, warning
-from pipeline.scene.usd.values import at_code, fields_of, need, read, read_once, target, target_paths
-from pipeline.scene.windows import behind_fixed, check_windows, standing_windows, windows_in_frame
+from pipeline.scene.usd.values import fields_of, need, read, read_once, target, target_paths
+from pipeline.scene.windows import behind_fixed, check_windows
 from pipeline.truth.settings import TruthSettings
 
 _MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
@@ -46,58 +45,6 @@ _GROUPS = "plen:camera:focusGroups"
 _TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
 _MODEL, _DISTORTION = "plen:camera:model", "plen:camera:distortion"
 _F_NUMBERS = "plen:image:fNumbers"
-
-
-def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
-    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order, named relative to its root;
-    windows of the world are before it as in the first frame.
-    """
-    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
-    seed, number = read(root, "plen:seed") or 0, next(iter(frame_numbers(root)), 0)
-    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
-    return tuple(_with_windows(read_camera_entry(prim, root, seed), prim, number) for prim in cameras)
-
-
-def read_states(
-    prim: Usd.Prim, root: Usd.Prim, seed: int, numbers: Sequence[int]
-) -> list[tuple[CameraEntry, list[int]]]:
-    """A camera in each state of its lens and sensor, and the frames that have it; most cameras are in one state."""
-    states = list[tuple[CameraEntry, list[int]]]()
-    for number in numbers if changes(prim) or standing_windows(prim) else numbers[:1]:
-        with at_code(number):
-            entry = _with_windows(read_camera_entry(prim, root, seed), prim, number)
-        frames = next((frames for state, frames in states if state == entry), None)
-        if frames is None:
-            states.append((entry, [number]))
-        else:
-            frames.append(number)
-    if len(states) < 2:
-        return [(entry, list(numbers)) for entry, _ in states]
-    return [(replace(entry, name=name_in_state(entry.name, frames[0])), frames) for entry, frames in states]
-
-
-def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntry:
-    """A camera before which the windows of the world stand as in a frame, for all wavelengths of its records."""
-    nodes = (node for channel in entry.channels for node in (channel.middle, *channel.nodes))
-    wavelengths_nm = dict.fromkeys([entry.wavelength_nm, *(node.wavelength_nm for node in nodes)])
-    return replace(entry, windows=windows_in_frame(prim, number, list(wavelengths_nm)))
-
-
-@read_once
-def changes(camera: Usd.Prim, but: str = "-") -> bool:
-    """Whether anything of a camera has time samples, of itself, of its lens, of its sensor or of its microlenses, but
-    for attributes whose names begin so.
-    """
-    links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
-    parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
-    prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
-    return any(
-        attribute.GetName().startswith("plen:")
-        and not attribute.GetName().startswith(but)
-        and attribute.ValueMightBeTimeVarying()
-        for prim in prims
-        for attribute in prim.GetAuthoredAttributes()
-    )
 
 
 @read_once
@@ -170,11 +117,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "several-targets", f'"{name}" has {count} targets, a camera has one')
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
-    problems = list(check_shutter(camera))
-    yield from problems
-    if changes(camera, "plen:shutter:") and not problems and read_shutter(camera) is not None:
-        message = "the lens or the sensor changes from frame to frame, and stands still while the shutter is open"
-        yield warning(camera, "still-lens", message, hint="each frame has them as at its time code")
+    yield from check_shutter(camera)
     contradictions = list(_check_request(camera))
     yield from contradictions
     lens = target(camera, "plen:camera:lens", "PlenLens")

@@ -11,7 +11,6 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
@@ -21,6 +20,7 @@ from pipeline.scene.lens import read_lens_entry
 from pipeline.scene.pictures import read_pictures, reading_below
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.sensor import read_sensor
+from pipeline.scene.states import read_camera_entries
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.tolerances import check_effect
 from pipeline.scene.usd.opening import check_instances, open_stage

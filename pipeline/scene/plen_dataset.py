@@ -9,7 +9,6 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
-from pipeline.scene.camera import read_states
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import AskedExports, CameraEntry, Dataset, Frame, Matrix, Motions
 from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
@@ -17,6 +16,7 @@ from pipeline.scene.materials import check_finishes, seen_meshes
 from pipeline.scene.occluders import check_occluders, read_occluder_entries
 from pipeline.scene.pictures import read_pictures
 from pipeline.scene.shutters import check_motions, motions_before
+from pipeline.scene.states import read_states
 from pipeline.scene.targets import is_preview, read_target_entry
 from pipeline.scene.usd.meshes import is_drawn
 from pipeline.scene.usd.poses import (

@@ -1,7 +1,7 @@
 """Shutters of cameras, and what moves before them while they are open."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdSkel
@@ -129,10 +129,8 @@ def _motion(
     """The motion by poses at time codes while the shutter is open; None if all are that at the frame's own."""
     if len(samples) < 2:
         return None
-    first_s, end_s = _window_s(camera, shutter)
-    codes_per_s = _codes_per_s(camera)
-    bends_s = sorted((sample - number) / codes_per_s for sample in samples)
-    edges = np.array([first_s, *(time for time in bends_s if first_s < time < end_s), end_s])
+    codes_per_s = codes_per_second(camera)
+    edges = pieces_s(_window_s(camera, shutter), ((sample - number) / codes_per_s for sample in samples))
     codes = number + Motion.times_s(edges) * codes_per_s
     times = [float(number), *codes.ravel().tolist()]
     poses = poses_at(times) + 0.0
@@ -149,7 +147,13 @@ def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
     return shutter.motion_s((width_px, height_px))
 
 
-def _codes_per_s(prim: Usd.Prim) -> float:
+def pieces_s(window_s: tuple[float, float], bends_s: Iterable[float]) -> np.ndarray:
+    """Edges of the pieces of a window of time between which nothing bends, (m,) [s]."""
+    first, end = window_s
+    return np.array([first, *sorted(time for time in bends_s if first < time < end), end])
+
+
+def codes_per_second(prim: Usd.Prim) -> float:
     take("/")  # metadata of the layer
     return float(prim.GetStage().GetTimeCodesPerSecond())
 
@@ -176,7 +180,7 @@ def check_motions(
             if _is_readable(camera) and (shutter := read_shutter(camera)):
                 shutters.setdefault((camera, shutter), []).append(number)
     for (camera, shutter), numbers in shutters.items():
-        (first_s, end_s), codes_per_s = _window_s(camera, shutter), _codes_per_s(camera)
+        (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
             if len(_samples(prim)) < 2:

@@ -79,7 +79,7 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
         points = target.points()
         here = names == entry.name
         posed = PosedPoints(entry.name, points, pose)
-        planes = posed.before(shutter, entry.motion, rig.tracer.camera.sensor.size_px)
+        planes = posed.before(rig, shutter, entry.motion)
         parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
 

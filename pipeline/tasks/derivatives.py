@@ -93,4 +93,4 @@ def _planes(seen: SeenTargets, place: int, rig: Rig) -> Planes:
     entry = seen.targets[place]
     target, pose = placed_target(entry)
     posed = PosedPoints(entry.name, target.points(), pose)
-    return posed.before(seen.shutter, entry.motion, rig.tracer.camera.sensor.size_px)
+    return posed.before(rig, seen.shutter, entry.motion)

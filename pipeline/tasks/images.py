@@ -36,8 +36,15 @@ MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
 Scene = TargetLight | GlowingView | LitView
 """A view as the rooms of light take it."""
-Together = tuple[list[Scene], Rows, Rows]
-"""Scenes of the instants that some pixels see, their rows and columns."""
+
+
+class Together(NamedTuple):
+    """Pixels that are exposed together: the scenes that they see at instants, and these [s], rows and columns."""
+
+    scenes: list[Scene]
+    times_s: list[float]
+    rows: Rows
+    columns: Rows
 
 
 class SoFar(NamedTuple):
@@ -185,17 +192,30 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     width_px, height_px = rig.tracer.camera.sensor.size_px
     all_rows, all_columns = rows or (0, height_px), (0, width_px)
 
-    def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
-        first, end = steadied_by(rig, columns)
-        there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
-        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
-        return light[..., columns[0] - first : columns[1] - first]
+    def rendered(some: Together) -> np.ndarray:
+        first, end = steadied_by(rig, some.columns)
+        if rig.in_time is None:
+            there = white[:, some.rows[0] - all_rows[0] : some.rows[1] - all_rows[0], first:end]
+            light = imaging.pictures_in_lights(rig, exposure.samples, some.scenes, there, some.rows, (first, end))
+        else:
+            instants, lines = zip(some.scenes, some.times_s, strict=True), (some.rows, (first, end))
+            light = np.stack([_at_instant(rig, time_s, exposure, scene, *lines) for scene, time_s in instants])
+        return light[..., some.columns[0] - first : some.columns[1] - first]
 
     still = [scene_of(image.view, inputs) for image in images if image.shutter is None]
-    alike = iter(rendered(still, all_rows, all_columns) if still else ())
+    alike = iter(rendered(Together(still, [], all_rows, all_columns)) if still else ())
     return np.stack(
         [exposed(image, inputs, rig, all_rows, rendered) if image.shutter else next(alike) for image in images]
     )
+
+
+def _at_instant(rig: Rig, time_s: float, exposure: Exposure, scene: Scene, rows: Rows, columns: Rows) -> np.ndarray:
+    """Some rows and columns of an image by a camera that changes, (h, w), relative to the reference of the frame."""
+    then, is_smooth = rig.at(time_s), rig.images is None and not exposure.diffraction
+    known = imaging.known_white_parts(then, rows, columns) if is_smooth else None
+    white = imaging.white_parts(then, exposure.samples, rows, columns) if known is None else known
+    (light,) = imaging.pictures_in_lights(then, exposure.samples, [scene], white, rows, columns)
+    return light * (then.tracer.reference_weight_sr / rig.tracer.reference_weight_sr)
 
 
 def steadied_by(rig: Rig, columns: Rows) -> Rows:
@@ -206,14 +226,15 @@ def steadied_by(rig: Rig, columns: Rows) -> Rows:
 
 
 def exposed(
-    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows, Rows], np.ndarray]
+    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[Together], np.ndarray]
 ) -> np.ndarray:
     """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
 
-    `rendered` returns images of scenes that share their rays, which instants of pixels exposed together do.
+    `rendered` returns images of all instants of pixels that are exposed together, which share their rays while the
+    camera does not change.
     """
     assert image.shutter is not None
-    parts = [rendered(*together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
+    parts = [rendered(together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
     return np.concatenate(parts, axis=1 - image.shutter.axis)
 
 
@@ -221,13 +242,14 @@ def exposed_together(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> Iter
     """Pixels of some rows, by the instants that they see."""
     shutter, view, size_px = image.shutter, image.view, rig.tracer.camera.sensor.size_px
     if shutter is None:
-        yield [scene_of(view, inputs)], rows, (0, size_px[0])
+        yield Together([scene_of(view, inputs)], [0.0], rows, (0, size_px[0]))
         return
     assert view is not None
     count = shutter.instants if shutter.exposure_s else 1
     after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
     for opens_s, some, columns in shutter.lines(rows, size_px):
-        yield [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()], some, columns
+        times_s = (opens_s + after_s).tolist()
+        yield Together([scene_of(view_at(view, time), inputs) for time in times_s], times_s, some, columns)
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
@@ -253,7 +275,7 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
     rig, white = imaged_rig(inputs, exposure), read_npy(inputs["white"][MEANS]).mean(axis=0)
     kept = None if shutter or params.number == 0 else read_npy(inputs["first"][COLOURS])[None]
     parts = []
-    for scenes, some, columns in exposed_together(params, inputs, rig, rows):
+    for scenes, _, some, columns in exposed_together(params, inputs, rig, rows):
         first, end = steadied_by(rig, columns)
         bands = imaging.bands_in_lights(rig, some, (first, end))
         there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]

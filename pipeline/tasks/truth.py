@@ -32,7 +32,7 @@ from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_s
 from pipeline.truth.grid.position_image import corrected, on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.moving import solve_moving
-from pipeline.truth.planes import MovingPlanes, StillPlanes, faces_camera, plane_name
+from pipeline.truth.planes import MovingPlanes, faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set, moving_column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -125,8 +125,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
-    size_px = rig.tracer.camera.sensor.size_px
-    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, size_px)
+    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, rig)
     for number, entry in enumerate(entries):
         name = entry.name
         if params.points is not None and name not in params.points:
@@ -138,18 +137,18 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         image_of = by_two_planes(settings.method)
         if positions is not None:
             image_of = functools.partial(_traced, positions, name, len(points.frames))
-        moving = None
-        if entry.motion is None or table.shutter is None:
+        before = posed.before(rig, table.shutter, entry.motion)
+        moving = before if isinstance(before, MovingPlanes) else None
+        if moving is None:
             truth = correspondences(rig, rays, settings, posed, image_of, some)
         else:
-            moving = MovingPlanes(posed.of_target, entry.motion, table.shutter, size_px)
             truth = solve_moving(rig, moving, some, settings.aim_px, settings.min_hit_fraction)
         if truth is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
         planes, sets = posed.planes, []
         solutions = truth.solutions
-        on = (moving or StillPlanes(planes)).middle(solutions.point, solutions.xy_px)
+        on = before.middle(solutions.point, solutions.xy_px)
         bundles = PointBundles(rig.microlens(solutions.cell), solutions.xy_px, on)
         truth, share = seen(truth, in_time.visibility(rig, number, bundles))
         rows = columns_of(table, posed, rig, truth, share)

@@ -144,9 +144,10 @@ def test_whatever_may_change_is_that_of_its_frame(tmp_path, sensor, lens):
         ("", 'over "S1"\n{\ndouble plen:thickness.timeSamples = {1: 8.8, 2: 1}\n}', "surfaces-cross"),
         ("", 'over "S1"\n{\nuniform double plen:radius.timeSamples = {1: 38.9, 2: 40}\n}', "uniform-animated"),
         (
-            focused(".timeSamples = {1: 420, 2: 430}") + "\nuniform double2 plen:shutter:exposure = (1, 100)",
+            focused(".timeSamples = {1: 420, 1.1: 30, 1.9: 30, 2: 420}")
+            + "\nuniform double2 plen:shutter:exposure = (1, 100)",
             "",
-            "still-lens",
+            "out-of-reach",
         ),
     ],
 )

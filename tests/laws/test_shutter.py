@@ -232,7 +232,7 @@ def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exp
     planes = tangent_planes(pose, BOARD.points_mm())
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05).solutions
     bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes[rows.point])
-    share = SurroundingsInTime.of(view, shutter, size_px).visibility(rig, 0, bundles)
+    share = SurroundingsInTime.of(view, shutter, rig).visibility(rig, 0, bundles)
     middle_s, half_s = rows.xy_px[:, 1] * 1e-3 + exposure_s / 2, (end - first) / 64
 
     def alone(row: int, time_s: float) -> float:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pxr import Ar, Pcp, Plug, Sdf, Tf, Usd, UsdGeom, Vt
 
 from pipeline.limits import limits
-from pipeline.scene.camera import changes, check_camera, check_planes
+from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
@@ -22,6 +22,7 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
+from pipeline.scene.states import changes, check_in_time
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.others import Others
@@ -148,7 +149,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
-    return problems + (list(check_camera(prim)) if _is_camera(prim) else [])
+    return problems + ([*check_camera(prim), *check_in_time(prim)] if _is_camera(prim) else [])
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:

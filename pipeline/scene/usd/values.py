@@ -55,6 +55,11 @@ def at_code(code: float) -> AbstractContextManager[Any]:
     return having(_CODE, code)
 
 
+def code_now() -> float:
+    """The time code at which readers see a stage."""
+    return _CODE.get()
+
+
 def taking() -> AbstractContextManager[set[str]]:
     """Context that collects the paths of the properties from which readers take values, and of whole prims."""
     return having(_TAKEN, set[str]())

@@ -20,9 +20,9 @@ from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError, UsageError
 from pipeline.frames import mm_per_unit
-from pipeline.scene.camera import read_camera_entries
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.pictures import named_by
+from pipeline.scene.states import read_camera_entries
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
 from pipeline.scene.usd.problems import shown_path

@@ -41,22 +41,24 @@ class SurroundingsInTime:
     at: list[Surroundings]
 
     @classmethod
-    def of(cls, view: PlacedView, shutter: Shutter | None, size_px: tuple[int, int]) -> "SurroundingsInTime":
-        """Those of a view before a sensor of so many columns and rows."""
-        if shutter is None or not moves(view):
+    def of(cls, view: PlacedView, shutter: Shutter | None, rig: Rig) -> "SurroundingsInTime":
+        """Those of a view before a camera."""
+        if shutter is None or not (moves(view) or rig.in_time):
             return cls(None, np.zeros(1), [surroundings_of(view)])
-        times = np.linspace(*shutter.window_s(size_px), _TIMES)
+        window_s = shutter.window_s(rig.tracer.camera.sensor.size_px)
+        times = np.linspace(*window_s, _TIMES) if moves(view) else np.zeros(1)
         return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
 
     def visibility(self, rig: Rig, target: int, bundles: PointBundles) -> np.ndarray:
         """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure."""
-        when, share = np.zeros(len(bundles.x_px), np.int64), np.empty(len(bundles.x_px))
+        when, share = np.zeros((2, len(bundles.x_px))), np.empty(len(bundles.x_px))
         if self.shutter is not None:
             middle_s = self.shutter.middle_s(bundles.x_px, rig.tracer.camera.sensor.size_px)
-            when = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
-        for number in np.unique(when):
-            here = when == number
-            share[here], _ = visibility(rig, self.at[number], target, *bundles.only(here))
+            when[0] = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
+            when[1] = rig.in_time.instants_s(middle_s) if rig.in_time else 0.0
+        for number, time_s in np.unique(when, axis=1).T.tolist():
+            here = (when[0] == number) & (when[1] == time_s)
+            share[here], _ = visibility(rig.at(time_s), self.at[int(number)], target, *bundles.only(here))
         return share
 
 

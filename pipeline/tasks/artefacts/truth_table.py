@@ -12,7 +12,7 @@ from pipeline.motion import Motion, Shutter
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.frames import TruthTable
 from pipeline.truth.moving import time_of_rows, time_of_still
-from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, tangent_planes
+from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
 from pipeline.truth.rows import Correspondences, Solutions
 from pipeline.truth.settings import TruthSettings
@@ -68,11 +68,14 @@ class PosedPoints:
         """Tangent planes of all points in the vision frame, as from `truth.planes.tangent_planes`."""
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
 
-    def before(self, shutter: Shutter | None, motion: Motion | None, size_px: tuple[int, int]) -> Planes:
-        """The planes before a sensor of so many columns and rows, where they may move while a shutter is open."""
-        if shutter is None or motion is None:
+    def before(self, rig: Rig, shutter: Shutter | None, motion: Motion | None) -> StillPlanes | MovingPlanes:
+        """The planes before a camera; they may move, or the camera may change, while a shutter is open."""
+        camera, size_px = rig.camera_in_time, rig.tracer.camera.sensor.size_px
+        if shutter is None or (motion is None and camera is None):
             return StillPlanes(self.planes)
-        return MovingPlanes(self.of_target, motion, shutter, size_px)
+        pose = self.vision_from_target
+        rests = Motion.of(lambda time_s: pose, shutter.motion_s(size_px))
+        return MovingPlanes(self.of_target, motion or rests, shutter, size_px, camera)
 
 
 def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:

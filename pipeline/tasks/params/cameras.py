@@ -70,6 +70,16 @@ class BehindWindows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class InTime:
+    """States of a camera while its shutter is open, as of `AskedInTime`; in a channel, behind windows of the world."""
+
+    edges_s: tuple[float, ...]
+    states: tuple[AskedCamera, ...]
+    channel: Channel | None
+    windows: BehindWindows | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VariedCamera:
     """A camera, as `focus`, `channel` and `windows` settle it, with the number of a place a little less and more."""
 

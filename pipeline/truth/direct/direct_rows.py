@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.held import Held, by_x
-from pipeline.camera.integrals import LEVELS, Bundles, integrals
+from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
@@ -24,7 +24,7 @@ from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
-from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search, errors_px, mean_hit
+from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Integrate, Search, errors_px, mean_hit, over_exposure
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Pairs, Planes, StillPlanes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
@@ -160,7 +160,7 @@ def solve(
         return of_points.pairs(guess.point[rows], x_px)
 
     where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.microlens(guess.cell), pairs, *where, rig.square_px)
+    search = Search(rig.tracer_in, rig.microlens(guess.cell), pairs, *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
@@ -192,7 +192,7 @@ def _with_blur(
     rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: Planes, counts: dict[str, int]
 ) -> Correspondences:
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    on = planes.middle(point, search.x_px[rows])
+    on = planes.instants(point, search.x_px[rows])
     blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], on, jacobian, moments)
     error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T
@@ -213,18 +213,25 @@ def blur_of(
     rig: Rig,
     cell: Int64[np.ndarray, "n"],
     x_px: Float64[np.ndarray, "n 2"],
-    planes: Float64[np.ndarray, "n 4 3"],
+    on: Pairs,
     jacobian: Float64[np.ndarray, "n 2 2"],
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the rows' own bundles, and the number of traced rays.
 
-    `jacobian` is the derivative of J [mm per px] and `moments` are those of the bundles on the tangent planes of each
-    row's point; bundles that start on squares are traced again from the positions.
+    `on` are the tangent planes of each row's point at an instant, `jacobian` is the derivative of J [mm per px], and
+    `moments` are those of the bundles; bundles that start on squares are traced again from the positions.
     """
-    microlens, rays = rig.microlens(cell), 0
+    microlens, rays, planes = rig.microlens(cell), 0, on.planes[:, 0, 0]
+
+    def at_level(level: int) -> Integrate:
+        def integrate(state: int, some: slice | np.ndarray, planes: np.ndarray) -> Integral:
+            return integrals(rig.tracer_in(state), Bundles(x_px[some], microlens[some], planes), level)
+
+        return integrate
+
     if rig.square_px:
-        of_points = integrals(rig.tracer, Bundles(x_px, microlens, np.stack([planes, planes], axis=1)), BLUR_LEVEL)
+        of_points = over_exposure(on, at_level(BLUR_LEVEL))
         moments, rays = of_points.moments, of_points.rays
     blurred = blur.in_image(blur.spread(moments), jacobian)
     z = planes[:, 0, 2]
@@ -232,7 +239,7 @@ def blur_of(
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
     steep = is_steep(rig.tracer.camera.prescription, planes[:, 0])
     upright[steep] = _across(rig, planes[steep, 0])
-    across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
+    across = over_exposure(dataclasses.replace(on, planes=upright[:, None]), at_level(0))
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
 
@@ -260,7 +267,7 @@ def with_own_bundles(
     is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
     jacobian = rows.solutions.jacobian.copy()
     jacobian[others] = np.where(is_known, by_position, solutions.jacobian)
-    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, jacobian[others], bundles.moments)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, Pairs.still(on), jacobian[others], bundles.moments)
     hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
     hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
