@@ -30,8 +30,13 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     """
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     seed, number = read(root, "plen:seed") or 0, next(iter(frame_numbers(root)), 0)
-    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
+    cameras = filter(is_camera, stage.Traverse())
     return tuple(_with_windows(read_camera_entry(prim, root, seed), prim, number) for prim in cameras)
+
+
+def is_camera(prim: Usd.Prim) -> bool:
+    """Whether a prim is a camera of ours."""
+    return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
 
 
 def read_states(

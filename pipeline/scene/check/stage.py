@@ -22,7 +22,7 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
-from pipeline.scene.states import changes, check_in_time
+from pipeline.scene.states import changes, check_in_time, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.others import Others
@@ -108,7 +108,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
     codes = _codes(stage, _parts(prims))
     for prim in _parts(prims):
-        for code in codes if _is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
+        for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
             with at_code(code):
                 problems += _check_whole(prim, wrong)
     problems += check_only_dataset(stage)
@@ -118,7 +118,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
-            for code in codes if _is_camera(prim) else ():
+            for code in codes if is_camera(prim) else ():
                 with at_code(code):
                     problems += check_planes(prim)
         problems += others.settled(check_poses(root)) if root else []
@@ -133,12 +133,8 @@ def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
 def _codes(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
     """Time codes at which lenses and cameras are checked: those of all frames if any camera changes, else any."""
     root = find_dataset(stage)
-    frames = frame_numbers(root) if root and any(changes(prim) for prim in prims if _is_camera(prim)) else ()
+    frames = frame_numbers(root) if root and any(changes(prim) for prim in prims if is_camera(prim)) else ()
     return [float(number) for number in frames[: limits().frames]] or [0.0]
-
-
-def _is_camera(prim: Usd.Prim) -> bool:
-    return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
 
 
 def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
@@ -149,7 +145,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
-    return problems + ([*check_camera(prim), *check_in_time(prim)] if _is_camera(prim) else [])
+    return problems + ([*check_camera(prim), *check_in_time(prim)] if is_camera(prim) else [])
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:
