@@ -14,6 +14,7 @@ from shorter import few
 from stage_text import head
 
 import pipeline
+from pipeline.app.authoring import new_dataset
 from pipeline.app.authoring.best import best_of
 from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
 from pipeline.camera.focusing.depth_of_field import foci, focused
@@ -319,6 +320,18 @@ def test_the_best_of_many_poses_project_better_by_opencv_s_calibrations_than_the
 
     assert wrong[0] < wrong[1] / 1.3
     assert wrong[0] < np.mean(wrong[2:]) / 1.5
+
+
+def test_more_blur_that_would_allow_no_steeper_tilt_is_no_remedy():
+    """Farther than twice the nearest no target stands, however much blur is allowed."""
+    lens = load(share("stages") / "lenses/fisheye_10mm_muller.usda").lens.prescription
+    sensor = Sensor(width_px=400, height_px=320, pitch_mm=0.03)
+    camera = focused(FocusRequest(prescription=lens, sensor=sensor, focus_distance_mm=500.0))
+    board = Target(Checkerboard(columns=8, rows=5, square_mm=60.0))
+    wish = Wish(count=1, least_seen=0.5)
+    field = CameraField(camera=camera, target=board, wish=wish, vision_from_first=np.eye(4))
+    (line,) = new_dataset._limit([field])
+    assert re.fullmatch(r"poses from \d+\.\d to \d+\.\d mm limit tilts to \d+ degrees", line), line
 
 
 def test_best_and_poses_at_once_are_refused(run):

@@ -265,6 +265,8 @@ def _limit(fields: Sequence[CameraField]) -> list[str]:
         return [] if field.camera.microlenses else [limit]
     (near, far), blur_px = field.depth_mm, 2 * field.blur_px
     wider = dataclasses.replace(field, wish=dataclasses.replace(field.wish, blur_px=blur_px))
+    if wider.steepest_deg <= field.steepest_deg:  # no target stands farther than some times the nearest
+        return [f"poses from {near:.1f} to {far:.1f} mm limit tilts to {field.steepest_deg:.0f} degrees"]
     remedy = f"--blur {blur_px:g}" if field.camera.microlenses else f"a stop half as wide, or --blur {blur_px:g},"
     limit = f"the depth of field, {near:.1f} to {far:.1f} mm, limits tilts to {field.steepest_deg:.0f} degrees"
     return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]
