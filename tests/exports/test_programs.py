@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from exports import maps, plenoptic_readers, test_shutters
-from exports.pretended import DISTORTION, SIZE_PX, Scene, board_mm, write_build
+from exports.pretended import SIZE_PX, Scene, board_mm, write_build
 from exports.pretended_plenoptic import RADIUS_PX, TYPES_MM, PlenopticScene, write_plenoptic_build
 from exports.pretended_plenoptic import SIZE_PX as PLENOPTIC_PX
 from PIL import Image
@@ -238,11 +239,15 @@ def test_kalibrs_reader_accepts_target_and_chain(tmp_path, monkeypatch):
     folder = exported("kalibr", tmp_path, scene)
     target = reader.CalibrationTargetParameters(str(folder / "target.yaml")).getTargetParams()
     assert (target["targetRows"], target["targetCols"], target["rowSpacingMeters"]) == (3, 4, 0.01)
+    stated = yaml.safe_load((folder / "camchain.yaml").read_text())
     chain, rig = reader.CameraChainParameters(str(folder / "camchain.yaml")), list(scene.rig.values())
     for number in (1, 2):
         camera = chain.getCameraParameters(number)
-        assert camera.getDistortion() == ("radtan", DISTORTION[:4].tolist())
-        assert camera.getIntrinsics()[0] == "pinhole" and camera.getResolution() == list(SIZE_PX)
+        assert camera.getDistortion() == ("radtan", stated[f"cam{number}"]["distortion_coeffs"])
+        assert camera.getIntrinsics() == (
+            "pinhole",
+            stated[f"cam{number}"]["intrinsics"],
+        ) and camera.getResolution() == list(SIZE_PX)
         between = rig[number] @ np.linalg.inv(rig[number - 1])
         between[:3, 3] /= 1000
         np.testing.assert_allclose(chain.getExtrinsicsLastCamToHere(number).T(), between, atol=1e-12)

@@ -34,6 +34,8 @@ FORMAT = Format(
 
 _MODELS = {"eucm": "eucm", "double-sphere": "ds"}
 """Model of ours -> camera_model, whose intrinsics begin with the coefficients, in our order."""
+_SLOPES = np.linspace(0.0, 8.0, 4001)[1:]
+"""Slopes at which radii of two pinholes are compared [1]: those of them that are in the image."""
 _LEAST = 3
 """Rows and columns that Kalibr asks of a checkerboard at least."""
 
@@ -89,11 +91,12 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
         bent, distortion = "none", list[float]()
         intrinsics = [*model.coefficients.tolist(), *model.focal_px.tolist(), *model.principal_point_px.tolist()]
     else:
-        *intrinsics, k1, k2, p1, p2, k3 = camera.opencv
+        f, _, cx, cy, k1, k2, p1, p2, k3 = camera.opencv
         yield "camera_model: pinhole"
         if k3:
-            yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
-        bent, distortion = "radtan", [k1, k2, p1, p2]
+            f, k1, k2, apart_px = _without_k3(camera)
+            yield f"# radtan has no k3: f, k1 and k2 are nearest to the pinhole, {apart_px:.2g} px from it at most"
+        bent, distortion, intrinsics = "radtan", [k1, k2, p1, p2], [f, f, cx, cy]
     yield f"distortion_model: {bent}"
     yield f"distortion_coeffs: [{', '.join(map(yaml_real, distortion))}]"
     yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
@@ -101,6 +104,22 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
     yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
     if camera.built.shutter:
         yield from _shutter(camera, camera.built.shutter)
+
+
+def _without_k3(camera: ExportCamera) -> tuple[float, float, float, float]:
+    """f, k1, k2 whose radii in the image are nearest to those of the pinhole, whose k3 is none, and the largest
+    difference [px]: radii are linear in f, f k1 and f k2, and count by area.
+    """
+    f, _, cx, cy, k1, k2, _, _, k3 = camera.opencv
+    radii_px = f * np.polyval([k3, 0, k2, 0, k1, 0, 1, 0], _SLOPES)
+    width, height = camera.size_px
+    farthest_px = np.hypot(max(cx, width - 1 - cx), max(cy, height - 1 - cy))
+    count = np.argmin((radii_px <= farthest_px) & (np.gradient(radii_px) > 0))
+    slopes, radii_px = _SLOPES[:count], radii_px[:count]
+    powers, share = slopes[:, None] ** [1, 3, 5], np.sqrt(radii_px)
+    near = np.linalg.lstsq(powers * share[:, None], radii_px * share, rcond=None)[0]
+    apart_px = np.abs(powers @ near - radii_px).max()
+    return float(near[0]), float(near[1] / near[0]), float(near[2] / near[0]), float(apart_px)
 
 
 def _shutter(camera: ExportCamera, shutter: Shutter) -> Iterator[str]:
