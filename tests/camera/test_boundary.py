@@ -1,6 +1,8 @@
-"""Claim: bounds, inner points, corners and arcs of regions are those of closed forms."""
+"""Claim: bounds, inner points and corners of regions are those of closed forms; an arc has the nodes that it needs.
 
-import itertools
+What quadrature over arcs yields is judged by laws/test_direct.py and laws/test_regions.py.
+"""
+
 import math
 
 import numpy as np
@@ -8,24 +10,10 @@ import pytest
 from tolerances import BISECTED
 
 from pipeline.camera import boundary
-from pipeline.camera.boundary import unit_nodes
 
 STEPS = 40
 """Bisections: to 1e-12 of a way."""
 NONE = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
-
-
-def test_the_edge_of_a_disc_seen_from_off_its_centre() -> None:
-    """A line through (0.3, 0) at an angle t meets the unit circle at sqrt(1 - 0.09 sin(t)^2) - 0.3 cos(t)."""
-    angle = np.linspace(0, 2 * np.pi, 60).reshape(5, 12)
-
-    def passes(far: np.ndarray) -> np.ndarray:
-        return np.hypot(0.3 + far * np.cos(angle), far * np.sin(angle)) <= 1
-
-    low, high = boundary.halved(passes, np.zeros(angle.shape), np.full(angle.shape, 3.0), STEPS)
-    exact = np.sqrt(1 - (0.3 * np.sin(angle)) ** 2) - 0.3 * np.cos(angle)
-    assert passes(low).all() and not passes(high).any()
-    assert np.all(low <= exact) and np.all(exact <= high) and np.allclose(high - low, 3 / 2**STEPS, rtol=1e-3)
 
 
 def test_bounds_move_outwards_until_they_are_dark_and_no_farther() -> None:
@@ -73,31 +61,6 @@ def test_corners_are_found_also_between_two_first_directions(first: int) -> None
     assert found.owner.tolist() == sorted(found.owner.tolist())
 
 
-def polygon_radius(angle: np.ndarray, turns: list[float]) -> np.ndarray:
-    """Distance from the origin to the side of a polygon with unit vectors at `turns` for vertices."""
-    radius = np.full(angle.shape, np.inf)
-    for a, b in itertools.pairwise([*turns, turns[0] + 2 * np.pi]):
-        on_side = (angle - a) % (2 * np.pi) <= b - a
-        middle, half = (a + b) / 2, (b - a) / 2
-        side = np.cos(half) / np.cos(angle - middle)
-        radius = np.where(on_side, np.minimum(radius, side), radius)
-    return radius
-
-
-def test_nodes_on_arcs_integrate_each_side_of_a_polygon() -> None:
-    """The area by 1/2 r^2 is the shoelace formula's, and converges as it cannot across corners; long arcs in pieces."""
-    turns = [0.2, 1.1, 2.9, 4.5]
-    exact = 0.5 * sum(math.sin(b - a) for a, b in itertools.pairwise([*turns, turns[0] + 2 * np.pi]))
-    found = boundary.Corners(np.full(4, 3), np.array(turns))
-    for around in (48, 512):
-        owner, angle, share = boundary.directions(np.array([1, 3]), found, around, 8)
-        own = owner == 3
-        assert abs(share[own].sum() - 2 * np.pi) < BISECTED
-        area = 0.5 * (polygon_radius(angle[own], turns) ** 2) @ share[own]
-        assert abs(area - exact) < (1e-9 if around == 48 else BISECTED)
-        assert owner.tolist() == sorted(owner.tolist()) and np.count_nonzero(owner == 1) == around
-
-
 def test_a_smooth_edge_has_even_directions_and_every_arc_its_least_number() -> None:
     """A trapezoid rule, whose error falls faster than any power; an arc of a thousandth still has eight nodes."""
     owner, angle, share = boundary.directions(np.array([0]), NONE, 48, 8, 24)
@@ -106,10 +69,3 @@ def test_a_smooth_edge_has_even_directions_and_every_arc_its_least_number() -> N
     _, angle, share = boundary.directions(np.array([0]), found, 48, 8)
     inside = (angle > 1.0) & (angle < 1.001)
     assert np.count_nonzero(inside) == 8 and abs(share[inside].sum() - 0.001) < BISECTED
-
-
-def test_unit_nodes_are_exact_up_to_their_degree() -> None:
-    """Means of x^k on [0, 1] are 1 / (k + 1) up to k = 2 n - 1, and not beyond."""
-    node, weight = unit_nodes(4)
-    error = [abs(weight @ node**k - 1 / (k + 1)) for k in range(9)]
-    assert max(error[:8]) < BISECTED < 1e-6 < error[8]
