@@ -35,7 +35,9 @@ FORMAT = Format(
 _MODELS = {"eucm": "eucm", "double-sphere": "ds"}
 """Model of ours -> camera_model, whose intrinsics begin with the coefficients, in our order."""
 _SLOPES = np.linspace(0.0, 8.0, 4001)[1:]
-"""Slopes at which radii of two pinholes are compared [1]: those of them that are in the image."""
+"""Slopes at which radii of two pinholes are compared, over the slope of a corner without distortion [1]; those in the
+image count.
+"""
 _LEAST = 3
 """Rows and columns that Kalibr asks of a checkerboard at least."""
 
@@ -111,11 +113,12 @@ def _without_k3(camera: ExportCamera) -> tuple[float, float, float, float]:
     difference [px]: radii are linear in f, f k1 and f k2, and count by area.
     """
     f, _, cx, cy, k1, k2, _, _, k3 = camera.opencv
-    radii_px = f * np.polyval([k3, 0, k2, 0, k1, 0, 1, 0], _SLOPES)
     width, height = camera.size_px
     farthest_px = np.hypot(max(cx, width - 1 - cx), max(cy, height - 1 - cy))
-    count = np.argmin((radii_px <= farthest_px) & (np.gradient(radii_px) > 0))
-    slopes, radii_px = _SLOPES[:count], radii_px[:count]
+    slopes = _SLOPES * farthest_px / f
+    radii_px = f * np.polyval([k3, 0, k2, 0, k1, 0, 1, 0], slopes)
+    in_image = np.logical_and.accumulate((radii_px <= farthest_px) & (np.gradient(radii_px) > 0))
+    slopes, radii_px = slopes[in_image], radii_px[in_image]
     powers, share = slopes[:, None] ** [1, 3, 5], np.sqrt(radii_px)
     near = np.linalg.lstsq(powers * share[:, None], radii_px * share, rcond=None)[0]
     apart_px = np.abs(powers @ near - radii_px).max()
