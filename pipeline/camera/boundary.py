@@ -19,6 +19,10 @@ from pipeline.records.shapes import Bool, Float64, Int64
 _MOST_PER_ARC = 64
 """Nodes on the longest piece of an arc: NumPy vouches for Gauss-Legendre nodes up to 100."""
 
+_ARCS = 16
+"""Parts of a circle of which an arc between corners counts as a whole number: so the directions of a count are among
+those of its double."""
+
 Passes = Callable[[np.ndarray], np.ndarray]
 """Whether light passes at some distance along each way, (...) float64 to (...) bool."""
 LabelAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -117,6 +121,16 @@ def unit_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes on [0, 1] and their weights, (count,) each: exact up to the degree 2 count - 1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return (nodes + 1) / 2, weights / 2
+
+
+def between(corners: Float64[np.ndarray, "c"], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """At least `count` directions, a multiple of 16, at corners and evenly spaced between them: angles (n,), and the
+    angle from each to the next, (n,) [rad]. Twice the count has the same ones, and one more between any two.
+    """
+    arc = np.diff(corners, append=corners[:1] + 2 * np.pi)
+    number = count // _ARCS * np.ceil(_ARCS * arc / (2 * np.pi)).astype(int)
+    width = np.repeat(arc / number, number)
+    return corners[:1] + np.cumsum(width) - width, width
 
 
 class Directions(NamedTuple):

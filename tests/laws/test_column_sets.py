@@ -233,7 +233,7 @@ def image() -> CornerImage:
     disc = RADIUS * np.arange(33)[:, None] / 32 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)[:, None]
     hits = (grid @ SHEARED.T)[:, None, None] + disc
     fields = np.concatenate([hits, np.ones((*hits.shape[:-1], 1))], axis=-1)
-    return CornerImage(BundleMap(np.zeros(2), np.full(2, 0.75), offsets, fields), 1.0)
+    return CornerImage(BundleMap(np.zeros(2), np.full(2, 0.75), offsets, fields, np.full(128, 2 * np.pi / 128)), 1.0)
 
 
 def light(x_px: np.ndarray) -> float:

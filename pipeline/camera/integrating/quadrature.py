@@ -147,12 +147,15 @@ def edges(
 ) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,), of
     regions that lie within others, if given, all over those."""
-    bundles = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
+    return _with_corners(replace(inner_points(arrays, positions_mm, microlens, within), effort=effort))
+
+
+def _with_corners(bundles: Edges) -> Edges:
     owner, angle = bundles.spokes(_FIRST_DIRECTIONS)
     # Behind a lens alone a rim begins to cut towards the axis or away from it: an arc is seen there however short.
     turn = np.where(bundles.microlens == NO_MICROLENS, np.arctan2(*bundles.positions.T[::-1]), 0.0)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = bundles.find(owner, angle + turn[owner], effort.corner_edge_steps)
+    _, label, _, fine = bundles.find(owner, angle + turn[owner], bundles.effort.corner_edge_steps)
     corners, again = _corners(bundles, label, turn)
     return replace(bundles, corners=corners, rays=bundles.rays + fine + again)
 
@@ -292,6 +295,7 @@ class Hits:
     on_plane: Float64[np.ndarray, "n a r 2"]  # coordinates on the plane of each position
     # Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle)
     density_sr: Float64[np.ndarray, "n a r"]
+    angle: Float64[np.ndarray, "a"]  # from each direction to the next [rad]
     # Whether every ray passes, none beyond the edge, and rays all over the bound where the edge says: the bundle is
     # star-shaped about its inner point, and all of it
     whole: Bool[np.ndarray, "n"]
@@ -301,7 +305,8 @@ class Polar(NamedTuple):
     """Nodes about an inner point."""
 
     shares: np.ndarray  # (r,) float64, shares of the way from the inner point to the edge
-    directions: int
+    directions: int  # evenly spaced: a multiple of 16
+    has_corners: bool = False  # also directions of corners, as of `boundary.between`: at least as many
     about: int = 0  # the position whose inner point serves all of them
 
 
@@ -313,18 +318,21 @@ def bundle_hits(
     nodes: Polar,
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none, to a plane."""
-    shares, directions, about = nodes
+    shares, directions, has_corners, about = nodes
     n, behind = len(positions_mm), np.full(len(positions_mm), microlens)
     home, ways = inner_points(arrays, positions_mm[[about]], behind[:1]), bounded(arrays, positions_mm, behind)
     if np.isnan(home.centres).any() or (ways.counts < 3).any():
         nothing = np.full((n, directions, len(shares)), np.nan)
-        return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool))
+        return Hits(np.stack([nothing, nothing], axis=-1), nothing, nothing[0, :, 0], np.zeros(n, bool))
     # Without a microlens what passes moves along with the position, by the drift of the outlines.
     drift = arrays.optics.drift if microlens == NO_MICROLENS else 0.0
     ways.centres[:] = home.centres + drift * (ways.positions - home.positions)
-    owner, angle = ways.spokes(directions)
+    corners = _with_corners(home).corners.angle if has_corners else np.zeros(0)
+    angle, width = boundary.between(corners if len(corners) else np.zeros(1), directions)
+    owner, directions = np.repeat(np.arange(n), len(angle)), len(angle)
+    angle, share = np.tile(angle, n), np.tile((width + np.roll(width, 1)) / 2, n)
     radius, _, limit, _ = ways.find(owner, angle)
-    held, _ = holds_all(ways, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
+    held, _ = holds_all(ways, owner, angle, radius, share, PROBES * directions)
     along = boundary.unit_vectors(angle)
     points = ways.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
     shape, hit = (n, directions, len(shares)), edge_kernels.empty_hits(n * directions * len(shares))
@@ -334,7 +342,7 @@ def bundle_hits(
     edge_kernels.hits.count(len(hit.density), len(arrays.table))
     whole = held & hit.passes.reshape(shape).all(axis=(1, 2)) & ways.nothing_beyond(owner, along, radius, limit)
     density = hit.density.reshape(shape) * (radius**2).reshape(n, directions, 1)
-    return Hits(hit.on_plane.reshape(*shape, 2), density, whole)
+    return Hits(hit.on_plane.reshape(*shape, 2), density, width, whole)
 
 
 def single_hits(

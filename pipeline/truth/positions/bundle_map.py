@@ -1,6 +1,6 @@
 """Bundle maps: hits and weights of the nodes of a bundle as functions of the image position, by interpolation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ class BundleMap:
     # per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
     # area of the unit disc [sr]
     fields: Float64[np.ndarray, "positions directions rings 3"]
+    angle: Float64[np.ndarray, "directions"]  # from each direction to the next [rad]
 
     def basis(self, x_px: Float64[np.ndarray, "... 2"]) -> np.ndarray:
         """Lagrange polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
@@ -39,6 +40,11 @@ class BundleMap:
     def at(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Coordinates and density of every node at one position, (a, r, 3)."""
         return np.einsum("k,karc->arc", self.basis(x_px), self.fields)
+
+    def coarser(self) -> "BundleMap":
+        """The same through every second grid line: what it differs by tells how good the polynomials are."""
+        kept = np.arange(len(self.fields)).reshape(len(self.offsets), -1)[::2, ::2].ravel()
+        return replace(self, offsets=self.offsets[::2], fields=self.fields[kept])
 
     def _lagrange(self, t: np.ndarray) -> np.ndarray:
         result = np.ones((*t.shape, len(self.offsets)))
@@ -59,7 +65,7 @@ def bundle_map(
     if not hits.whole.all():
         return None
     fields = np.concatenate([hits.on_plane, hits.density_sr[..., None]], axis=-1)
-    return BundleMap(grid.x_px, grid.half_px, offsets, fields)
+    return BundleMap(grid.x_px, grid.half_px, offsets, fields, hits.angle)
 
 
 def bundle_maps(

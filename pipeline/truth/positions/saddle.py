@@ -7,11 +7,11 @@ needs the image along four lines only. Weight, stop and own microlens are those 
 
 The corner's coordinates are those along its two edges: white where they have the same sign. The bundle is a disc of
 triangles on which coordinates are linear, so the two edges cut them exactly; what remains is the error of the linear
-interpolation, which falls with the square of the triangles' size.
+interpolation, which falls with the square of the triangles' size: corners of the bundle are corners of triangles, too.
+How these move with x is interpolated by polynomials.
 """
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -36,11 +36,11 @@ def blend(fields, basis, nodes):
 
 
 @kernel
-def corner_light(nodes, ratio):
+def corner_light(nodes, angle, ratio):
     """Integral of weight times (ratio + 1) on white and (ratio - 1) on black, with `ratio` as of `saddle`.
 
     `nodes` (a, r, 3): per direction and share 0, 1 / (r - 1), ..., 1 of the radius, both coordinates and the density on
-    the unit disc.
+    the unit disc. `angle` (a,): from each direction to the next.
     """
     directions, rings = nodes.shape[0], nodes.shape[1] - 1
     total = 0.0
@@ -52,9 +52,9 @@ def corner_light(nodes, ratio):
                 a, b, c, d = d, c, b, a
             outer = (k + 1.0) * (a[2] + b[2] + c[2]) * (ratio + signed_share(a, b, c))
             inner = k * (a[2] + c[2] + d[2]) * (ratio + signed_share(a, c, d)) if k > 0 else 0.0
-            # The ring's sector, of area (2 k + 1) pi / (directions rings^2), is divided in the ratio k + 1 to k.
-            total += (outer + inner) / 3.0
-    return total * math.pi / (directions * rings * rings)
+            # The ring's sector, of area (2 k + 1) angle / (2 rings^2), is divided in the ratio k + 1 to k.
+            total += (outer + inner) / 3.0 * angle[i]
+    return total / (2.0 * rings * rings)
 
 
 @inline
@@ -107,6 +107,7 @@ class CornerImage:
     def __init__(self, around: BundleMap, ratio: float, step: int = 1) -> None:
         self.around, self.ratio = around, ratio
         self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
+        self.angle = around.angle.reshape(-1, step).sum(axis=1)
         self.nodes = np.empty(self.fields.shape[1:])
 
     def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
@@ -130,7 +131,7 @@ class CornerImage:
         for low, high in itertools.pairwise(cuts):
             for node, weight in zip(_NODES, _WEIGHTS, strict=True):
                 t = (low + high) / 2 + (high - low) / 2 * node
-                light = corner_light(self._at(ends[0] + t * (ends[1] - ends[0])), self.ratio)
+                light = corner_light(self._at(ends[0] + t * (ends[1] - ends[0])), self.angle, self.ratio)
                 total += (high - low) / 2 * weight * light
         return total
 
@@ -158,8 +159,10 @@ _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the triangles of a bundle; the error falls with the square of these numbers."""
 _GOOD_PX = 5e-4
 """Error below which no finer level is needed [px]: half of the default claim."""
-_ORDER = 3
-"""Number of positions along an axis for the polynomials: bundles change nearly linearly over a pixel."""
+_ORDERS = (3, 5, 9)
+"""Numbers of positions along an axis for the polynomials, each with those before: bundles change nearly linearly over a
+pixel, but for those that another rim begins to cut there.
+"""
 _CENTRED_PX = 0.25
 """Distance of the saddle from the middle of the traced positions up to which it is accepted [px], because the
 polynomials hold there.
@@ -190,7 +193,9 @@ _ROUGH = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Position of the saddle of a corner's image, and its error due to the triangles; NaN if none was found."""
+    """Position of the saddle of a corner's image, and its error: the differences of two sizes of triangles and of two
+    degrees of polynomials; NaN if none was found.
+    """
 
     x_px: Float64[np.ndarray, "2"]
     error_px: float
@@ -210,15 +215,18 @@ def saddle(
     lost, start = Saddle(np.full(2, np.nan), np.nan), _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
-    (x_px, spread_px), moved, apart, hessian = start, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
-    for level, (rings, directions) in enumerate(_LEVELS):
+    (x_px, spread_px), moved, apart, bent, hessian = start, np.inf, *np.full((2, 2), np.nan), np.full((2, 2), np.nan)
+    level = degree = 0
+    while True:
         for _ in range(_ROUNDS):
-            nodes = Polar(np.arange(rings + 1) / rings, directions)
-            around = bundle_maps(tracer, microlens, plane, TracedGrid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
+            rings, directions = _LEVELS[level]
+            nodes = Polar(np.arange(rings + 1) / rings, directions, has_corners=True)
+            grid = TracedGrid(x_px, np.full(2, _HALF_PX), _ORDERS[degree])
+            around = bundle_maps(tracer, microlens, plane, grid, nodes)
             if around is None:
                 return lost
             gradient = gradient_of(around, ratio)
-            hessian = hessian if level else hessian_of(gradient, x_px)
+            hessian = hessian if level or degree else hessian_of(gradient, x_px)
             solution, hessian = _newton(gradient, x_px, hessian)
             moved, x_px = np.hypot(*(solution - x_px)), solution
             if not moved > _CENTRED_PX:
@@ -226,13 +234,18 @@ def saddle(
         if not moved <= _CENTRED_PX:
             break
         assert around is not None
-        apart = (x_px - _newton(gradient_of(around, ratio, 2), x_px, hessian)[0]) / 3
-        if np.hypot(*apart) < _GOOD_PX:
+        coarse = _newton(gradient_of(around, ratio, 2), x_px, hessian)[0]
+        straighter = [(share, bundle.coarser()) for share, bundle in around]
+        apart, bent = (x_px - coarse) / 3, coarse - _newton(gradient_of(straighter, ratio, 2), x_px, hessian)[0]
+        finer = not np.hypot(*apart) < _GOOD_PX and level + 1 < len(_LEVELS)
+        bendier = not np.hypot(*bent) < _GOOD_PX and degree + 1 < len(_ORDERS)
+        if not (finer or bendier):
             break
+        level, degree = level + finer, degree + bendier
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
         return lost
-    return Saddle(x_px + apart, float(np.hypot(*apart)))
+    return Saddle(x_px + apart, float(3 * np.hypot(*apart) + np.hypot(*bent)))
 
 
 def _start(
@@ -242,7 +255,7 @@ def _start(
     # With coma J is far off, and a wide image has other stationary points. The guess is where both edges halve the
     # bundle; of a wide bundle, where each edge halves it on the other edge.
     half = np.full(2, _HALF_PX)
-    around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDER), _START_NODES)
+    around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDERS[0]), _START_NODES)
     if around is None:
         return None
     nodes = around.at(x_px)
@@ -253,7 +266,7 @@ def _start(
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
     if spread < _WIDE_PX:
         return x_px, spread
-    wide = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half + spread, _ORDER), _START_NODES)
+    wide = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half + spread, _ORDERS[0]), _START_NODES)
     if wide is None:
         return None
     return _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread), spread
