@@ -334,6 +334,15 @@ def test_more_blur_that_would_allow_no_steeper_tilt_is_no_remedy():
     assert re.fullmatch(r"poses from \d+\.\d to \d+\.\d mm limit tilts to \d+ degrees", line), line
 
 
+def test_a_cube_too_small_for_a_fitted_pattern_is_one_to_leave_as_it_is(run, monkeypatch):
+    """Before, the hint was to enlarge the edge, of a cube of the library whose pattern had grown by --fit."""
+    monkeypatch.setattr(CameraField, "scale_to_fill", lambda field, share: 10.0)
+    target = ("--target", "targets/aprilgrid_cube.usda")
+    code, _, log = run("new", "dataset", "d.usda", *PARTS, *target, "--fit")
+    assert code == 2
+    assert "is too short for a sheet" in log and "leave out --fit" in log and "enlarge" not in log
+
+
 def test_best_and_poses_at_once_are_refused(run):
     code, _, log = run("new", "dataset", "d.usda", *PARTS, "--best", "2", "--poses", "9")
     assert code == 2

@@ -182,6 +182,8 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
             break
         except (UsageError, TargetError) as error:
             if share == shares[-1]:
+                if fit and isinstance(error, TargetError):
+                    raise UsageError(error.what, hint="leave out --fit: it scales patterns, and shapes stay") from error
                 raise
             tell(f"{error.what}: a smaller one is tried")
     return fields, poses
