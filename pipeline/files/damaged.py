@@ -14,6 +14,4 @@ class DamagedFile(PipelineError):
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None) -> None:
         where = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{where}: {reason}", hint="remove the file and build again")
-        self.path = Path(path)
         self.reason = reason
-        self.line = line

@@ -20,9 +20,6 @@ class UnreadableLens(UsageError):
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None, hint: str | None = None) -> None:
         where = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{where}: {reason}", hint=hint)
-        self.path = Path(path)
-        self.reason = reason
-        self.line = line
 
 
 @contextmanager
