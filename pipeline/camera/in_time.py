@@ -14,19 +14,19 @@ from pipeline.motion import node_shares, node_times
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.records.shapes import Float64
 
-_INSTANTS = 256
-"""Instants between the first edge and the last at which there are tracers of images and labels [1]: making one takes
-longer than tracing a line, and from one to the next not even a wide pull moves the image by a twentieth of a pixel."""
+INSTANTS = 128
+"""Steps between instants of a frame at which there are tracers of images and labels [1]: making one takes longer than
+tracing a line, and a pull that moves the image by a pixel moves it by less than a hundredth from one to the next."""
 _KEPT = 32
 """Instants whose tracers are kept: more than one line sees by default."""
-_STATES = 5
+STATES = 5
 """States of a piece of time [1]: where a pull moves the image by a fifth of its radius, what is interpolated between
 them errs by 1e-6 of that radius."""
 
 
 def state_times(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:
     """Times of the states in all pieces between edges, (m - 1, states)."""
-    return node_times(edges_s, _STATES)
+    return node_times(edges_s, STATES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +40,9 @@ class CameraInTime:
 
     def shares(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Shares of all states in what is interpolated at times, (n, states): 0 of those in other pieces."""
-        piece, share = node_shares(np.array(self.edges_s), _STATES, times_s)
+        piece, share = node_shares(np.array(self.edges_s), STATES, times_s)
         result = np.zeros((len(piece), len(self.states)))
-        np.put_along_axis(result, _STATES * piece[:, None] + np.arange(_STATES), share, axis=1)
+        np.put_along_axis(result, STATES * piece[:, None] + np.arange(STATES), share, axis=1)
         return result
 
 
@@ -75,7 +75,7 @@ class TracersInTime:
     def instants_s(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """The instants next to times, (n,)."""
         first_s, end_s = self.camera.edges_s[0], self.camera.edges_s[-1]
-        step_s = (end_s - first_s) / _INSTANTS
+        step_s = (end_s - first_s) / INSTANTS
         return first_s + step_s * np.rint((times_s - first_s) / step_s)
 
     def _of_state(self, state: int) -> Tracer:

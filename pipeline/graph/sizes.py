@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from pipeline.camera.figures.outlook import microlenses_lit
 from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.in_time import INSTANTS, STATES
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
@@ -32,6 +33,10 @@ _SECONDS_PER_PAIR = {True: 6e-4, False: 1e-2}
 """Processor time to look for a point behind a microlens in one wavelength [s]: thin ones in a plane parallel to the
 sensor took 0.6 ms, others, whose apertures are found by tracing, 5 to 13 ms, on an Intel Xeon on 27 November 2026.
 """
+_SECONDS_PER_INSTANT = 0.15
+"""Processor time of a camera that changes to make it as it is at an instant, and a part of an image with it [s]: two
+frames of example 08 before a shutter that rolls took 0.13 s for each, on an Intel Xeon on 27 November 2026.
+"""
 _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
@@ -51,12 +56,12 @@ def size(_: str, params: Params) -> float:
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
     params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
-    how = params.get("sampling") or params.get("exposure")
+    how, changes = params.get("sampling") or params.get("exposure"), "in_time" in graph[name].reads
     while "camera" in graph[name].reads:
         name = graph[name].reads["camera"]
     focus = graph[name].params
     if params.get("points") and params.get("view"):
-        more_s = _seconds_of_pairs(params, focus)
+        more_s = _seconds_of_pairs(params, focus) * (STATES if changes else 1)
     if how and not params.get("tiles") and not params.get("number"):
         sensor = (focus["camera"] or focus["request"])["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
@@ -66,6 +71,12 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
             ray_s = _SECONDS_PER_MET
         elif glows:
             rays *= _SHARE_OF_GLOWING
+        if changes and params.get("shutter"):
+            shutter = params["shutter"]
+            frame_s = sensor["height_px"] * shutter["line_s"] + shutter["exposure_s"]
+            share = (end - first) * shutter["line_s"] / frame_s if frame_s else 0.0
+            more_s += shutter["instants"] * (1 + INSTANTS * share) * _SECONDS_PER_INSTANT
+            rays *= 2 * shutter["instants"]  # of a white image, too
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 

@@ -8,6 +8,7 @@ import dataclasses
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.files.png import write_png
 from pipeline.jit.work import work
+from pipeline.motion import Shutter
 from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
@@ -36,15 +38,8 @@ MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
 Scene = TargetLight | GlowingView | LitView
 """A view as the rooms of light take it."""
-
-
-class Together(NamedTuple):
-    """Pixels that are exposed together: the scenes that they see at instants, and these [s], rows and columns."""
-
-    scenes: list[Scene]
-    times_s: list[float]
-    rows: Rows
-    columns: Rows
+Together = tuple[list[Scene], Rows, Rows]
+"""Scenes of the instants that some pixels see, their rows and columns."""
 
 
 class SoFar(NamedTuple):
@@ -192,30 +187,49 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     width_px, height_px = rig.tracer.camera.sensor.size_px
     all_rows, all_columns = rows or (0, height_px), (0, width_px)
 
-    def rendered(some: Together) -> np.ndarray:
-        first, end = steadied_by(rig, some.columns)
-        if rig.in_time is None:
-            there = white[:, some.rows[0] - all_rows[0] : some.rows[1] - all_rows[0], first:end]
-            light = imaging.pictures_in_lights(rig, exposure.samples, some.scenes, there, some.rows, (first, end))
-        else:
-            instants, lines = zip(some.scenes, some.times_s, strict=True), (some.rows, (first, end))
-            light = np.stack([_at_instant(rig, time_s, exposure, scene, *lines) for scene, time_s in instants])
-        return light[..., some.columns[0] - first : some.columns[1] - first]
+    if rig.in_time:
+        return np.stack([exposed_in_time(image, inputs, rig, all_rows) for image in images])
+
+    def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
+        first, end = steadied_by(rig, columns)
+        there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
+        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
+        return light[..., columns[0] - first : columns[1] - first]
 
     still = [scene_of(image.view, inputs) for image in images if image.shutter is None]
-    alike = iter(rendered(Together(still, [], all_rows, all_columns)) if still else ())
+    alike = iter(rendered(still, all_rows, all_columns) if still else ())
     return np.stack(
         [exposed(image, inputs, rig, all_rows, rendered) if image.shutter else next(alike) for image in images]
     )
 
 
-def _at_instant(rig: Rig, time_s: float, exposure: Exposure, scene: Scene, rows: Rows, columns: Rows) -> np.ndarray:
-    """Some rows and columns of an image by a camera that changes, (h, w), relative to the reference of the frame."""
-    then, is_smooth = rig.at(time_s), rig.images is None and not exposure.diffraction
-    known = imaging.known_white_parts(then, rows, columns) if is_smooth else None
-    white = imaging.white_parts(then, exposure.samples, rows, columns) if known is None else known
-    (light,) = imaging.pictures_in_lights(then, exposure.samples, [scene], white, rows, columns)
-    return light * (then.tracer.reference_weight_sr / rig.tracer.reference_weight_sr)
+def exposed_in_time(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> np.ndarray:
+    """Rows of an image by a camera that changes, (h, w): of each line the mean of its instants.
+
+    They are those at which there are cameras, so that lines next to each other are mostly rendered together.
+    """
+    assert image.shutter and image.view and rig.in_time
+    size_px, after_s = rig.tracer.camera.sensor.size_px, instants_after_s(image.shutter)
+    opens_s, some, columns = zip(*image.shutter.lines(rows, size_px), strict=True)
+    result = np.zeros((rows[1] - rows[0], size_px[0]))
+    for after in after_s:
+        instants = rig.in_time.instants_s(np.array(opens_s) + after)
+        for first, end in pairwise([0, *(np.flatnonzero(np.diff(instants)) + 1).tolist(), len(instants)]):
+            (low, high), there = (some[first][0], some[end - 1][1]), (columns[first][0], columns[end - 1][1])
+            scene = scene_of(view_at(image.view, instants[first]), inputs)
+            light = _at_instant(rig.at(instants[first]), image.exposure, scene, (low, high), there)
+            result[low - rows[0] : high - rows[0], slice(*there)] += light / len(after_s)
+    return result / rig.tracer.reference_weight_sr
+
+
+def _at_instant(rig: Rig, exposure: Exposure, scene: Scene, rows: Rows, columns: Rows) -> np.ndarray:
+    """Light in some rows and columns of an image, (h, w), in the unit of the weight of rays."""
+    first, end = steadied_by(rig, columns)
+    is_smooth = rig.images is None and not exposure.diffraction
+    known = imaging.known_white_parts(rig, rows, (first, end)) if is_smooth else None
+    white = imaging.white_parts(rig, exposure.samples, rows, (first, end)) if known is None else known
+    (light,) = imaging.pictures_in_lights(rig, exposure.samples, [scene], white, rows, (first, end))
+    return light[:, columns[0] - first : columns[1] - first] * rig.tracer.reference_weight_sr
 
 
 def steadied_by(rig: Rig, columns: Rows) -> Rows:
@@ -226,15 +240,14 @@ def steadied_by(rig: Rig, columns: Rows) -> Rows:
 
 
 def exposed(
-    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[Together], np.ndarray]
+    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows, Rows], np.ndarray]
 ) -> np.ndarray:
     """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
 
-    `rendered` returns images of all instants of pixels that are exposed together, which share their rays while the
-    camera does not change.
+    `rendered` returns images of scenes that share their rays, which instants of pixels exposed together do.
     """
     assert image.shutter is not None
-    parts = [rendered(together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
+    parts = [rendered(*together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
     return np.concatenate(parts, axis=1 - image.shutter.axis)
 
 
@@ -242,14 +255,19 @@ def exposed_together(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> Iter
     """Pixels of some rows, by the instants that they see."""
     shutter, view, size_px = image.shutter, image.view, rig.tracer.camera.sensor.size_px
     if shutter is None:
-        yield Together([scene_of(view, inputs)], [0.0], rows, (0, size_px[0]))
+        yield [scene_of(view, inputs)], rows, (0, size_px[0])
         return
     assert view is not None
-    count = shutter.instants if shutter.exposure_s else 1
-    after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    after_s = instants_after_s(shutter)
     for opens_s, some, columns in shutter.lines(rows, size_px):
-        times_s = (opens_s + after_s).tolist()
-        yield Together([scene_of(view_at(view, time), inputs) for time in times_s], times_s, some, columns)
+        yield [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()], some, columns
+
+
+def instants_after_s(shutter: Shutter) -> np.ndarray:
+    """Instants of a line after its exposure begins, (n,) [s]."""
+    count = shutter.instants if shutter.exposure_s else 1
+    after_s: np.ndarray = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    return after_s
 
 
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
@@ -275,7 +293,7 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
     rig, white = imaged_rig(inputs, exposure), read_npy(inputs["white"][MEANS]).mean(axis=0)
     kept = None if shutter or params.number == 0 else read_npy(inputs["first"][COLOURS])[None]
     parts = []
-    for scenes, _, some, columns in exposed_together(params, inputs, rig, rows):
+    for scenes, some, columns in exposed_together(params, inputs, rig, rows):
         first, end = steadied_by(rig, columns)
         bands = imaging.bands_in_lights(rig, some, (first, end))
         there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
