@@ -6,7 +6,8 @@ import dataclasses
 import math
 from pathlib import Path
 
-from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.parts.camera import Camera
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.project import Project
@@ -26,20 +27,28 @@ def preview_of(dataset: Dataset) -> Dataset:
 
 
 def _small(entry: CameraEntry) -> CameraEntry:
-    asked = dataclasses.replace(entry.asked, sensor=_coarse(entry.asked.sensor))
+    in_time = entry.in_time
     return dataclasses.replace(
-        entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), image_noise=None, f_numbers=(), labels=()
+        entry,
+        asked=_coarse(entry.asked),
+        in_time=in_time and dataclasses.replace(in_time, states=tuple(map(_coarse, in_time.states))),
+        image_samples=min(SAMPLES, entry.image_samples),
+        image_noise=None,
+        f_numbers=(),
+        labels=(),
     )
 
 
-def _coarse(sensor: Sensor) -> Sensor:
-    """The sensor with pixels four times as wide, about its centre; it may be up to three old pixels larger."""
-    return dataclasses.replace(
+def _coarse(asked: Camera | FocusRequest) -> Camera | FocusRequest:
+    """The camera with pixels four times as wide, about the centre; its sensor may be up to three old pixels larger."""
+    sensor = asked.sensor
+    coarse = dataclasses.replace(
         sensor,
         width_px=math.ceil(sensor.width_px / SHRINK),
         height_px=math.ceil(sensor.height_px / SHRINK),
         pitch_mm=sensor.pitch_mm * SHRINK,
     )
+    return dataclasses.replace(asked, sensor=coarse)
 
 
 def only_images(project: Project) -> Project:

@@ -105,7 +105,7 @@ class ReadyCamera:
         moving : Motion or function of a time [s], optional
             The pose (4, 4) from a frame in which the points rest, and normals with +z as default, to the vision frame
             at a time after the time code of the frame, while a shutter is open. A point then lies where its own line
-            sees it, as rows of the ground truth do.
+            sees it, as rows of the ground truth do; so it does in any case where the camera itself changes meanwhile.
         accuracy_px : float, optional
             Error that positions may have; by default that of the camera.
         derivatives : sequence of str, optional

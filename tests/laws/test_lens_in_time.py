@@ -20,6 +20,7 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
+from pipeline.graph.variants import preview_of
 from pipeline.scene.load import load, open_dataset
 
 _OPENS_S, _LINE_S, _EXPOSURE_S, _CODES_PER_S = -0.016, 5e-4, 0.01, 24
@@ -152,3 +153,10 @@ def test_what_a_changing_camera_cannot_do_is_refused(tmp_path, wish):
     assert not load(stage(tmp_path / "wished", "conventional", samples + wish)).errors
     (problem,) = load(stage(tmp_path / "both", "conventional", samples + _SCANNED + wish)).errors
     assert problem.code == "not-yet-supported" and wish.split()[-3].split(".")[0] in str(problem)
+
+
+def test_a_preview_of_a_changing_camera_has_its_few_pixels_in_all_states(tmp_path):
+    path = stage(tmp_path, "conventional", pulled(f".timeSamples = {_PULL}") + _SCANNED)
+    (entry,) = preview_of(open_dataset(path)).cameras
+    assert entry.in_time and entry.asked.sensor.size_px == (8, 6)
+    assert {state.sensor for state in entry.in_time.states} == {entry.asked.sensor}
