@@ -6,6 +6,7 @@ Profiles of luminaires are tables like these.
 import io
 import re
 import tempfile
+from typing import Any
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -71,6 +72,13 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
                 kind = "LA" if kind == "L" else "RGBA"
             if picture.format == "PNG" and content[24] == _BITS and not deep:
                 return _by_opencv(content), _DEEP  # Pillow keeps 8 bits of each
+            tile: Any = picture.tile[0] if picture.format == "BMP" else None
+            if (
+                tile and "BGRX" in tile.args
+            ):  # with opacity, which Pillow leaves out; where all of it is zero it is none
+                raw = Image.frombytes("RGBA", picture.size, content[tile.offset :], "raw", "BGRA", *tile.args[1:])
+                if (pixels := np.array(raw))[..., 3].any():
+                    return pixels, _WHITE
             pixels = np.array(picture if deep else picture.convert(kind))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"

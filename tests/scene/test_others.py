@@ -228,6 +228,17 @@ def test_a_colour_that_stands_for_holes_is_transparent(tmp_path, mode, hole):
     assert decoded((tmp_path / "key.png").read_bytes(), ".png", "raw")[0, :, 3].tolist() == [0, 1]
 
 
+@pytest.mark.parametrize(("fourth", "opacity"), [([0, 51], [0, 51]), ([0, 0], [255, 255])])
+def test_the_fourth_components_of_a_bmp_are_opacity_unless_all_are_zero(tmp_path, fourth, opacity):
+    """As USD's own reader has it, in both orders of rows."""
+    Image.fromarray(np.array([[[9, 8, 7, each]] for each in fourth], np.uint8)).save(tmp_path / "p.bmp")
+    content = (tmp_path / "p.bmp").read_bytes()
+    flipped = content[:22] + (-2).to_bytes(4, "little", signed=True) + content[26:]  # the height, below zero
+    for rows, picture in ((1, content), (-1, flipped)):
+        pixels = decoded(picture, ".bmp", "raw")[::rows, 0] * 255
+        assert pixels == pytest.approx(np.array([(9, 8, 7, each) for each in opacity]), abs=SINGLE)
+
+
 def test_halves_that_are_infinite_are_refused(tmp_path):
     """Suns of skies are, where the file has half precision."""
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -280,6 +291,7 @@ def test_what_programs_add_for_themselves_is_no_error(tmp_path, where):
         ("double plen:radianc = 1", "unknown-property"),
         ("token visibility = 'hidden'", "bad-token"),
         ("rel material:binding = </Scene/Nothing>", "missing-target"),
+        ('int3 xformOp:scale = (2, 2, 2)\nuniform token[] xformOpOrder = ["xformOp:scale"]', "unreadable-value"),
     ],
 )
 def test_what_the_stage_misspells_is_an_error(tmp_path, line, code):
@@ -361,6 +373,13 @@ def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line,
             'uniform token[] xformOpOrder = ["xformOp:transform"]',
             None,
         ),
+        ("own", 'int3 xformOp:scale = (2, 2, 2)\nuniform token[] xformOpOrder = ["xformOp:scale"]', "unreadable-value"),
+        (
+            "own",
+            'float4 xformOp:orient = (1, 0, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:orient"]',
+            "unreadable-value",
+        ),
+        ("own", 'custom rel xformOp:scale\nuniform token[] xformOpOrder = ["xformOp:scale"]', "missing-xform-op"),
         ("meta", "prepend references = @gone.usda@", "usd-invalid-asset-path"),
         ("meta", "prepend payload = @./asset.usda@</Gone>", "usd-unresolved-prim-path"),
         ("meta", 'variants = {\nstring look = "red"\n}\nprepend variantSets = "look"', "unknown-variant"),

@@ -474,6 +474,18 @@ def test_a_skeleton_moves_points_and_normals_and_blend_shapes_add_to_them_at_eac
         np.testing.assert_allclose(entry.finish.normals[0], (0, 1, 0, -s, c, 0, -s, c, 0), rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("[0, 1, 1] (", "[0, 1, 2] (", "not-drawn"),
+        ("float[] blendShapeWeights.", "int[] blendShapeWeights.", "wrong-type"),
+    ],
+)
+def test_what_usd_cannot_move_is_named(tmp_path, old, new, code):
+    """A joint that is not there, and weights of a type that USD does not take."""
+    assert code in {problem.code for problem in load(scene(tmp_path, ARM.replace(old, new), 2)).problems}
+
+
 @pytest.mark.parametrize("content", [MANY, ARM])
 def test_the_stage_of_a_build_has_the_same_shapes(content: str, tmp_path):
     """What was written out is in it, and is not written out again."""

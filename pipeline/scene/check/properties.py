@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
+from pipeline.scene.usd.poses import is_orient
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME
 from pipeline.scene.usd.usda_lines import line_of
@@ -18,6 +19,7 @@ from pipeline.scene.usd.values import (
     Condition,
     Range,
     Rule,
+    UnreadableValue,
     bad_text,
     is_written,
     numbers,
@@ -53,9 +55,9 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     definition = prim.GetPrimDefinition()
     known, strange = set(definition.GetPropertyNames()), []
     for prop in prim.GetAuthoredProperties():
-        if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
-            for time, value in _authored_values(prop):
-                yield from _check_value(prop, value, time, _MOVES)
+        is_attribute = isinstance(prop, Usd.Attribute)
+        if is_attribute and prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
+            yield from _check_op(prop)
         elif prop.GetName() in _BINDINGS and isinstance(prop, Usd.Relationship):
             yield from _check_relationship(prop)  # no schema declares it
         elif prop.GetName() not in known:
@@ -65,7 +67,7 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             # USD follows the schema, whatever is written.
             kind = "a relationship (rel)" if isinstance(prop, Usd.Relationship) else "an attribute"
             yield problem(prop, "wrong-type", f'"{prop.GetName()}" must be written as {kind}')
-        elif isinstance(prop, Usd.Attribute):
+        elif is_attribute:
             yield from _check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
@@ -74,6 +76,22 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
         meant = {nearest(name, known) for name in strange}
         yield from _check_required(prim, meant)
         yield from _check_conditions(prim, meant)
+
+
+def _check_op(attribute: Usd.Attribute) -> Iterator[Problem]:
+    """Problems of an operation of a transform; USD takes the identity for one whose type is none of its kind."""
+    try:
+        op = UsdGeom.XformOp(attribute)
+        op.GetOpTransform(Usd.TimeCode.EarliestTime())
+        if is_orient(op):  # of which USD says nothing above
+            op.GetPrecision()
+    except Tf.ErrorException:
+        message = f'"{attribute.GetName()}" cannot be read as {attribute.GetTypeName()}'
+        hint = "write it with a type that USD documents for it, such as double3 for translate"
+        yield problem(attribute, UnreadableValue.code, message, hint=hint)
+        return
+    for time, value in _authored_values(attribute):
+        yield from _check_value(attribute, value, time, _MOVES)
 
 
 def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:

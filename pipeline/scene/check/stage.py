@@ -206,7 +206,7 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
         yield problem(order, "entries", f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}')
         return
     for name in named:
-        if name != "!resetXformStack!" and not prim.HasProperty(name):
+        if name != "!resetXformStack!" and not prim.HasAttribute(name):
             # USD raises an error only later, when the transform is read.
             hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
             yield problem(order, "missing-xform-op", f'xformOpOrder names "{name}", which does not exist', hint=hint)

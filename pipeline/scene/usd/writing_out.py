@@ -18,6 +18,7 @@ _INSTANCE = "Instance_"
 """Beginning of the names of prims that stand for an instance, below its point instancer."""
 _SAME = 1e-9
 """Difference of elements of transforms that are the same [unit of the stage]: both are doubles, written out in full."""
+_BAKED = ("points", "xformOp:transform")
 _WEIGHTS = ("translations", "rotations", "scales", "blendShapeWeights")
 
 
@@ -234,8 +235,9 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     with Usd.EditContext(stage, session):
         for animation in [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)]:
             for attribute in filter(None, map(animation.GetAttribute, _WEIGHTS)):
-                if attribute.ValueMightBeTimeVarying():
-                    values = {frame: attribute.Get(frame) for frame in frames}
+                values = {frame: attribute.Get(frame) for frame in frames}
+                fitting = type(attribute.GetTypeName().defaultValue)  # USD takes no other type
+                if attribute.ValueMightBeTimeVarying() and all(isinstance(each, fitting) for each in values.values()):
                     for frame, value in values.items():
                         attribute.Set(value, frame)
                     sampled.append(attribute.GetPath())
@@ -251,7 +253,7 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
             spec = session.GetAttributeAtPath(path)
             spec.owner.RemoveProperty(spec)
     _keep(session, frames)
-    left = (prim for prim in bound if prim.GetPrimStack()[0].layer != session)
+    left = (prim for prim in bound if not _is_baked(session, prim.GetPath()))
     return [_unbaked(prim) for prim in left if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
 
 
@@ -273,6 +275,12 @@ def _offer_normals(prim: Usd.Prim) -> None:
         mesh.GetNormalsAttr().Set(primvar.ComputeFlattened(Usd.TimeCode.EarliestTime()))
         mesh.SetNormalsInterpolation(primvar.GetInterpolation())
         primvar.GetAttr().Block()
+
+
+def _is_baked(session: Sdf.Layer, path: Sdf.Path) -> bool:
+    """Whether UsdSkel has written points or a transform of a prim; if it cannot, it may leave them without a value."""
+    written = filter(None, (session.GetAttributeAtPath(path.AppendProperty(name)) for name in _BAKED))
+    return any(spec.HasInfo("timeSamples") or spec.HasInfo("default") for spec in written)
 
 
 def _is_skinned(prim: Usd.Prim) -> bool:
