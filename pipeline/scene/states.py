@@ -67,11 +67,8 @@ def read_in_time(camera: Usd.Prim, asked: Camera | FocusRequest, shutter: Shutte
     number, codes_per_s = code_now(), codes_per_second(camera)
     bends_s = {(time - number) / codes_per_s for attribute in varying for time in attribute.GetTimeSamples()}
     edges_s = pieces_s(shutter.motion_s(asked.sensor.size_px), bends_s)
-    times_s = state_times(edges_s)
-    if camera.GetStage().GetInterpolationType() == Usd.InterpolationTypeHeld:
-        times_s[:] = (edges_s[1:] + edges_s[:-1])[:, None] / 2
     states = []
-    for time_s in times_s.ravel().tolist():
+    for time_s in state_times(edges_s).ravel().tolist():
         with at_code(number + time_s * codes_per_s):
             states.append(read_camera(camera))
     if all(state == asked for state in states):
