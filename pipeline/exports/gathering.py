@@ -56,7 +56,7 @@ def gather(
     if any(camera.shutter for camera in output.cameras.values()):
         remarks = (
             *remarks,
-            "before a shutter positions are those of the times of their lines, poses and cameras of the time code",
+            "before a shutter positions are those at the times of their lines, poses and cameras of the time code",
         )
     material = Material(
         stage=output.stage,
