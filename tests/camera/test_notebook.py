@@ -67,7 +67,7 @@ def answer(call: Callable[[], Any]) -> Any:
 @pytest.mark.parametrize(
     "record", [CAMERA, SENSOR, SINGLET, SINGLET.surfaces[0], ARRAY, BOARD], ids=lambda r: type(r).__name__
 )
-@pytest.mark.parametrize("step", [25, pytest.param(1, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("step", [75, pytest.param(1, marks=pytest.mark.heavy)])
 def test_a_record_holds_what_it_declares_or_says_what_it_was_given(record: Any, step: int) -> None:
     """And what it holds can be traced, or an error says why not: one of so many is."""
     held = []
