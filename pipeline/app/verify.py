@@ -5,6 +5,7 @@ digests, too.
 """
 
 import dataclasses
+import functools
 import hashlib
 import re
 from collections.abc import Callable, Iterator
@@ -42,11 +43,10 @@ from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
 from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.camera import camera_in_time
-from pipeline.tasks.certificate import certificate, points_seen, rows_of
+from pipeline.tasks.certificate import certificate, planes_of, points_seen, rows_of
 from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, InTime, JoinedRays, Planes
 from pipeline.tasks.params.frames import PlacedView, Truth, TruthTable
 from pipeline.truth.judging import sample
-from pipeline.truth.visibility import PointBundles
 
 _STAGE = "dataset.usda"
 _STREAM = 0x7E51
@@ -290,9 +290,11 @@ def _wrong_visibilities(rig: Rig, tables: list[tuple[_FrameTable, Table]], seed:
         for number, of_target in enumerate(rows_of(rig, targets, table, shutter)):
             here = drawn[(drawn >= first) & (drawn < first + len(of_target.cell))] - first
             first, rows = first + len(of_target.cell), of_target.only(here)
-            stated = table.numbers("visibility")[names == targets[number].name][here]
-            bundles = PointBundles(rig.microlens(rows.cell), rows.x_px, rows.pairs.planes[:, 0, 0])
-            share = in_time.visibility(rig, number, bundles)
+            stated, point = (
+                table.numbers(column)[names == targets[number].name][here] for column in ("visibility", "point_id")
+            )
+            on = functools.partial(planes_of(rig, targets[number], shutter).at, point.astype(int))
+            share = in_time.visibility(rig, number, rows.cell, rows.x_px, on)
             wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"

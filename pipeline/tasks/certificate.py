@@ -18,6 +18,7 @@ from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.params.frames import Certificate, PlacedTarget
 from pipeline.truth.judging import ROWS, Rows, certify, rows_of_build
+from pipeline.truth.planes import Planes
 
 _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""
@@ -75,13 +76,15 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
     cell = cells_of(rig, table)
     parts = []
     for entry in targets:
-        target, pose = placed_target(entry)
-        points = target.points()
-        here = names == entry.name
-        posed = PosedPoints(entry.name, points, pose)
-        planes = posed.before(rig, shutter, entry.motion)
+        here, planes = names == entry.name, planes_of(rig, entry, shutter)
         parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
+
+
+def planes_of(rig: Rig, entry: PlacedTarget, shutter: Shutter | None) -> Planes:
+    """Tangent planes of the points of a target before a camera."""
+    target, pose = placed_target(entry)
+    return PosedPoints(entry.name, target.points(), pose).before(rig, shutter, entry.motion)
 
 
 def cells_of(rig: Rig, table: Table) -> np.ndarray:

@@ -36,7 +36,7 @@ from pipeline.truth.planes import MovingPlanes, faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set, moving_column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.visibility import PointBundles, seen
+from pipeline.truth.visibility import seen
 
 ROWS, NOTES = "rows.csv", "notes.json"
 """Files that tiles write."""
@@ -148,9 +148,8 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
             continue
         planes, sets = posed.planes, []
         solutions = truth.solutions
-        on = before.middle(solutions.point, solutions.xy_px)
-        bundles = PointBundles(rig.microlens(solutions.cell), solutions.xy_px, on)
-        truth, share = seen(truth, in_time.visibility(rig, number, bundles))
+        on = functools.partial(before.at, solutions.point)
+        truth, share = seen(truth, in_time.visibility(rig, number, solutions.cell, solutions.xy_px, on))
         rows = columns_of(table, posed, rig, truth, share)
         if table.shutter is not None:
             rows |= time_columns(rig, table.shutter, truth.solutions, moving)

@@ -14,8 +14,8 @@ from pipeline.motion import Shutter
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import inverse
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
-from pipeline.truth.direct.newton import over_exposure
-from pipeline.truth.planes import MovingPlanes, Pairs, faces_camera
+from pipeline.truth.direct.newton import mean_hit, over_exposure
+from pipeline.truth.planes import MovingPlanes, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions
 
 _TURNS = 4
@@ -104,17 +104,13 @@ def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOf
     x_px, shutter = solutions.xy_px, moving.shutter
     middle = shutter.middle_s(x_px, moving.size_px)
     half = max(shutter.exposure_s, shutter.line_s, _APART_S) / 2
-    times, microlens = np.stack([middle - half, middle + half]), rig.microlens(solutions.cell)
-    planes = np.stack([moving.at(solutions.point, at) for at in times], axis=1)
-    states = None
-    if moving.camera is not None:
-        states = np.stack([moving.camera.shares(at) for at in times], axis=1)[:, None]
+    times, microlens = (middle - half, middle + half), rig.microlens(solutions.cell)
 
     def integrate(state: int, rows: slice | np.ndarray, on: np.ndarray) -> Integral:
         return integrals(rig.tracer_in(state), Bundles(x_px[rows], microlens[rows], on, rig.square_px), 0)
 
-    hits = over_exposure(Pairs(planes[:, None], np.ones((len(x_px), 1)), states), integrate).moments
-    hits_mm_per_s = (hits[:, 2:4] - hits[:, :2]) / (2 * half)
+    first, end = (mean_hit(over_exposure(moving.stills(solutions.point, at), integrate).moments) for at in times)
+    hits_mm_per_s = (end - first) / (2 * half)
     # The derivative of J has the scan in it: where the point moves v in the image of an instant, it moves v / (1 - v D)
     # in the image that is scanned, D the time from line to line.
     way_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)

@@ -60,8 +60,8 @@ class StillPlanes:
 
     planes: Float64[np.ndarray, "p 4 3"]
 
-    def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Planes (n, 4, 3) of points in the middle of the exposure at image positions, which may be NaN."""
+    def at(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
+        """Planes (n, 4, 3) of points at times."""
         return self.planes[point]
 
     def pairs(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
@@ -86,7 +86,7 @@ class MovingPlanes:
     camera: CameraInTime | None = None  # None: the camera does not change
 
     def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """As of still planes; NaN where the position is."""
+        """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN where the position is."""
         return self.at(point, self.shutter.middle_s(x_px, self.size_px))
 
     def pairs(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
@@ -111,14 +111,18 @@ class MovingPlanes:
 
     def instants(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
         """As of still planes."""
-        still = Pairs.still(self.middle(point, x_px))
+        return self.stills(point, self.shutter.middle_s(x_px, self.size_px))
+
+    def stills(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> Pairs:
+        """Planes of points, and the camera, as at times alone."""
+        still = Pairs.still(self.at(point, times_s))
         if self.camera is None:
             return still
-        states = self.camera.shares(self.shutter.middle_s(x_px, self.size_px))
+        states = self.camera.shares(times_s)
         return replace(still, states=np.stack([states, states], axis=1)[:, None])
 
     def at(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Planes (n, 4, 3) of points at times."""
+        """As of still planes."""
         pose = self.motion.at(times_s)
         planes: np.ndarray = np.einsum("nij,nkj->nki", pose[:, :3, :3], self.of_target[point])
         planes[:, 0] += pose[:, :3, 3]

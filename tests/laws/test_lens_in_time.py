@@ -13,15 +13,19 @@ import pipeline
 from pipeline.app.verify import verify
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest
-from pipeline.camera.integrals import Bundles, integrals
+from pipeline.camera.integrals import Bundles, Integral, integrals
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 from pipeline.graph.variants import preview_of
+from pipeline.motion import Motion
 from pipeline.scene.load import load, open_dataset
+from pipeline.truth.direct.newton import mean_hit, over_exposure
+from pipeline.truth.moving import solve_moving, time_of_rows
+from pipeline.truth.planes import MovingPlanes, Pairs
 
 _OPENS_S, _LINE_S, _EXPOSURE_S, _CODES_PER_S = -0.016, 5e-4, 0.01, 24
 _SCANNED = """uniform token plen:shutter:scanOrder = "topToBottom"
@@ -109,6 +113,39 @@ def test_before_a_shifting_sensor_rows_lie_where_their_closed_form_says(tmp_path
     assert len(x) == 4 and np.abs(x - x0).min() > 1
     np.testing.assert_allclose(share, share0, rtol=0, atol=0.02)
     assert ((share > 0.2) & (share < 0.8)).any()
+
+
+def test_an_instant_without_light_has_no_part_in_a_position():
+    """Behind the edge of a micro-image that shrinks: all light is of the first of two states, that at one node."""
+    states = np.array([[[[1.0, 0.0], [0.25, 0.75]]]])
+
+    def integrate(state: int, rows: slice | np.ndarray, on: np.ndarray) -> Integral:
+        moments = np.full((1, COLUMNS), (3.0, np.nan)[state])
+        moments[:, WEIGHT] = (2.0, 0.0)[state]
+        return Integral(moments, np.full((1, 2), (1e-3, np.nan)[state]), np.zeros(1, bool), 1)
+
+    mean = over_exposure(Pairs(np.zeros((1, 1, 2, 4, 3)), np.ones((1, 1)), states), integrate)
+    np.testing.assert_allclose(mean_hit(mean.moments), [[3.0, 3.0]], rtol=1e-12)
+    assert mean.moments[0, WEIGHT] == 2.0 * 1.25 / 2 and np.isfinite(mean.error_mm).all()
+
+
+def test_motion_is_that_of_the_image_however_the_light_changes(tmp_path):
+    """The sensor's way from the begin of an exposure to its end, while the iris closes."""
+    shutter = "uniform double2 plen:shutter:exposure = (1, 50)\nuniform double2 plen:shutter:opens = (-3, 100)\n"
+    path = stage(tmp_path, "conventional", shutter, "double2 plen:offset.timeSamples = {0: (0, 0), 1: (0.6, 0.3)}")
+    iris = 'over "Lens"\n{\nover "Stop"\n{\ndouble plen:semiDiameter.timeSamples = {0: 4.5, 1: 1.5}\n}\n}\n'
+    path.write_text(path.read_text().replace('over "Sensor"', iris + 'over "Sensor"'))
+    ready = pipeline.ready(path)
+    assert ready.shutter
+    rests = Motion.of(lambda time_s: np.eye(4), ready.shutter.motion_s(ready.size_px))
+    facing = parallel_planes(434.4, 434.4)[:1] * [[1], [1], [1], [-1]]
+    board = MovingPlanes(facing, rests, ready.shutter, ready.size_px, ready.rig.camera_in_time)
+    rows = solve_moving(ready.rig, board, slice(None), 1e-4, 0.05)
+    assert rows and len(rows.solutions.point) == 1
+    way_px = np.array([0.6, 0.3]) / 0.1 * _CODES_PER_S / 50
+    motion_px2 = time_of_rows(ready.rig, board, rows.solutions).motion_px2
+    # Where the iris is another, the image is a little elsewhere.
+    np.testing.assert_allclose(motion_px2, [np.outer(way_px, way_px) / 12], rtol=3e-3)
 
 
 def test_each_line_of_an_image_is_that_of_the_still_camera_of_its_instant(tmp_path, common_store):

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedVie
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.moving import solve_moving, time_of_rows
-from pipeline.truth.planes import MovingPlanes, tangent_planes
+from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
 from pipeline.truth.positions.column_sets import column_set, moving_column_set
 from pipeline.truth.visibility import PointBundles, visibility
 
@@ -232,7 +233,10 @@ def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exp
     planes = tangent_planes(pose, BOARD.points_mm())
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05).solutions
     bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes[rows.point])
-    share = SurroundingsInTime.of(view, shutter, rig).visibility(rig, 0, bundles)
+    on = StillPlanes(bundles.planes).at
+    share = SurroundingsInTime.of(view, shutter, rig).visibility(
+        rig, 0, rows.cell, rows.xy_px, partial(on, np.arange(len(rows.cell)))
+    )
     middle_s, half_s = rows.xy_px[:, 1] * 1e-3 + exposure_s / 2, (end - first) / 64
 
     def alone(row: int, time_s: float) -> float:
@@ -414,14 +418,15 @@ def test_what_is_still_before_the_camera_is_that_of_an_instant_bit_for_bit(tmp_p
 
 @pytest.mark.parametrize(("order", "axis"), [("topToBottom", 1), ("rightToLeft", 0)])
 def test_each_line_of_an_image_is_the_mean_of_still_images_of_its_instants(order, axis, tmp_path, common_store):
-    def place(time_s: float) -> str:  # the board passes half of the image in a frame
+    def place(time_s: float) -> str:  # the board passes half of the image in a frame, and comes nearer
         way = 8.0 * 24 * time_s
-        return f"({-0.4 + way * (axis == 0)!r}, {1.2 - way * (axis == 1)!r}, -434.4)"
+        return f"({-0.4 + way * (axis == 0)!r}, {1.2 - way * (axis == 1)!r}, {-434.4 + way / 8!r})"
 
     ends, exposed = (place(0), place(1 / 24)), "double2 exposure = (1, 240)\nint instants = 2"
     scan = SCAN.replace("topToBottom", order)
     chief = '\ntoken[] plen:truth:columns = ["chief"]'
     rows, scanned = built(stage(tmp_path / "scanned", f"{scan}{exposed}{chief}", ends), common_store)
+    assert " dropped_hidden 0, " in "".join(rows.comments)  # none of its points behind itself
     # The board moves by pixels meanwhile, and this lens has little coma.
     assert np.abs(rows.numbers("chief_x_px") - rows.numbers("x_px")).max() < 0.1
     assert np.abs(rows.numbers("chief_y_px") - rows.numbers("y_px")).max() < 0.1

@@ -1,5 +1,6 @@
 """Targets and occluders of a frame, from the params of the tasks `image`, `truth` and `verify`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -49,13 +50,21 @@ class SurroundingsInTime:
         times = np.linspace(*window_s, _TIMES) if moves(view) else np.zeros(1)
         return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
 
-    def visibility(self, rig: Rig, target: int, bundles: PointBundles) -> np.ndarray:
-        """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure."""
-        when, share = np.zeros((2, len(bundles.x_px))), np.empty(len(bundles.x_px))
+    def visibility(
+        self, rig: Rig, target: int, cell: np.ndarray, x_px: np.ndarray, planes_at: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure.
+
+        `planes_at` returns the tangent planes (n, 4, 3) of their points at times (n,) [s].
+        """
+        when, share = np.zeros((2, len(x_px))), np.empty(len(x_px))
         if self.shutter is not None:
-            middle_s = self.shutter.middle_s(bundles.x_px, rig.tracer.camera.sensor.size_px)
+            middle_s = self.shutter.middle_s(x_px, rig.tracer.camera.sensor.size_px)
             when[0] = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
             when[1] = rig.in_time.instants_s(middle_s) if rig.in_time else 0.0
+        # A board that comes nearer would hide its own points as they were before.
+        planes = planes_at(self.times_s[when[0].astype(int)])
+        bundles = PointBundles(rig.microlens(cell), x_px, planes)
         for number, time_s in np.unique(when, axis=1).T.tolist():
             here = (when[0] == number) & (when[1] == time_s)
             share[here], _ = visibility(rig.at(time_s), self.at[int(number)], target, *bundles.only(here))

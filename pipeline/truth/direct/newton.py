@@ -104,9 +104,9 @@ def _over_states(pairs: Pairs, states: np.ndarray, integrate: Integrate) -> Inte
         by = np.repeat(of_node.mean(axis=1, keepdims=True), COLUMNS, axis=1)
         by[:, :2], by[:, 2:4] = of_node[:, :1], of_node[:, 1:]
         by[:, WEIGHT : FREE_WEIGHT + 1] = share.mean(axis=1, keepdims=True)
-        sums[here] += by * part.moments
+        sums[here] += by * np.nan_to_num(part.moments)  # a state without light has no part in the mean
         light[here] += of_node
-        error_mm[here] += np.abs(share).mean(axis=1, keepdims=True) * part.error_mm
+        error_mm[here] += np.abs(share).mean(axis=1, keepdims=True) * np.nan_to_num(part.error_mm)
         is_random[here] |= part.is_random
         rays += part.rays
     # Each node counts by its light, as rays do: the mean over both planes is that over the exposure.
