@@ -116,6 +116,8 @@ def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOf
     way_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)
     motion = way_px_per_s * shutter.exposure_s
     # Line r is exposed while the point is (1 - v D) (y - r) from its middle, y along the axis of the scan.
-    y, reach = x_px[:, shutter.axis], np.abs(1 + way_px_per_s[:, shutter.axis] * shutter.line_by_px_s) / 2
+    # Where a changing camera has no light at one end, the motion is NaN, and the line is that of the row itself.
+    along = np.nan_to_num(way_px_per_s[:, shutter.axis])
+    y, reach = x_px[:, shutter.axis], np.abs(1 + along * shutter.line_by_px_s) / 2
     lines = np.floor(y + reach) - np.floor(y - reach)
     return TimeOfRows(middle, motion[:, :, None] * motion[:, None, :] / 12, lines.astype(np.int64))

@@ -144,6 +144,8 @@ def test_motion_is_that_of_the_image_however_the_light_changes(tmp_path):
     assert rows and len(rows.solutions.point) == 1
     way_px = np.array([0.6, 0.3]) / 0.1 * _CODES_PER_S / 50
     motion_px2 = time_of_rows(ready.rig, board, rows.solutions).motion_px2
+    unknown = replace(rows.solutions, jacobian=np.full((1, 2, 2), np.nan))
+    assert time_of_rows(ready.rig, board, unknown).lines == [1]
     # Where the iris is another, the image is a little elsewhere.
     np.testing.assert_allclose(motion_px2, [np.outer(way_px, way_px) / 12], rtol=3e-3)
 
