@@ -73,9 +73,7 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
             if picture.format == "PNG" and content[24] == _BITS and not deep:
                 return _by_opencv(content), _DEEP  # Pillow keeps 8 bits of each
             tile: Any = picture.tile[0] if picture.format == "BMP" else None
-            if (
-                tile and "BGRX" in tile.args
-            ):  # with opacity, which Pillow leaves out; where all of it is zero it is none
+            if tile and "BGRX" in tile.args:  # opacity, which Pillow leaves out; where all of it is zero it is none
                 raw = Image.frombytes("RGBA", picture.size, content[tile.offset :], "raw", "BGRA", *tile.args[1:])
                 if (pixels := np.array(raw))[..., 3].any():
                     return pixels, _WHITE

@@ -128,6 +128,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         for attribute, picture in read_pictures(stage).items():  # in place of files of this machine
             if spec := layer.GetAttributeAtPath(attribute):
                 spec.default = Sdf.AssetPath(f"./{picture.file}")
+                spec.ClearInfo("timeSamples")
     return Loaded(
         dataset=dataset,
         problems=problems,

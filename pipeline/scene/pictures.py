@@ -58,6 +58,13 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
     return f"{hashlib.sha256(picture_of(attribute).content).hexdigest()[:16]}-{space}"
 
 
+def first_of(attribute: Usd.Attribute) -> Any:
+    """Value of an attribute in the first frame, which stands for all where nothing is animated."""
+    stage = attribute.GetPrim().GetStage()
+    has_frames = stage.HasAuthoredTimeCodeRange()
+    return attribute.Get(stage.GetStartTimeCode() if has_frames else Usd.TimeCode.EarliestTime())
+
+
 def read_pictures(stage: Usd.Stage) -> dict[Sdf.Path, PictureEntry]:
     """All pictures that the stage's textures and domes name, by the paths of the attributes that name them."""
     entries = dict[Sdf.Path, PictureEntry]()
@@ -73,25 +80,23 @@ def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
     if is_in_preview(prim):
         return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
-        given, space = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
-        producers = given.GetValueProducingAttributes() if given else []
-        names_file = producers and is_picture(producers[0])
-        return [(producers[0], str(space.Get() or "auto") if space else "auto")] if names_file else []
+        given = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
+        files, spaces = (each.GetValueProducingAttributes() if each else [] for each in given)
+        space = str(first_of(spaces[0]) or "auto") if spaces else "auto"
+        return [(files[0], space)] if files and is_picture(files[0]) else []
     named = map(prim.GetAttribute, OF_LIGHTS if prim.HasAPI(UsdLux.LightAPI) else ())
     return [(attribute, "auto") for attribute in named if is_picture(attribute)]
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:
     """Whether an attribute names a file."""
-    value = attribute.Get() if attribute else None
+    value = first_of(attribute) if attribute else None
     return isinstance(value, Sdf.AssetPath) and bool(value.path)
 
 
 def picture_of(attribute: Usd.Attribute) -> PictureFile:
     """The picture that an attribute names; UnreadableValue if it is missing, outside, too large, or cannot be read."""
-    value = attribute.Get()
-    if attribute.GetNumTimeSamples():
-        raise NotSupported(f'"{attribute.GetName()}" is animated, and pictures are not', attribute)
+    value = first_of(attribute)
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise NotSupported(f'"{attribute.GetName()}" names no file', attribute)
     try:

@@ -15,7 +15,7 @@ from pxr import Sdr, Usd, UsdGeom, UsdShade
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
 from pipeline.scene.glass import read_glass
 from pipeline.scene.lamps import is_mesh_light, mesh_light
-from pipeline.scene.pictures import file_attribute, name_of, picture_of
+from pipeline.scene.pictures import file_attribute, first_of, name_of, picture_of
 from pipeline.scene.usd.meshes import drawn
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
@@ -237,19 +237,21 @@ class _Network:
         self.flaws = list[Problem]()
 
     def read(self, name: str, fallback: Numbers) -> Input:
-        """A value, a texture or a primvar, with as many components as the fallback, which is drawn for others."""
+        """A value, texture or primvar, with as many components as the fallback, which, or a texture's, is drawn for others."""
         source = self.source(self._surface, name)
-        if source is None:
-            return Input(value=fallback)
         if not isinstance(source, _Connected):
-            return Input(value=tuple((numbers(source) + 0.0).tolist()))
+            return Input(value=fallback if source is None else tuple((numbers(source) + 0.0).tolist()))
         try:
             if _READERS.get(source.shader.GetShaderId()) == len(fallback):
                 return Input(value=fallback, primvar=self._primvar(source.shader, fallback))
             return self._textured(source, fallback)
         except NotSupported as error:
+            rgba = self.value(source.shader, "fallback", ()) if source.shader.GetShaderId() == "UsdUVTexture" else ()
+            own = tuple(part for name, part in zip("rgba", rgba, strict=False) if name in source.output)
+            fallback = own if len(own) == len(fallback) else fallback
             what = f'{error.what}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
-            self.flaws.append(not_drawn(error.thing, what, error.hint))
+            if not error.thing.GetStage().GetSessionLayer().GetPropertyAtPath(error.thing.GetPath()):
+                self.flaws.append(not_drawn(error.thing, what, error.hint))  # else `Others` has said so
             return Input(value=fallback)
 
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
@@ -280,13 +282,10 @@ class _Network:
 
     def _first(self, attribute: Usd.Attribute) -> Any:
         """The value of an attribute in the first frame."""
-        if not attribute.ValueMightBeTimeVarying():
-            return attribute.Get(Usd.TimeCode.EarliestTime())
-        stage = attribute.GetPrim().GetStage()
-        first = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.EarliestTime()
-        what = f'"{attribute.GetName()}" is animated, and materials are not: its value at time code {first:g} is drawn'
-        self.flaws.append(not_drawn(attribute, what))
-        return attribute.Get(first)
+        if attribute.ValueMightBeTimeVarying():
+            what = f'"{attribute.GetName()}" is animated, and materials are not: its value in the first frame is drawn'
+            self.flaws.append(not_drawn(attribute, what))
+        return first_of(attribute)
 
     def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
         """Name of the primvar of a reader."""
@@ -314,6 +313,7 @@ class _Network:
             what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
             hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
             raise NotSupported(what, shader.GetPrim(), hint=hint)
+        self._first(file_attribute(shader))  # warns
         transform, primvar = self._coordinates(shader)
         wraps = tuple(self.value(shader, name, "useMetadata") for name in ("wrapS", "wrapT"))
         return Texture(

@@ -271,7 +271,7 @@ BOUND = SUN + WALL % "rel material:binding = </Scene/Paper>\n%s"
         (
             ("color3f inputs:diffuseColor = ", "color3f inputs:diffuseColor.timeSamples = {1: (0.6, 0.6, 0.6), 9: "),
             0.6,
-            "time code 1",
+            "first frame",
         ),
         (
             ("inputs:diffuseColor = (0.6, 0.6, 0.6)", "inputs:diffuseColor.connect = </Scene/Paper/Surface.outputs:x>"),

@@ -194,6 +194,24 @@ def test_an_asset_without_its_picture_is_drawn_with_the_fallback(tmp_path, pictu
     )
 
 
+@pytest.mark.parametrize(("samples", "codes"), [("1: @p.png@", []), ("1: @p.png@, 2: @q.png@", ["not-drawn"] * 2)])
+def test_pictures_are_those_of_the_first_frame_in_the_space_of_their_interface(tmp_path, samples, codes):
+    """Of a texture and of a sky; there are programs that write all values as samples."""
+    for value, name in enumerate("pq"):
+        Image.fromarray(np.full((2, 4, 3), value, np.uint8)).save(tmp_path / f"{name}.png")
+    paint = (PAINT % ("p.png", "token inputs:sourceColorSpace.connect = </Man/Paint.inputs:space>")).replace(
+        "asset inputs:picture = @p.png@",
+        f'token inputs:space = "raw"\nasset inputs:picture.timeSamples = {{{samples}}}',
+    )
+    sky = f'def DomeLight "Sky"\n{{\nasset inputs:texture:file.timeSamples = {{{samples}}}\n}}'
+    loaded = load(written(tmp_path, asset(own=sky, body=BOUND, beside=paint)))
+    assert [code for code, _ in told(loaded)] == codes
+    [surface], names = loaded.dataset.occluders[0].finish.materials, {entry.name for entry in loaded.dataset.pictures}
+    assert {surface.diffuse_color.texture.name, loaded.dataset.lamps[1].lamp.texture} == names
+    assert {entry.space for entry in loaded.dataset.pictures} == {"raw", "auto"}
+    assert {b64decode(entry.encoded) for entry in loaded.dataset.pictures} == {(tmp_path / "p.png").read_bytes()}
+
+
 @pytest.mark.parametrize("depth", [8, 16])
 def test_deep_colours_keep_their_bits_and_are_linear(tmp_path, depth):
     """USD's rule for `auto`: 8 bits of colour are sRGB, 16 are not."""
@@ -329,10 +347,13 @@ def test_light_below_zero_counts_as_none(tmp_path, line, light):
 
 @pytest.mark.parametrize(
     ("line", "is_colour"),
-    [("asset inputs:file = @@", False), ('token inputs:wrapS = "Repeat"\nfloat inputs:scale = 2', True)],
+    [
+        ("asset inputs:file = @@\nfloat4 inputs:fallback = (1, 0.5, 0.25, 1)", False),
+        ('token inputs:wrapS = "Repeat"\nfloat inputs:scale = 2', True),
+    ],
 )
 def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line, is_colour):
-    """Each with a warning; a texture without a file is none."""
+    """Each with a warning; a texture without a file is its fallback."""
     paint = (PAINT % ("p.png", line)).replace(
         "asset inputs:file.connect = </Man/Paint.inputs:picture>" * ("file" in line), ""
     )
@@ -342,6 +363,7 @@ def test_inputs_of_others_that_mean_nothing_count_as_not_written(tmp_path, line,
     [surface] = loaded.dataset.occluders[0].finish.materials
     texture = surface.diffuse_color.texture
     assert (texture is not None) is is_colour
+    assert is_colour or (surface.diffuse_color.value, surface.roughness.value) == ((1, 0.5, 0.25), (0.5,))
     assert not texture or (texture.scale, texture.wrap) == ((1, 1, 1, 1), ("black", "black"))
 
 

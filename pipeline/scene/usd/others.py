@@ -7,9 +7,8 @@ that everything behind sees a stage without it. Sublayers of the stage are its o
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
@@ -101,27 +100,9 @@ class Others:
 
     def without_picture(self, prim: Usd.Prim, error: UnreadableValue) -> Problem:
         """A warning of a picture that cannot be read; the texture, or that of a light, is taken out."""
-        fallback = prim.GetAttribute("inputs:fallback")
-        values = fallback.Get() if fallback and fallback.HasAuthoredValue() else None
         with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
-            error.thing.Block()
-            for given, output in self._readers.get(prim.GetPath(), ()):
-                given.GetAttr().SetConnections([])
-                value = Gf.Vec3f(*values[:3]) if values and output == "rgb" else None
-                value = values["rgba".index(output)] if values and output in [*"rgba"] else value
-                if type(value) is type(given.GetTypeName().defaultValue):
-                    given.Set(value)
-        instead = f"inputs:fallback of <{prim.GetPath()}>" if values else "what is drawn without it"
+            error.thing.Set(Sdf.AssetPath())
+        fallback = prim.GetAttribute("inputs:fallback")
+        has_own = fallback and fallback.HasAuthoredValue()
+        instead = f"inputs:fallback of <{prim.GetPath()}>" if has_own else "what is drawn without it"
         return warning(error.thing, error.code, error.what, hint=f"drawn instead is {instead}")
-
-    @cached_property
-    def _readers(self) -> dict[Sdf.Path, list[tuple[UsdShade.Input, str]]]:
-        """Inputs that read an output of a shader, and its name, by the path of the shader."""
-        readers: dict[Sdf.Path, list[tuple[UsdShade.Input, str]]] = {}
-        for prim in self._stage.TraverseAll():
-            for given in UsdShade.ConnectableAPI(prim).GetInputs() if UsdShade.ConnectableAPI(prim) else ():
-                for source in given.GetValueProducingAttributes() if given.HasConnectedSource() else ():
-                    if UsdShade.Output.IsOutput(source):
-                        name = UsdShade.Output(source).GetBaseName()
-                        readers.setdefault(source.GetPrim().GetPath(), []).append((given, name))
-        return readers
