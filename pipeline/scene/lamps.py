@@ -226,7 +226,9 @@ _POLE_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 def _has_pole_z(prim: Usd.Prim) -> bool:
     """Whether the pole of the picture of a dome is its Z axis."""
-    pole = prim.GetAttribute("poleAxis").Get() if prim.GetTypeName() == "DomeLight_1" else "Y"
+    pole = (
+        prim.GetAttribute("poleAxis").Get(Usd.TimeCode.EarliestTime()) if prim.GetTypeName() == "DomeLight_1" else "Y"
+    )
     up = UsdGeom.GetStageUpAxis(prim.GetStage())
     return bool(pole == "Z" or (pole == "scene" and up == UsdGeom.Tokens.z))
 

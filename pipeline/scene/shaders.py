@@ -214,7 +214,7 @@ def _surface(material: UsdShade.Material) -> UsdShade.Shader:
     shaders = [material.ComputeSurfaceSource(context)[0] for context in _SURFACES]
     shader = next((shader for shader in shaders if shader and shader.GetShaderId() == "UsdPreviewSurface"), shaders[0])
     if not shader:
-        contexts = sorted({output.GetBaseName() and output.GetFullName() for output in material.GetSurfaceOutputs()})
+        contexts = sorted(each.GetFullName() for each in material.GetSurfaceOutputs() if each.HasConnectedSource())
         others = f", only {', '.join(contexts)}" if contexts else ""
         what = f"<{place.GetPath()}> has no surface for all renderers{others}"
         raise NotSupported(what, place, hint="connect its outputs:surface to a UsdPreviewSurface")
@@ -237,7 +237,7 @@ class _Network:
         self.flaws = list[Problem]()
 
     def read(self, name: str, fallback: Numbers) -> Input:
-        """A value, texture or primvar, with as many components as the fallback, which, or a texture's, is drawn for others."""
+        """A value, texture or primvar, of as many components as the fallback: it or a texture's is drawn for others."""
         source = self.source(self._surface, name)
         if not isinstance(source, _Connected):
             return Input(value=fallback if source is None else tuple((numbers(source) + 0.0).tolist()))

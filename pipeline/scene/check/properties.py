@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
-from pipeline.scene.usd.poses import is_orient
+from pipeline.scene.usd.poses import is_op, is_orient
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME
 from pipeline.scene.usd.usda_lines import line_of
@@ -80,8 +80,10 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
 
 def _check_op(attribute: Usd.Attribute) -> Iterator[Problem]:
     """Problems of an operation of a transform; USD takes the identity for one whose type is none of its kind."""
+    if not is_op(attribute.GetPrim(), attribute.GetName()):
+        return  # which the check of the order says
+    op = UsdGeom.XformOp(attribute)
     try:
-        op = UsdGeom.XformOp(attribute)
         op.GetOpTransform(Usd.TimeCode.EarliestTime())
         if is_orient(op):  # of which USD says nothing above
             op.GetPrecision()

@@ -26,7 +26,7 @@ from pipeline.scene.states import changes, check_in_time, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.others import Others
-from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers
+from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
     authored_apis,
@@ -206,10 +206,10 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
         yield problem(order, "entries", f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}')
         return
     for name in named:
-        if name != "!resetXformStack!" and not prim.HasAttribute(name):
+        if not is_op(prim, name):
             # USD raises an error only later, when the transform is read.
-            hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
-            yield problem(order, "missing-xform-op", f'xformOpOrder names "{name}", which does not exist', hint=hint)
+            hint = did_you_mean(name, [other for other in prim.GetPropertyNames() if is_op(prim, other)])
+            yield problem(order, "missing-xform-op", f'xformOpOrder names "{name}", which is no operation', hint=hint)
     ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
     # A stronger order leaves out what a weaker file moves, as USD intends.
     strongest = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118

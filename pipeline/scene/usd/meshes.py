@@ -122,7 +122,7 @@ def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     if str(prim.GetTypeName()) in _SOLIDS:
         return _of_solid(prim, _code(time))
     polygons = polygons_of(prim, time)
-    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get()
+    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(_code(time))
     scheme = written if written in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
     if scheme != UsdGeom.Tokens.none and len(polygons.count):
         from pipeline.scene.usd.subdivided import NotManifold, refined  # loads SciPy, which few datasets need
@@ -134,7 +134,7 @@ def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
             shape = _plain(replace(polygons, flaws=(*polygons.flaws, flaw)))
     else:
         shape = _plain(polygons)
-    if UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+    if UsdGeom.Gprim(prim).GetOrientationAttr().Get(_code(time)) == UsdGeom.Tokens.leftHanded:
         normals = None if shape.normals is None else -shape.normals
         shape = replace(shape, corners=shape.corners[:, [0, 2, 1]], normals=normals)
     return shape
@@ -147,7 +147,7 @@ def fans(mesh: UsdGeom.Mesh) -> Drawn:
     if polygons.flaws:
         raise ValueError(polygons.flaws[0])
     shape = _plain(polygons)
-    is_left = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+    is_left = mesh.GetOrientationAttr().Get(_code(None)) == UsdGeom.Tokens.leftHanded
     return replace(shape, corners=shape.corners[:, [0, 2, 1]]) if is_left else shape
 
 
@@ -234,7 +234,7 @@ def _of_solid(prim: Usd.Prim, time: Usd.TimeCode) -> Drawn:
     else:
         rough = make(*measures, max(measures)).points
         solid = make(*measures, tolerance_of(prim, float(np.ptp(rough, axis=0).max())))
-        solid = solid.along(str(prim.GetAttribute("axis").Get())) if prim.HasAttribute("axis") else solid
+        solid = solid.along(str(prim.GetAttribute("axis").Get(time))) if prim.HasAttribute("axis") else solid
     count, is_cube = len(solid.triangles), prim.GetTypeName() == "Cube"
     vertex = np.argsort(_CORNERS_OF_CUBE)[(solid.points > 0) @ [4, 2, 1]] if is_cube else np.zeros(0, int)
 

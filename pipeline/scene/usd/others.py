@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from pipeline.scene.usd.poses import is_op
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
@@ -74,9 +75,8 @@ class Others:
                 yield from self._blocked(each, thing)
             elif instead:
                 if each.code == "missing-xform-op" and isinstance(thing, Usd.Attribute):
-                    there = {"!resetXformStack!", *thing.GetPrim().GetPropertyNames()}
                     with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
-                        thing.Set([op for op in thing.Get() if op.removeprefix("!invert!") in there])
+                        thing.Set([op for op in thing.Get() if is_op(thing.GetPrim(), op)])
                 yield replace(each, severity="warning", hint=instead)
             elif each.code == "unknown-property" and "did you mean" in (each.hint or ""):
                 strange.setdefault((each.at or "").partition(".")[0], []).append(each)
@@ -96,6 +96,8 @@ class Others:
             return
         with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
             attribute.Block()
+            if (fallback := attribute.Get(Usd.TimeCode.EarliestTime())) is not None:
+                attribute.Set(fallback)
         yield replace(each, severity="warning", hint=f"it counts as {attribute.Get() or 'not written'}")
 
     def without_picture(self, prim: Usd.Prim, error: UnreadableValue) -> Problem:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Tf, Usd, UsdGeom
 
 from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
 from pipeline.scene.usd.values import plain, read, take
@@ -33,6 +33,14 @@ def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     ops = list(UsdGeom.Xformable(prim).GetOrderedXformOps())
     take(prim.GetPath().AppendProperty("xformOpOrder"), *(op.GetAttr().GetPath() for op in ops))
     return ops
+
+
+def is_op(prim: Usd.Prim, name: str) -> bool:
+    """Whether an entry of an xformOpOrder names an operation that a prim has, or resets what is above."""
+    try:
+        return name == "!resetXformStack!" or bool(UsdGeom.XformOp(prim.GetAttribute(name.removeprefix("!invert!"))))
+    except Tf.ErrorException:
+        return False  # USD raises it for other beginnings and kinds, and for no name
 
 
 def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:

@@ -32,7 +32,7 @@ class Surface:
         mesh = UsdGeom.Mesh(prim)
         self.scheme, self._mesh, self._polygons = scheme, mesh, polygons
         self.flaws = list[str]()
-        boundary = mesh.GetInterpolateBoundaryAttr().Get()
+        boundary = mesh.GetInterpolateBoundaryAttr().Get(Usd.TimeCode.EarliestTime())
         corner = np.zeros(len(polygons.points))
         if boundary == UsdGeom.Tokens.edgeAndCorner and scheme != BILINEAR:
             corner[np.bincount(polygons.vertex, minlength=len(corner)) == 1] = np.inf
@@ -77,7 +77,10 @@ class Surface:
 
     def face_varying(self, indices: np.ndarray | None, count: int) -> Levels:
         """Levels of values at the corners of faces, which are joined where they share an index."""
-        polygons, rule = self._polygons, self._mesh.GetFaceVaryingLinearInterpolationAttr().Get()
+        polygons, rule = (
+            self._polygons,
+            self._mesh.GetFaceVaryingLinearInterpolationAttr().Get(Usd.TimeCode.EarliestTime()),
+        )
         index = polygons.corner if indices is None else indices[polygons.corner]
         corner = np.zeros(count)
         sheet = Cage(index, polygons.count, self.cage.sharp, corner)
