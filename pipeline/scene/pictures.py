@@ -111,7 +111,8 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile:
     """A picture; PipelineError, without the name of the file, for what is wrong with it."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
-        raise PipelineError("cannot be found", hint=slashes, code="asset-missing")
+        what = "names the tiles of a picture, which are not drawn" if "<UDIM>" in asset else "cannot be found"
+        raise PipelineError(what, hint=slashes, code="asset-missing")
     file, member = Ar.SplitPackageRelativePathInner(path)  # a package may lie in another one
     suffix = Path(member or file).suffix.lower()
     from pipeline.files.pictures import SUFFIXES, ends_of  # stages without pictures need no library for them

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.channels import images_of
@@ -271,7 +271,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
         yield warning(unnamed[0], "not-in-image", message, hint=hint)
     for instead, attributes in unheard.items():
-        yield not_drawn(attributes[0], f"{_listed(attributes)} has no effect: {instead}")
+        yield not_drawn(attributes[0], f"{_listed(attributes)}: {instead}")
 
 
 def _unheard(attribute: Usd.Attribute) -> str | None:
@@ -280,6 +280,10 @@ def _unheard(attribute: Usd.Attribute) -> str | None:
     space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
     if space and space not in _SPACES:
         return f'colours in "{space}" are drawn as those of linear sRGB'
+    if attribute.GetName() == "inputs:file" and (space := attribute.GetColorSpace()) not in ("", "auto"):
+        shader = UsdShade.Shader(attribute.GetPrim())
+        if shader.GetShaderId() == "UsdUVTexture" and not shader.GetInput("sourceColorSpace"):
+            return f'the space "{space}" of a picture counts only as its inputs:sourceColorSpace'
     is_mode = attribute.GetName() == "model:drawMode" and attribute.Get() not in (None, "default", "inherited")
     return "models are drawn themselves" if is_mode else None
 

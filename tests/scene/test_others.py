@@ -212,6 +212,14 @@ def test_pictures_are_those_of_the_first_frame_in_the_space_of_their_interface(t
     assert {b64decode(entry.encoded) for entry in loaded.dataset.pictures} == {(tmp_path / "p.png").read_bytes()}
 
 
+def test_a_space_that_only_metadata_names_has_no_effect_and_a_warning(tmp_path):
+    Image.fromarray(np.full((2, 2, 3), 9, np.uint8)).save(tmp_path / "p.png")
+    own = "asset inputs:file.connect = </Man/Paint.inputs:picture>"
+    for line, codes in (("", ["not-drawn"]), ('token inputs:sourceColorSpace = "raw"', [])):
+        paint = (PAINT % ("p.png", line)).replace(own, 'asset inputs:file = @p.png@ (\ncolorSpace = "raw"\n)')
+        assert [code for code, _ in told(load(written(tmp_path, asset(body=BOUND, beside=paint))))] == codes
+
+
 @pytest.mark.parametrize("depth", [8, 16])
 def test_deep_colours_keep_their_bits_and_are_linear(tmp_path, depth):
     """USD's rule for `auto`: 8 bits of colour are sRGB, 16 are not."""

@@ -51,6 +51,13 @@ def test_usds_fallback_is_a_catmull_clark_surface_and_none_its_polygons():
     assert volume(drawn(made.GetPrim())) == pytest.approx(8)
 
 
+def test_a_scheme_that_is_a_sample_counts():
+    square = mesh([4], [0, 1, 2, 3], [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    square.GetSubdivisionSchemeAttr().Clear()
+    square.GetSubdivisionSchemeAttr().Set("none", 1.0)
+    assert len(drawn(square.GetPrim()).corners) == 2
+
+
 def test_a_tolerance_in_mm_decides_how_fine_it_is():
     made = mesh(*CUBE)
     made.GetPrim().ApplyAPI("PlenOccluderAPI")
