@@ -19,9 +19,10 @@ INSTANTS = 128
 tracing a line, and a pull that moves the image by a pixel moves it by less than a hundredth from one to the next."""
 _KEPT = 32
 """Instants whose tracers are kept: more than one line sees by default."""
-STATES = 5
-"""States of a piece of time [1]: where a pull moves the image by a fifth of its radius, what is interpolated between
-them errs by 1e-6 of that radius."""
+PIECES, STATES = 6, 3
+"""Pieces of a frame at least, and states of a piece [1]: begin, middle and end. Where a pull moves the image by a fifth
+of its radius, a parabola through these errs by 1e-6 of that radius; where a rim begins to cut, by 6e-4 px behind
+microlenses and an iris that closes by two thirds."""
 
 
 def state_times(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 from pxr import Usd
 
 from pipeline.camera.focusing.focus_request import FocusRequest, solved
-from pipeline.camera.in_time import AskedInTime, state_times
+from pipeline.camera.in_time import PIECES, AskedInTime, state_times
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.channel_names import name_in_state
@@ -66,7 +67,8 @@ def read_in_time(camera: Usd.Prim, asked: Camera | FocusRequest, shutter: Shutte
         return None
     number, codes_per_s = code_now(), codes_per_second(camera)
     bends_s = {(time - number) / codes_per_s for attribute in varying for time in attribute.GetTimeSamples()}
-    edges_s = pieces_s(shutter.motion_s(asked.sensor.size_px), bends_s)
+    window_s = shutter.motion_s(asked.sensor.size_px)
+    edges_s = pieces_s(window_s, {*bends_s, *np.linspace(*window_s, PIECES + 1)})
     states = []
     for time_s in state_times(edges_s).ravel().tolist():
         with at_code(number + time_s * codes_per_s):
