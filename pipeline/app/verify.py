@@ -18,7 +18,7 @@ import numpy as np
 from pipeline.app.build import project
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
-from pipeline.camera.in_time import CameraInTime, TracersInTime
+from pipeline.camera.in_time import CameraInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.camera.rig import Rig
@@ -177,9 +177,7 @@ def _wrong_list(build: Project, listed: Manifest) -> Iterator[str]:
 def _judge(out: Path, name: str, points: Any, camera: _JudgedCamera, seed: int, verdict: Verdict) -> None:
     """Add the findings about a camera to a verdict; `points` is what the manifest counts."""
     tracer = Tracer(camera.camera, camera.truth.seed ^ (_STREAM + seed))
-    rig = Rig.of(tracer, camera.square_px)
-    if camera.in_time:
-        rig = dataclasses.replace(rig, in_time=TracersInTime(camera.in_time, tracer.seed))
+    rig = Rig.of(tracer, camera.square_px, camera.in_time)
     tables = list(_kept_tables(out, camera, rig, verdict.problems))
     judged = [(frame.view.targets, table) for frame, table in tables]
     if len(tables) == len(camera.tables) and points_seen([frame.truth.frame for frame, _ in tables], judged) != points:

@@ -31,13 +31,14 @@ class Rig:
     in_time: TracersInTime | None = None
 
     @staticmethod
-    def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
+    def of(tracer: Tracer, square_px: float = 0.0, in_time: CameraInTime | None = None) -> "Rig":
         """The rig of a tracer, with the micro-images that it has."""
-        return Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, square_px)
+        images = micro_images(tracer) if tracer.camera.microlenses else None
+        return Rig(tracer, images, square_px, in_time=TracersInTime(in_time, tracer.seed) if in_time else None)
 
     @property
     def camera_in_time(self) -> CameraInTime | None:
-        """What the camera is while the shutter is open; None if it does not change then."""
+        """The camera while the shutter is open; None if it does not change then."""
         return self.in_time.camera if self.in_time else None
 
     def tracer_in(self, state: int) -> Tracer:

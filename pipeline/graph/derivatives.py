@@ -3,7 +3,7 @@
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add
-from pipeline.graph.frame_tasks import seen_through
+from pipeline.graph.frame_tasks import seen_through, settled_camera
 from pipeline.graph.poses import Things, target_poses
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.tasks.params import cameras, frames
@@ -15,11 +15,11 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
     numbers = dataset.varied.get(camera.prim_path, ())
     for place, entry in enumerate(camera.in_channels if numbers else ()):
         ends = [tuple(_entry_in(end, camera, place) for end in (number.less, number.more)) for number in numbers]
-        settled = _settled(entry)
+        settled = settled_camera(entry)
         changed = tuple(
-            cameras.VariedCamera(number=number, less=_settled(less), more=_settled(more))
+            cameras.VariedCamera(number=number, less=settled_camera(less), more=settled_camera(more))
             for number, (less, more) in enumerate(ends)
-            if _settled(less) != settled or _settled(more) != settled
+            if settled_camera(less) != settled or settled_camera(more) != settled
         )
         reads = {"camera": seen_through(graph, entry)}
         if changed:
@@ -56,13 +56,6 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
 def _entry_in(dataset: Dataset, camera: CameraEntry, channel: int) -> CameraEntry:
     """A camera, in its channel of a place, as another reading of the stage has it."""
     return next(entry for entry in dataset.cameras if entry.name == camera.name).in_channels[channel]
-
-
-def _settled(entry: CameraEntry) -> cameras.SettledCamera:
-    windows = None
-    if entry.windows is not None:
-        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
-    return cameras.SettledCamera(asked=cameras.AskedCamera.of(entry.asked), channel=entry.channel, windows=windows)
 
 
 def _seen(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> frames.SeenTargets:

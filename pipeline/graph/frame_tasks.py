@@ -59,20 +59,21 @@ def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
 
 
 def in_time(graph: TaskGraph, entry: CameraEntry) -> dict[str, str]:
-    """What a task reads, besides the camera, that sees it while its shutter is open: nothing if it does not change."""
+    """The further input of a task that sees a camera while its shutter is open: none if the camera does not change."""
     if (asked := entry.in_time) is None:
         return {}
-    windows = None
-    if entry.windows is not None:
-        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
-    params = cameras.InTime(
-        edges_s=asked.edges_s,
-        states=tuple(map(cameras.AskedCamera.of, asked.states)),
-        channel=entry.channel and replace(entry.channel, name=""),
-        windows=windows,
-    )
+    states = tuple(settled_camera(replace(entry, asked=state)) for state in asked.states)
+    params = cameras.InTime(edges_s=asked.edges_s, states=states)
     name = f"in_time/{entry.full_name}"
     return {"in_time": name if name in graph else add(graph, name, params)}
+
+
+def settled_camera(entry: CameraEntry) -> cameras.SettledCamera:
+    """A camera with its channel, without the name of that, and with its windows."""
+    channel, windows = entry.channel and replace(entry.channel, name=""), None
+    if entry.windows is not None:
+        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
+    return cameras.SettledCamera(asked=cameras.AskedCamera.of(entry.asked), channel=channel, windows=windows)
 
 
 def frame_of(task: Task, field: str | None) -> int | None:

@@ -1,10 +1,9 @@
 """Cameras made ready, and the scene before them: from a stage, the folder of a build, or records without USD."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.camera.in_time import TracersInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -66,9 +65,7 @@ class Opened:
         """The camera made ready as a build does it."""
         entry = self.entry
         with blamed_on(entry.file, entry.line, entry.prim_path):
-            rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px)
-            if entry.camera_in_time:
-                rig = replace(rig, in_time=TracersInTime(entry.camera_in_time, self.seed))
+            rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px, entry.camera_in_time)
         return ReadyCamera(
             name=entry.full_name,
             rig=rig,

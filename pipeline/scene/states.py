@@ -60,10 +60,9 @@ def read_states(
 
 
 def read_in_time(camera: Usd.Prim, asked: Camera | FocusRequest, shutter: Shutter | None) -> AskedInTime | None:
-    """What a camera is while the shutter is open that it has, as asked, at the time code; None if it does not change
-    then.
-    """
-    if shutter is None or not (varying := _varying(camera, but="plen:shutter:")):
+    """The states of a camera while its shutter is open; None if it is then as asked at the time code."""
+    varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]
+    if shutter is None or not varying:
         return None
     number, codes_per_s = code_now(), codes_per_second(camera)
     bends_s = {(time - number) / codes_per_s for attribute in varying for time in attribute.GetTimeSamples()}
@@ -86,14 +85,12 @@ def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntr
 
 
 @read_once
-def changes(camera: Usd.Prim, but: str = "-") -> bool:
-    """Whether anything of a camera has time samples, of itself, of its lens, of its sensor or of its microlenses, but
-    for attributes whose names begin so.
-    """
-    return bool(_varying(camera, but))
+def changes(camera: Usd.Prim) -> bool:
+    """Whether anything of a camera has time samples, of itself, of its lens, of its sensor or of its microlenses."""
+    return bool(_varying(camera))
 
 
-def _varying(camera: Usd.Prim, but: str) -> list[Usd.Attribute]:
+def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
     links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
     parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
     prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
@@ -101,16 +98,14 @@ def _varying(camera: Usd.Prim, but: str) -> list[Usd.Attribute]:
         attribute
         for prim in prims
         for attribute in prim.GetAuthoredAttributes()
-        if attribute.GetName().startswith("plen:")
-        and not attribute.GetName().startswith(but)
-        and attribute.ValueMightBeTimeVarying()
+        if attribute.GetName().startswith("plen:") and attribute.ValueMightBeTimeVarying()
     ]
 
 
 def check_in_time(camera: Usd.Prim) -> Iterator[Problem]:
     """A camera that cannot be what it is asked for while its shutter is open, or wishes that it cannot fulfil then."""
     parts = target(camera, "plen:camera:lens", "PlenLens"), target(camera, "plen:camera:sensor", "PlenSensor")
-    if not all(parts) or not changes(camera, "plen:shutter:") or any(check_shutter(camera)):
+    if not all(parts) or not changes(camera) or any(check_shutter(camera)):
         return
     try:
         in_time = read_in_time(camera, read_camera(camera), read_shutter(camera))

@@ -13,8 +13,8 @@ from pipeline.camera.figures import equivalent_pinhole
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import FocusRequest, solved, stopped_down
-from pipeline.camera.in_time import AskedInTime, CameraInTime
+from pipeline.camera.focusing.focus_request import solved, stopped_down
+from pipeline.camera.in_time import CameraInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.exr_bands import BandedPart, write_bands
@@ -58,14 +58,8 @@ def in_time(params: InTime, inputs: Inputs, out: Path) -> None:
 
 
 def camera_in_time(params: InTime) -> CameraInTime:
-    """The states that the tasks `focus`, `channel` and `windows` would make of what is asked."""
-
-    def settle(asked: Camera | FocusRequest) -> Camera:
-        camera = solved(asked) if params.channel is None else solved(asked).in_light(params.channel)
-        before = params.windows
-        return camera.behind(before.windows, before.wavelength_nm) if before else camera
-
-    return AskedInTime(edges_s=params.edges_s, states=tuple(state.asked for state in params.states)).settled(settle)
+    """The focused states of a camera."""
+    return CameraInTime(edges_s=params.edges_s, states=tuple(state.camera for state in params.states))
 
 
 def stop(params: Stop, inputs: Inputs, out: Path) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.exports.filestorage import write_npz
@@ -15,7 +14,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.certificate import cells_of
-from pipeline.tasks.params.cameras import SettledCamera, VariedCameras
+from pipeline.tasks.params.cameras import VariedCameras
 from pipeline.tasks.params.frames import RowDerivatives, SeenTargets
 from pipeline.tasks.params.outputs import DERIVATIVES
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
@@ -34,16 +33,8 @@ _REMARK_OF_BLUR = "blur_px2 (n, v, 2, 2): of the columns of blur"
 
 def varied(params: VariedCameras, inputs: Inputs, out: Path) -> None:
     """The cameras, by the place of their number: varied.json."""
-    ends = {str(each.number): [to_plain(_settled(end)) for end in (each.less, each.more)] for each in params.cameras}
+    ends = {str(each.number): [to_plain(end.camera) for end in (each.less, each.more)] for each in params.cameras}
     write_json(out / _VARIED, ends)
-
-
-def _settled(parts: SettledCamera) -> Camera:
-    """The camera that tasks `focus`, `channel` and `windows` make."""
-    camera = solved(parts.asked.asked)
-    if parts.channel is not None:
-        camera = camera.in_light(parts.channel)
-    return camera.behind(parts.windows.windows, parts.windows.wavelength_nm) if parts.windows else camera
 
 
 def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:

@@ -129,7 +129,7 @@ export interface Optics {
   fans: RayFan[];
 }
 
-/** What `pipeline inform` has said of a camera, and its maps as SVG, empty where the views leave all open. */
+/** The words of `pipeline inform` about a camera, and its maps as SVG, empty where the views leave all open. */
 export interface InformationPart {
   lines: string[];
   drawing: string;

@@ -157,7 +157,7 @@ class Optics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InformationPart:
-    """What `pipeline inform` has said of a camera, and its maps as SVG, empty where the views leave all open."""
+    """The words of `pipeline inform` about a camera, and its maps as SVG, empty where the views leave all open."""
 
     lines: tuple[str, ...]
     drawing: str

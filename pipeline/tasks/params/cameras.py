@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.focusing.focus_request import FocusRequest, solved
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.motion import Shutter
@@ -71,12 +71,10 @@ class BehindWindows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InTime:
-    """States of a camera while its shutter is open, as of `AskedInTime`; in a channel, behind windows of the world."""
+    """States of a camera while its shutter is open, as of `AskedInTime`."""
 
     edges_s: tuple[float, ...]
-    states: tuple[AskedCamera, ...]
-    channel: Channel | None
-    windows: BehindWindows | None
+    states: tuple["SettledCamera", ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,9 +88,19 @@ class VariedCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettledCamera:
+    """A camera as it is asked for, in its channel and behind windows of the world, if it has them."""
+
     asked: AskedCamera
     channel: Channel | None
     windows: BehindWindows | None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the tasks `focus`, `channel` and `windows` make."""
+        camera = solved(self.asked.asked)
+        if self.channel is not None:
+            camera = camera.in_light(self.channel)
+        return camera.behind(self.windows.windows, self.windows.wavelength_nm) if self.windows else camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
