@@ -35,12 +35,14 @@ from pipeline.app.verbs.terminal import (
     written,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
+from pipeline.folders import share
 from pipeline.machine.process import require_room
 from pipeline.machine.processor import pin
 from pipeline.spelling import printable
 
 app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
+    epilog=f"Documentation: {share('docs') / 'index.md'}",
 )
 
 WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
@@ -58,7 +60,6 @@ def pipeline(
     from importlib import metadata
 
     from pipeline import __version__
-    from pipeline.folders import share
 
     try:
         usd = metadata.version("usd-core")

@@ -1,5 +1,7 @@
 """`--help` of every verb says all that its source says, and is asked for by -h as well."""
 
+from pathlib import Path
+
 import pytest
 import typer.main
 from typer.testing import CliRunner
@@ -35,6 +37,12 @@ def test_help_shows_every_word_of_its_source_and_no_type_where_no_value_is_expec
     assert "<bool>" not in shown and "[[" not in shown
     for name in getattr(command, "commands", {}):
         assert f" {name} " in shown
+
+
+def test_the_last_line_of_help_says_where_the_pages_are():
+    shown = CliRunner(env={"COLUMNS": "1000", "TERMINAL_WIDTH": "1000"}).invoke(cli.app, ["-h"]).output
+    label, page = shown.strip().splitlines()[-1].split(maxsplit=1)
+    assert label == "Documentation:" and "calibration" in Path(page).read_text(encoding="utf-8").lower()
 
 
 def test_a_shell_completes_verbs_and_the_tasks_and_files_of_a_stage():
