@@ -1,42 +1,56 @@
 """CODE V sequences (`.seq`): one lens of spheres, conics and even aspheres, object side first.
 
-Only commands that make a lens are obeyed. Commands that change it in a way that we cannot represent are reported,
-each with its line; a few, which would change the meaning of the numbers, are refused.
+A sequence is a program. Each command is obeyed, or known to leave the lens as it is, or refused with its line. It may
+address a surface (THI S2), a field (VUY F2) or a zoom position (THI S2 Z3), of which the first one is read.
 """
 
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from pipeline.files.lenses.sizing import Beam, opened, sized
+from pipeline.files.lenses.sizing import Beam, is_possible, opened, sized
 from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, other_wavelengths, read_lines
-from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.optics.glass.row import medium
+from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
 _COEFFICIENTS = {letter: 4 + 2 * i for i, letter in enumerate("ABCDEFGHJ")}
 _EDGES = ("CIR", "REX", "REY", "ARO")
+_FAR = 1e8
+"""Distance from which it counts as infinite, in the unit of the file."""
+_DISPLACED = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 _REFUSED = {
-    **dict.fromkeys(("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "DAR", "BEN", "GLB"), "a decentred or tilted surface"),
+    **dict.fromkeys(("CUF", "CUX", "RDX"), "a Fresnel lens or a surface that is not of revolution"),
     **dict.fromkeys(("XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface that is not of revolution"),
+    **dict.fromkeys(("DEL", "INS", "COP", "FLY", "SCA"), "a list of surfaces that is edited or scaled"),
 }
+_SOLVE = "a solve; values are taken as written"
 _NAMED = {
     **dict.fromkeys(("VUX", "VLX"), "vignetting factors; only semi-diameters block rays"),
     **dict.fromkeys(("ELX", "ELY", "HOL", "OBS", "ADX", "ADY"), "an aperture that is no centred circle or rectangle"),
-    **dict.fromkeys(("ZOO",), "zoom positions; only the first one is read"),
-    **dict.fromkeys(("PIM", "PIK", "SLV"), "a solve; thicknesses are taken as written"),
+    **dict.fromkeys(("PIM", "PIK", "SLV", "RED", "UMY", "UCY", "IMY", "ICY", "AMY", "ACY", "HMY", "HCY"), _SOLVE),
     **dict.fromkeys(("NAO", "NA"), "a numerical aperture; the stop decides"),
+    **dict.fromkeys(("XOB", "YOB", "XIM", "YIM", "XRI", "YRI"), "fields as heights; only angles size a lens"),
+    "CA": "which apertures block rays; here all of them do",
+    "TEM": "a temperature; the lens is that of its indices",
 }
-# Analysis, labels, couplings of the optimiser.
-_SILENT = "LEN REF VERSION INI WTW WTF GO SLB THC CCY GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER"
+# Labels, weights, drawing; axes about surfaces that are not displaced; couplings of the optimiser; tolerances.
+_SILENT = """
+LEN REF VER INI WTW WTF CWL WID PRE POL DDM CLS UID SLB COM DOR SAV GO CHK DAR RET REV BEN CON ASP SPH SPG CUM THM
+POS THC CCY CCX GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER XDC YDC ZDC ADC BDC CDC
+DLF DLR DLC DLT DLN DLV DLH DLS DLX DLY DLZ DLA DLB DLG CYD CYN IRR TIR TIL TRX TRY ROL BTI BTX BTY DIS DSX DSY CMP
+"""
 
 
 @dataclass(slots=True)
 class _Row:
-    line: int
-    shape: float
-    thickness: float
+    line: int = 0
+    shape: float = 0.0
+    is_radius: bool | None = None  # or a curvature; None where the file has not said it
+    thickness: float = 0.0
     glass: str = ""
     is_stop: bool = False
     conic: float = 0.0
@@ -53,103 +67,138 @@ class _Sequence:
     def __init__(self, path: str | Path) -> None:
         self.path = path
         self.title = ""
-        self.shape: str | None = None
+        self.is_radius: bool | None = None
         self.unit_mm: float | None = None
         self.wavelengths: list[float] = []
         self.beam = Beam()
-        self.rows: list[_Row] = []
-        self.current: _Row | None = None
-        self.private: dict[str, float] = {}
+        self.lists = {"WL": self.wavelengths, "YAN": self.beam.fields, "XAN": self.beam.others}
+        self.lists |= {"VUY": self.beam.upper, "VLY": self.beam.lower}
+        self.rows = [_Row(thickness=math.inf)]  # the object first
+        self.image = self.current = _Row()
+        self.positions = 1
+        self.private: dict[str, tuple[int, list[float], list[str]]] = {}
         self.private_wavelengths: list[float] | None = None
         self.lost: list[Lost] = []
 
     def obey(self, line: int, words: list[str]) -> None:
-        name, values = words[0].upper(), words[1:]
+        name = words[0].upper()
+        name = name[:3] if name.isalpha() else name  # TITLE and STOP are TIT and STO
+        positions = [int(word[1:]) for word in words[1:] if re.fullmatch(r"[Zz]\d{1,4}", word)]
+        values = [word for word in words[1:] if word not in ("Z1", "z1")]
         if self.private_wavelengths is not None:
-            self._private(line, name, words)
-        elif name in ("TIT", "TITLE"):
-            self.title = " ".join(values)
+            self._private(line, words)
+        elif name == "TIT":
+            self.title = self.title or " ".join(values)
+        elif max(positions, default=1) > 1:
+            self.positions = max(self.positions, *positions)
         elif name == "RDM":
-            self.shape = "curvature" if values[:1] and values[0].upper() == "N" else "radius"
+            self.is_radius = not "".join(values).upper().startswith("N")
         elif name == "DIM":
-            self.unit_mm = _UNITS_MM.get(values[0].upper()) if values else None
+            self.unit_mm = _UNITS_MM.get(values[0].upper()[:1]) if values else None
             if self.unit_mm is None:
                 raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
         elif name == "PRV":
             self.private_wavelengths = []
-        elif name in ("SO", "SI", "S") or re.fullmatch(r"S\d+", name):
+        elif name == "ZOO":
+            self._zoom(line, values)
+        elif re.fullmatch(r"S(O|I|\d*)", name):
             self._surface(line, name, values)
+        elif name in ("STO", "THI", "RDY", "CUY", "GLA", "K", *_EDGES, *_COEFFICIENTS, *_DISPLACED):
+            self._of_surface(line, name, values)
         else:
             self._setting(line, name, values)
 
-    def _numbers(self, line: int, name: str, values: list[str]) -> list[float]:
+    def numbers(self, line: int, name: str, values: list[str]) -> list[float]:
         if not values:
             raise UnreadableLens(self.path, f"{name} has no value", line=line)
         return [number(self.path, line, value, name) for value in values]
 
-    def _lose(self, line: int, what: str) -> None:
+    def lose(self, line: int | None, what: str) -> None:
         self.lost.append(Lost(what=what, line=line))
 
     def _setting(self, line: int, name: str, values: list[str]) -> None:
+        is_zero = bool(values) and not any(value.strip("+-0.") for value in values)
         if name in ("EPD", "FNO"):
-            value = self._numbers(line, name, values)[0]
+            value = number(self.path, line, " ".join(values), name)
             self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
             self.beam.stated, self.beam.line = f"{name} {value:g}", line
-        elif name == "WL":
-            self.wavelengths = self._numbers(line, name, values)
-        elif name in ("XAN", "YAN"):
-            (self.beam.fields if name == "YAN" else self.beam.others).extend(self._numbers(line, name, values))
-        elif name in ("VUY", "VLY"):
-            (self.beam.upper if name == "VUY" else self.beam.lower).extend(self._numbers(line, name, values))
-        elif name in _REFUSED:
-            raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
+        elif name in self.lists:
+            one = re.fullmatch(r"[FfWw]([1-9]\d?)", values[0]) if values else None  # of one field or wavelength
+            start, end = (int(one[1]) - 1, int(one[1])) if one else (0, None)
+            self.lists[name][start:end] = self.numbers(line, name, values[1:] if one else values)
         elif name in _NAMED:
-            self._lose(line, f"{name}: {_NAMED[name]}")
-        elif not self._of_surface(line, name, values) and name not in _SILENT.split():
-            self._lose(line, f"{name} is not read")
+            if not is_zero and (name, *values) not in (("TEM", "20"), ("TEM", "20.0")):
+                self.lose(line, f"{name}: {_NAMED[name]}")
+        elif name in _REFUSED:
+            if not is_zero:
+                raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
+        elif name not in _SILENT.split() or (name == "LEN" and len(self.rows) > 1):
+            hint = "keep what WRL of CODE V writes, one lens alone, without analysis, macros and formulas"
+            raise UnreadableLens(self.path, f"{name} may change the lens, and is not read", line=line, hint=hint)
+
+    def _zoom(self, line: int, values: list[str]) -> None:
+        """`ZOO 4`, or a command with a value for each position, of which that of the first one is obeyed."""
+        place = 2 if values[1:] and re.fullmatch(r"[SFW](\d+|O|I)", values[1].upper()) else 1
+        if values[:1] and values[0].isdigit():
+            self.positions = int(values[0][:4])
+        elif values[place:]:
+            self.obey(line, values[: place + 1])
 
     def _surface(self, line: int, name: str, values: list[str]) -> None:
-        shape, thickness = [*self._numbers(line, name, values[:2]), 0.0][:2]
-        self.current = None
-        if name == "SO":
-            if not thickness >= 1e8:
-                self._lose(line, f"the object distance of {thickness:g}: a dataset says where its targets are")
+        if name[1:] not in ("", "O", "I", "0", f"{len(self.rows)}"):
+            raise UnreadableLens(self.path, f"{name} stands where S{len(self.rows)} is due", line=line)
+        far = [f"{_FAR}" if value.upper() in ("INF", "INFINITY") else value for value in values[1:2]]
+        shape, thickness = [*self.numbers(line, name, [*values[:1], *far]), 0.0][:2]
+        glass = " ".join(values[2:])
+        self.current = _Row(line=line, shape=shape, thickness=thickness, is_radius=self.is_radius, glass=glass)
+        if name in ("SO", "S0"):
+            self.rows[0] = self.current
         elif name == "SI":
-            if shape:
-                self._lose(line, "the image surface is curved; sensors are flat")
-            if thickness:
-                self._lose(line, f"a defocus of {thickness:g}: the camera says where the sensor is")
+            self.image = self.current
         else:
-            glass = values[2] if len(values) > 2 else ""
-            self.current = _Row(line=line, shape=shape, thickness=thickness, glass=glass)
             self.rows.append(self.current)
 
-    def _of_surface(self, line: int, name: str, values: list[str]) -> bool:
-        row, rest = self._addressed(line, values)
+    def _of_surface(self, line: int, name: str, values: list[str]) -> None:
+        row, rest = self._addressed(line, name, values)
         if name == "STO":
-            if row:
-                row.is_stop = True
-            return row is not None
-        if name not in ("K", "CON", "ASP", "SPH", *_EDGES, *_COEFFICIENTS):
-            return False
-        if row is None:
-            self._lose(line, f"{name} {' '.join(values)} of no lens surface")
-        elif name == "K":
-            row.conic = self._numbers(line, name, rest)[0]
-        elif name in _COEFFICIENTS:
-            row.coefficients[_COEFFICIENTS[name]] = self._numbers(line, name, rest)[0]
+            for other in self.rows:
+                other.is_stop = other is row
+        elif name == "GLA":
+            row.glass, row.line = " ".join(rest), line
         elif name in _EDGES:
             self._edge(line, row, name, rest)
-        return True
+        elif rest and rest[0].isalpha():
+            self.lose(line, f"{name} {rest[0].upper()}: {_SOLVE}")
+        else:
+            self._assign(line, row, name, number(self.path, line, " ".join(rest), name))
+
+    def _assign(self, line: int, row: _Row, name: str, value: float) -> None:
+        if name == "THI":
+            row.thickness = value
+        elif name == "K":
+            row.conic = value
+        elif name in _COEFFICIENTS:
+            row.coefficients[_COEFFICIENTS[name]] = value
+        elif name in ("RDY", "CUY"):
+            row.shape, row.is_radius = value, name == "RDY"
+        elif value and row is not self.image:
+            reason = f"{name}: a decentred or tilted surface cannot be represented"
+            raise UnreadableLens(self.path, reason, line=line)
+        elif value:
+            self.lose(line, f"{name} of the image: the camera says where the sensor is")
 
     def _edge(self, line: int, row: _Row, name: str, rest: list[str]) -> None:
-        """An aperture: clear, or with a qualifier before its value an edge, a hole or an obstruction."""
-        kind = rest[0].upper() if rest and rest[0].upper() in ("CLR", "EDG", "OBS", "HOL") else ""
-        value = self._numbers(line, name, rest[1:] if kind else rest)[0]
+        """An aperture: clear, or with a qualifier an edge, a hole or an obstruction; L'a' is its label."""
+        kind, *_ = [word for word in map(str.upper, rest[:1]) if word in ("CLR", "EDG", "OBS", "HOL")] or [""]
+        rest = rest[1:] if kind else rest
+        rest = rest[2:] if rest[:1] in (["L"], ["l"]) else rest
+        value = number(self.path, line, " ".join(rest), name)
         if name == "CIR" and kind == "OBS":
             row.inner = value
-        elif kind not in ("", "CLR"):
-            self._lose(line, f"{name} {kind}: only clear apertures block rays")
+        elif kind in ("OBS", "HOL"):
+            self.lose(line, f"{name} {kind}: only clear apertures block rays")
+        elif kind == "EDG":
+            pass  # where the glass ends, for drawings
         elif name == "CIR":
             row.semi_diameter = value
         elif name == "ARO":
@@ -157,29 +206,29 @@ class _Sequence:
         else:
             row.half_widths[name] = value
 
-    def _addressed(self, line: int, values: list[str]) -> tuple[_Row | None, list[str]]:
-        """The surface that a command refers to, named as S3 or else the current one, and the other words."""
-        named = re.fullmatch(r"S(\d+)", values[0].upper()) if values else None
-        if not named:
-            return self.current, values
-        place = int(named[1])
-        if not 1 <= place <= len(self.rows):
-            raise UnreadableLens(self.path, f"there is no surface S{place} yet", line=line)
-        return self.rows[place - 1], values[1:]
-
-    def _private(self, line: int, name: str, words: list[str]) -> None:
-        assert self.private_wavelengths is not None
-        if name == "END":
-            self.private_wavelengths = None
-        elif name == "PWL":
-            self.private_wavelengths = self._numbers(line, name, words[1:])
+    def _addressed(self, line: int, name: str, values: list[str]) -> tuple[_Row, list[str]]:
+        """The surface that a command refers to, named as S3, SO, SI or else the current one, and the other words."""
+        word, row, rest = (values[0].upper() if values else ""), self.current, values[1:]
+        place = int(word[1:]) if re.fullmatch(r"S\d{1,6}", word) else 0 if word == "SO" else len(self.rows)
+        if not re.match(r"S($|\d|A$|[OI])", word):
+            rest = values
+        elif place < len(self.rows):
+            row = self.rows[place]
+        elif word in ("SI", f"S{len(self.rows)}"):
+            row = self.image
         else:
-            listed = self._numbers(line, words[0], words[1:])
-            # The wavelength that is the d line, among those listed.
-            near = [n for w, n in zip(self.private_wavelengths, listed, strict=False) if abs(w - 587.6) < 0.1]
-            if not near:
-                raise UnreadableLens(self.path, f"private glass {words[0]} has no index at 587.6 nm", line=line)
-            self.private[words[0].upper()] = near[0]
+            row = _Row()
+        if not row.line:
+            hint = "write ranges and labels surface by surface"
+            raise UnreadableLens(self.path, f"{name} {word}: there is no such surface yet", line=line, hint=hint)
+        return row, rest
+
+    def _private(self, line: int, words: list[str]) -> None:
+        name, wavelengths = words[0].upper(), self.private_wavelengths or []
+        if name in ("END", "PWL"):
+            self.private_wavelengths = self.numbers(line, name, words[1:]) if name == "PWL" else None
+        else:
+            self.private[name] = line, wavelengths, words[1:]
 
 
 def read_codev(path: str | Path) -> PrintedLens:
@@ -187,18 +236,54 @@ def read_codev(path: str | Path) -> PrintedLens:
     sequence = _Sequence(path)
     for line, words in _commands(read_lines(path)):
         sequence.obey(line, words)
-    if sequence.shape is None:
-        hint = "add RDM (radii) or RDM N (curvatures) at its beginning"
-        raise UnreadableLens(path, "does not say whether surfaces have radii or curvatures", hint=hint)
-    if sequence.unit_mm is None:
-        raise UnreadableLens(path, "does not say its unit", hint="add DIM M (mm), C (cm) or I (inches)")
-    if not sequence.rows:
+    first, image, beam = sequence.rows[0], sequence.image, sequence.beam
+    if len(sequence.rows) == 1:
         raise UnreadableLens(path, "holds no surfaces")
-    surfaces = tuple(_printed(sequence, i, row) for i, row in enumerate(sequence.rows, 1))
+    if first.glass.upper() not in ("", "AIR"):
+        raise UnreadableLens(path, f"the object is in {first.glass}; a lens begins in air", line=first.line)
+    if first.thickness < _FAR:
+        sequence.lose(first.line, f"the object distance of {first.thickness:g}: a dataset says where its targets are")
+        if beam.f_number is not None:
+            beam.f_number = None
+            sequence.lose(beam.line, f"{beam.stated}, an F-number at that distance; the stop decides")
+    if image.shape:
+        sequence.lose(image.line, "the image surface is curved; sensors are flat")
+    if image.thickness:
+        sequence.lose(image.line, f"a defocus of {image.thickness:g}: the camera says where the sensor is")
+    if sequence.positions > 1:
+        sequence.lose(None, f"{sequence.positions} zoom positions; the first one is read")
+    if not any(row.is_stop for row in sequence.rows):
+        sequence.rows[1].is_stop = True
+        sequence.lose(None, "no STO: surface 1 is the stop, CODE V's default")
+    if sequence.unit_mm is None:
+        sequence.lose(None, "no DIM: lengths are millimetres, CODE V's default")
     sequence.lost += other_wavelengths(sequence.wavelengths)
-    lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
-    lens = sized(path, lens, sequence.beam, sequence.unit_mm)
-    return opened(path, lens, sequence.beam, sequence.unit_mm, has_ring=True)  # CIR blocks rays
+    return _decided(sequence)
+
+
+def _decided(sequence: _Sequence) -> PrintedLens:
+    """The lens; without RDM of curvatures, CODE V's default, or, as other programs mean it, of radii.
+
+    Numbers are radii where curvatures make surfaces that cross within their semi-diameters.
+    """
+    if all(row.is_radius is not None for row in sequence.rows[1:] if row.shape):
+        return _lens(sequence, is_radius=True)
+    for is_radius, said in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
+        with suppress(UnreadableLens):
+            lens = _lens(sequence, is_radius)
+            if is_possible(lens.surfaces):
+                return replace(lens, lost=(Lost(what=f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
+    return _lens(sequence, is_radius=False)
+
+
+def _lens(sequence: _Sequence, is_radius: bool) -> PrintedLens:
+    """The lens with all semi-diameters; `is_radius`: the meaning of numbers that the file leaves open."""
+    path, unit_mm = sequence.path, sequence.unit_mm or 1.0
+    surfaces = tuple(_printed(sequence, i, row, is_radius) for i, row in enumerate(sequence.rows[1:], 1))
+    lost = tuple(dict.fromkeys(sequence.lost))
+    lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=lost)
+    lens = sized(path, lens, sequence.beam, unit_mm)
+    return opened(path, lens, sequence.beam, unit_mm, has_ring=True)  # CIR blocks rays
 
 
 def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
@@ -217,9 +302,12 @@ def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
         pending, start = "", 0
 
 
-def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
+def _printed(sequence: _Sequence, place: int, row: _Row, is_radius: bool) -> PrintedSurface:
     unit_mm = sequence.unit_mm or 1.0
-    radius = (row.shape if sequence.shape == "radius" else 1 / row.shape) if row.shape else math.inf
+    is_radius = is_radius if row.is_radius is None else row.is_radius
+    radius = (row.shape if is_radius else 1 / row.shape) if row.shape else math.inf
+    if row.thickness >= _FAR:
+        raise UnreadableLens(sequence.path, f"surface {place} is infinitely far from the next one", line=row.line)
     index, abbe, glass = _medium(sequence, place, row)
     half_widths_mm = None
     if row.half_widths:
@@ -247,15 +335,40 @@ def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
 
 
 def _medium(sequence: _Sequence, place: int, row: _Row) -> Medium:
-    """Index, Abbe number and name: a private glass, a fictitious one (620410.603236 or 620.603), or a catalogue's."""
-    glass = row.glass
-    if not glass or glass.upper() == "AIR":
+    """Index, Abbe number and name: a private glass, a fictitious one (620410.603236, 620.603, 1.62:60.3), or a name."""
+    glass = row.glass.upper()
+    if not glass or glass == "AIR":
         return AIR
-    if glass.upper() in ("REFL", "MIRROR"):
+    if glass in ("REFL", "MIRROR"):
         raise UnreadableLens(sequence.path, f"surface {place} is a mirror", line=row.line)
-    if glass.upper() in sequence.private:
-        return Medium(sequence.private[glass.upper()], None, glass)
+    if glass in sequence.private:
+        return _private_medium(sequence, glass)
     if fictitious := re.fullmatch(r"(\d{3,})\.(\d{3,})", glass):
         return Medium(float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass)
-    name, _, vendor = glass.partition("_")
+    if model := re.fullmatch(r"([1-4]\.\d*)[: ](\d+\.?\d*)", glass):
+        return Medium(float(model[1]), float(model[2]), "")
+    name, _, vendor = row.glass.partition("_")
     return glass_of(sequence.path, row.line, place, name, [vendor] if vendor else [])
+
+
+def _private_medium(sequence: _Sequence, glass: str) -> Medium:
+    """A glass of the file's own: Laurent's equation of the squared index, or nd and Vd of a table."""
+    line, wavelengths, words = sequence.private[glass]
+    if words[:1] in (["LAU"], ["lau"]) and len(words) <= 7:  # powers 0, 2, -2, -4, -6, -8 of the wavelength
+        terms = sequence.numbers(line, glass, [*words[1:], *"00000"])[:6]
+        formula = f"schott({', '.join(map(repr, terms))})"
+        return Medium(
+            medium(glass=formula, index=None, abbe=None, wavelength_nm=D_LINE_NM).index(D_LINE_NM), None, formula
+        )
+    if words and words[0].isalpha():
+        hint = "write its indices at a PWL of 656.3 587.6 486.1"
+        raise UnreadableLens(sequence.path, f"private glass {glass}: {words[0]} is not read", line=line, hint=hint)
+    table = list(zip(wavelengths, sequence.numbers(line, glass, words), strict=False))
+    # The lines C, d and F, among those listed.
+    red, nd, blue = (next((n for w, n in table if abs(w - nm) < 0.1), 0.0) for nm in (656.3, 587.6, 486.1))
+    if not nd:
+        raise UnreadableLens(sequence.path, f"private glass {glass} has no index at 587.6 nm", line=line)
+    if blue > red > 0:
+        return Medium(nd, (nd - 1) / (blue - red), "")
+    sequence.lose(line, f"private glass {glass} has no indices at 486.1 and 656.3 nm: here it has no dispersion")
+    return Medium(nd, None, f"constant({nd!r})")
