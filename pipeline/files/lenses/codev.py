@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.sizing import Beam, is_possible, opened, sized
 from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, other_wavelengths, read_lines
 from pipeline.optics.glass.row import medium
@@ -231,7 +232,7 @@ class _Sequence:
             self.private[name] = line, wavelengths, words[1:]
 
 
-def read_codev(path: str | Path) -> PrintedLens:
+def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
     """A lens from a `.seq` file."""
     sequence = _Sequence(path)
     for line, words in _commands(read_lines(path)):

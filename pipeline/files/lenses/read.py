@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from pipeline.camera.parts.camera import PrintedCamera
 from pipeline.files.lenses.blender import is_blender, read_blender, read_blender_camera
 from pipeline.files.lenses.codev import read_codev
 from pipeline.files.lenses.flaresim import read_flaresim
+from pipeline.files.lenses.glasses import Chosen, Glasses
 from pipeline.files.lenses.libpleno import read_libpleno
 from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_bench
 from pipeline.files.lenses.pbrt import read_pbrt
@@ -27,41 +29,50 @@ _TABLES = (".csv", ".tsv", ".txt")
 _TABLE, _BENCH = "table", "optical bench"
 
 
+class BeamOfTable(TypedDict, total=False):
+    """The beam for which semi-diameters that a table lacks are computed; it overrides that of the file."""
+
+    f_number: float | None
+    half_field_deg: float | None
+
+
 def read_lens(
     path: str | Path,
     spacing: str | None = None,
     *,
     apertures: str | None = None,
     scenario: int | None = None,
-    f_number: float | None = None,
-    half_field_deg: float | None = None,
+    glasses: Chosen | None = None,
+    **beam: Unpack[BeamOfTable],
 ) -> PrintedLens:
     """A lens, with the file it comes from as its provenance.
 
     `spacing`: only for pbrt: the meaning of its thicknesses.
     `apertures`: only for FlareSim: the meaning of its column semi_ap.
     `scenario`: only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
-    `f_number`, `half_field_deg`: only for tables: the beam for which semi-diameters that are missing are computed; they
-        override those of the file.
+    `glasses`: only for Zemax, CODE V and tables: glasses in place of those that they name.
+    `beam`: only for tables.
     Raises UnreadableLens: the format is unknown, or the lens cannot be represented.
     """
-    kind, beam = _kind(path), half_field_deg if f_number is None else f_number
+    kind, given = _kind(path), next((value for value in beam.values() if value is not None), None)
     for words, value, only in (
-        ("--spacing is for lens tables of pbrt (.dat)", spacing, ".dat"),
-        ("--apertures is for lenses of FlareSim (.lens)", apertures, ".lens"),
-        ("--scenario is for texts of the Optical Bench", scenario, _BENCH),
-        ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", beam, _TABLE),
+        ("--spacing is for lens tables of pbrt (.dat)", spacing, (".dat",)),
+        ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
+        ("--scenario is for texts of the Optical Bench", scenario, (_BENCH,)),
+        ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", given, (_TABLE,)),
+        ("--glass and --glasses are for Zemax, CODE V and tables", glasses or None, (".zmx", ".seq", _TABLE)),
     ):
-        if value is not None and kind != only:
+        if value is not None and kind not in only:
             raise UnreadableLens(path, words)
+    named = Glasses(path, glasses)
     with computing(path):
         if kind == _TABLE:
-            what, lens = _from_table(path, f_number, half_field_deg)
+            what, lens = _from_table(path, named, **beam)
         elif kind == _BENCH:
             what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
         else:
             what, reader = _READERS[kind]
-            choices = {".dat": spacing, ".lens": apertures}
+            choices = {".dat": spacing, ".lens": apertures, ".zmx": named, ".seq": named}
             lens = reader(path, choices[kind]) if kind in choices else reader(path)
     origin = f"Imported from {Path(path).name}, {what}."
     return replace(lens, provenance=(origin, *lens.provenance))
@@ -96,12 +107,14 @@ def _kind(path: str | Path) -> str:
     return suffix
 
 
-def _from_table(path: str | Path, f_number: float | None, half_field_deg: float | None) -> tuple[str, PrintedLens]:
+def _from_table(
+    path: str | Path, glasses: Glasses, f_number: float | None = None, half_field_deg: float | None = None
+) -> tuple[str, PrintedLens]:
     """A lens from a table of the Blender add-on or a plain table, with all semi-diameters known."""
     if is_blender(read_lines(path)):
         what, lens, beam = "a lens table of the Blender add-on", read_blender(path), Beam()
     else:
-        what, (lens, beam) = "a table", read_table(path)
+        what, (lens, beam) = "a table", read_table(path, glasses)
     if f_number is not None:
         beam.f_number = f_number
     if half_field_deg is not None:

@@ -10,8 +10,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.sizing import Beam
-from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, read_lines
+from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 from pipeline.spelling import nearest
 
@@ -47,6 +48,7 @@ _SETTINGS = ("name", "unit", "wavelength", "f-number", "half-field", "efl", "bfd
 @dataclass(slots=True)
 class _Table:
     path: str | Path
+    glasses: Glasses
     delimiter: str | None
     columns: list[str | None]
     settings: dict[str, tuple[str, int]] = field(default_factory=dict)
@@ -61,11 +63,11 @@ class _Table:
         return number(self.path, line, text, name)
 
 
-def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
+def read_table(path: str | Path, glasses: Glasses) -> tuple[PrintedLens, Beam]:
     """A lens from a plain table, and the beam stated in its comments; semi-diameters may be missing."""
     lines = read_lines(path)
     first, header = next(((line, text) for line, text in enumerate(lines, 1) if _is_row(text)), (0, ""))
-    table = _columns(path, first, header)
+    table = _columns(path, glasses, first, header)
     for line, text in enumerate(lines, 1):
         if text.lstrip().startswith("#"):
             _comment(table, line, text.lstrip().lstrip("# ").strip())
@@ -84,7 +86,7 @@ def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
         wavelength_nm=table.setting("wavelength") or D_LINE_NM,
         nominal_efl_mm=table.setting("efl"),
         nominal_bfd_mm=table.setting("bfd"),
-        lost=tuple(table.lost),
+        lost=(*table.lost, *glasses.finish()),
     )
     half_field = table.setting("half-field")
     return lens, Beam(f_number=table.setting("f-number"), fields=[] if half_field is None else [0.0, half_field])
@@ -106,11 +108,11 @@ def _quantity(name: str) -> str | None:
     return _QUANTITY.get(plain)
 
 
-def _columns(path: str | Path, line: int, header: str) -> _Table:
+def _columns(path: str | Path, glasses: Glasses, line: int, header: str) -> _Table:
     delimiter = next((mark for mark in "\t;," if mark in header), None)  # None: blanks
     names = _cells(header, delimiter)
     quantities = [_quantity(name) for name in names]
-    table = _Table(path, delimiter, quantities)
+    table = _Table(path, glasses, delimiter, quantities)
     for name, quantity in zip(names, quantities, strict=True):
         if quantity is None and name:
             near = nearest(name.casefold(), _QUANTITY)
@@ -214,16 +216,17 @@ def _semi_diameter(table: _Table, line: int, values: dict[str, str], unit_mm: fl
     return half_width * unit_mm if half_width else None
 
 
-def _medium(table: _Table, place: int, line: int, values: dict[str, str]) -> Medium:
+def _medium(table: _Table, place: int, line: int, values: dict[str, str]) -> tuple[float, float | None, str]:
     """Index, Abbe number and name behind a surface: printed numbers, else those of the catalogue for the glass."""
     printed, name = values.get("index", ""), values.get("glass", "")
     glass = "" if name.casefold() in _AIR | _STOP_WORDS else name
     index = None if printed.casefold() in _AIR else _value(table, line, values, "index")
     if index is None and glass:
-        return glass_of(table.path, line, place, glass, ())
+        one = table.glasses.of(line, place, glass)
+        return table.glasses.printed(line, place, one, table.setting("wavelength"))
     if index is None or index == 1:
-        return AIR
+        return 1.0, None, ""
     if not 1 < index < _LARGEST_INDEX:
         hint = "does a decimal comma, or a missing cell, shift the columns?"
         raise UnreadableLens(table.path, f"no medium has an index of {index:g}", line=line, hint=hint)
-    return Medium(index, _value(table, line, values, "abbe") or None, glass)
+    return index, _value(table, line, values, "abbe") or None, glass

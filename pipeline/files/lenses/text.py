@@ -12,6 +12,8 @@ from pipeline.optics.glass import catalogue
 from pipeline.optics.printed import Lost
 
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_PLANE_PER_MM = 1e-12
+"""Curvature below which a surface is a plane [1/mm]: its sag at 100 mm from the axis is 5e-9 mm."""
 
 
 class UnreadableLens(UsageError):
@@ -60,12 +62,18 @@ def number(path: str | Path, line: int, text: str, what: str) -> float:
     return value
 
 
-def other_wavelengths(wavelengths_nm: Sequence[float]) -> list[Lost]:
-    """The loss of wavelengths of a design, if any of them is not the d line."""
-    if all(abs(wavelength - 587.6) <= 0.1 for wavelength in wavelengths_nm):
+def radius_mm(curvature_per_mm: float) -> float:
+    """Radius of a curvature [mm]; that of a plane for one that rounding has left over."""
+    return math.inf if abs(curvature_per_mm) < _PLANE_PER_MM else 1 / curvature_per_mm
+
+
+def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None = None) -> list[Lost]:
+    """The loss of wavelengths of a design, if any of them is not that of the lens, by default the d line."""
+    if all(abs(wavelength - (of_lens_nm or 587.6)) <= 0.1 for wavelength in wavelengths_nm):
         return []
     shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
-    loss = f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength"
+    at = "the d line" if of_lens_nm is None else f"{of_lens_nm:g} nm, the primary wavelength"
+    loss = f"wavelengths {shown} nm: the lens has its indices at {at}, the camera its wavelength"
     return [Lost(what=loss)]
 
 

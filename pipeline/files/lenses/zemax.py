@@ -8,20 +8,20 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.errors import PipelineError
 from pipeline.files.lenses import text
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.sizing import Beam, opened, sized
-from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, in_catalogue, number, read_lines
-from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.files.lenses.text import UnreadableLens, number, read_lines
+from pipeline.optics.glass.names import AIR, Named
+from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE
+from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
-_SAME_INDEX = 5e-4
-"""Difference of a printed index from that of the catalogue up to which the glass counts as the same, as in
-`optics.glass.row` for stages.
-"""
+_STANDARD_AIR = (20.0, 1.0)
+"""Temperature [°C] and pressure [atm] of ENVD for which catalogues have their indices."""
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
 # Indented or not
 _OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "OBSC", "SQAP", "STOP")
@@ -33,6 +33,26 @@ PWAV POLS GLRS NSCD COFN SLAB FIMP HIDE MIRR PICK VPAR VCUR OPDX PZUP LABL MEMA 
 COMM FLAP WAVN MNCA MNEA MXCA MXEA MNCG MNEG MXCG MXEG BLNK DPTH OPOV POPS PCON RSCE RWRE NSCS DRAX DGEO STAR HYPR TCED
 TCMM VDSZ CRSR DISG FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
 """
+
+# Named in one line: coatings, tolerances of the editor, identifiers.
+_NO_CONCERN = [
+    "COAT",
+    "LUID",
+    "EERA",
+    "SSID",
+    "IWDP",
+    "OEMA",
+    "DBDT",
+    "TOLE",
+    "SCOL",
+    "VCON",
+    "ZVCX",
+    "ZVCY",
+    "CHZH",
+    "USAP",
+    "STUD",
+    "NOID",
+]
 
 
 @dataclass(slots=True)
@@ -57,8 +77,9 @@ class _Row:
 class _System:
     """Statements of a file, line by line."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, glasses: Glasses) -> None:
         self.path = path
+        self.glasses = glasses
         self.name = ""
         self.vendors: list[str] = []
         self.unit_mm: float | None = None
@@ -67,10 +88,12 @@ class _System:
         self.stop_floats = False
         self.field_is_angle = True
         self.wavelength_count = 24  # as many as a file lists, used or not
-        self.wavelengths_um: list[float] = []
+        self.wavelengths_um = dict[int, float]()  # by number
+        self.primary = 1
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
         self.unread: dict[str, int] = {}
+        self.of_no_concern: dict[str, int] = {}
 
     @property
     def opens_stop(self) -> bool:
@@ -80,7 +103,9 @@ class _System:
     def obey(self, line: int, row: str) -> None:
         keyword, _, rest = row.strip().partition(" ")
         words = rest.split()
-        if keyword == "SURF":
+        if keyword in _NO_CONCERN:
+            self.of_no_concern.setdefault(keyword, line)
+        elif keyword == "SURF":
             self.rows.append(_Row(line=line))
         elif self.rows and (row[:1].isspace() or keyword in _OF_SURFACE):
             self._of_surface(line, keyword, words)
@@ -111,9 +136,18 @@ class _System:
             self.beam.fields += [number(self.path, line, word, keyword) for word in words]
         elif keyword == "WAVM":
             if self._first(line, keyword, words) <= self.wavelength_count:
-                self.wavelengths_um.append(self._first(line, keyword, words, 1))
+                self.wavelengths_um[int(self._first(line, keyword, words))] = self._first(line, keyword, words, 1)
+        elif keyword == "PWAV":
+            self.primary = int(self._first(line, keyword, words))
+        elif keyword == "ENVD":
+            air = tuple(number(self.path, line, word, keyword) for word in words[:2])
+            if air and air != _STANDARD_AIR:
+                what = f"ENVD {' '.join(words[:2])}: indices and lengths are those at 20 degrees Celsius and 1 atm"
+                self.lost.append(Lost(what=what, line=line))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
-            self.lost.append(Lost(what=f"{words[0]} configurations; only the first one is read", line=line))
+            current = f"number {words[1]}, which" if len(words) > 1 else "the one that"
+            what = f"{words[0]} configurations; this lens is {current} was current when the file was saved"
+            self.lost.append(Lost(what=what, line=line))
         elif keyword in _VIGNETTING:
             if any(number(self.path, line, word, keyword) for word in words):
                 self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
@@ -148,6 +182,8 @@ class _System:
             self._aperture(line, row, keyword, words)
         elif keyword == "STOP":
             row.is_stop = True
+        elif keyword == "SCBD" and any(number(self.path, line, word, keyword) for word in words[3:]):
+            raise UnreadableLens(self.path, f"surface {len(self.rows) - 1} is tilted or decentred (SCBD)", line=line)
         elif keyword in _APERTURES:
             what = f"surface {len(self.rows) - 1}: {keyword}, an aperture that is no circle"
             self.lost.append(Lost(what=what, line=line))
@@ -174,9 +210,9 @@ class _System:
             row.is_automatic = len(words) < 2 or number(self.path, line, words[1], keyword) == 0
 
 
-def read_zemax(path: str | Path) -> PrintedLens:
+def read_zemax(path: str | Path, glasses: Glasses) -> PrintedLens:
     """A lens from a `.zmx` file."""
-    system = _System(path)
+    system = _System(path, glasses)
     for line, row in enumerate(read_lines(path), 1):
         system.obey(line, row)
     if system.unit_mm is None:
@@ -186,8 +222,20 @@ def read_zemax(path: str | Path) -> PrintedLens:
     if not system.field_is_angle:
         system.beam.fields.clear()
     *_, image = system.rows
-    surfaces = tuple(_printed(system, i, row) for i, row in enumerate(system.rows[1:-1], 1))
-    lens = PrintedLens(name=system.name or Path(path).stem, surfaces=surfaces, lost=tuple(_lost(system, image)))
+    rows = list(enumerate(system.rows[1:-1], 1))
+    media = [_medium(system, place, row) for place, row in rows]
+    primary_um = system.wavelengths_um.get(system.primary)
+    nm = glasses.wavelength_nm(media, primary_um and 1000 * primary_um)
+    surfaces = tuple(
+        _printed(system, place, row, glasses.printed(row.glass_line, place, one, nm))
+        for (place, row), one in zip(rows, media, strict=True)
+    )
+    lens = PrintedLens(
+        name=system.name or Path(path).stem,
+        surfaces=surfaces,
+        wavelength_nm=nm or D_LINE_NM,
+        lost=(*_lost(system, image, nm), *glasses.finish()),
+    )
     lens = sized(path, lens, system.beam, system.unit_mm)
     if not system.opens_stop:
         return lens
@@ -195,7 +243,7 @@ def read_zemax(path: str | Path) -> PrintedLens:
     return opened(path, lens, system.beam, system.unit_mm, has_ring)
 
 
-def _lost(system: _System, image: _Row) -> list[Lost]:
+def _lost(system: _System, image: _Row, wavelength_nm: float | None) -> list[Lost]:
     lost, first = list(system.lost), system.rows[0]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
@@ -214,19 +262,21 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
     if automatic:
         shown = ", ".join(map(str, automatic))
         lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
-    lost += text.other_wavelengths([1000 * wavelength for wavelength in dict.fromkeys(system.wavelengths_um)])
-    lost += [Lost(what=f"{keyword} is not read", line=line) for keyword, line in system.unread.items()]
+    lost += text.other_wavelengths([1000 * w for w in dict.fromkeys(system.wavelengths_um.values())], wavelength_nm)
+    lost += [Lost(what=f"{word} is not read", line=line) for word, line in system.unread.items()]
+    if system.of_no_concern:
+        lost.append(Lost(what=f"of no concern to the lens: {', '.join(system.of_no_concern)}"))
     return lost
 
 
-def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
+def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
     unit_mm = system.unit_mm or 1.0
     if row.type_name not in ("STANDARD", "PARAXIAL", *_POWER_OF_TERM):
         reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
         raise UnreadableLens(system.path, reason, line=row.type_line)
     if not math.isfinite(row.thickness):
         raise UnreadableLens(system.path, f"surface {place} is infinitely far from the next one", line=row.line)
-    index, abbe, glass = _medium(system, place, row)
+    index, abbe, glass = medium
     step = _POWER_OF_TERM.get(row.type_name, 0)
     terms = {step * i: value for i, value in sorted(row.parameters.items()) if value and step}
     ideal = row.parameters.get(1, 100.0) if row.type_name == "PARAXIAL" else None
@@ -234,7 +284,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     if row.half_widths and (edge is None or row.is_automatic):
         edge = math.hypot(*row.half_widths)
     return PrintedSurface(
-        radius_mm=(1 / row.curvature if row.curvature else math.inf) * unit_mm,
+        radius_mm=text.radius_mm(row.curvature / unit_mm),
         thickness_mm=row.thickness * unit_mm,
         semi_diameter_mm=None if edge is None else edge * unit_mm,
         inner_semi_diameter_mm=row.inner * unit_mm,
@@ -249,25 +299,22 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     )
 
 
-def _medium(system: _System, place: int, row: _Row) -> Medium:
-    """Index, Abbe number and name: of the catalogue for a glass that it knows: numbers beside it may be left over."""
+def _medium(system: _System, place: int, row: _Row) -> Named:
+    """The medium behind a surface: the glass of a name, whatever is left over beside it, or a model of two numbers."""
     if not row.glass:
         return AIR
-    name, kind = row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")
+    line, name, kind = row.glass_line, row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")
     if name.upper() == "MIRROR":
-        raise UnreadableLens(system.path, f"surface {place} is a mirror", line=row.glass_line)
-    numbers = [number(system.path, row.glass_line, word, "GLAS") for word in row.glass[3:5]]
-    shown = "" if name == "___BLANK" else name
-    is_printed = len(numbers) == 2 and numbers[0] > 1 and (kind == "1" or tuple(numbers) != _PLACEHOLDER)
-    if kind == "1" and is_printed:  # a model glass
-        return Medium(numbers[0], numbers[1] or None, shown)
-    listed = in_catalogue(name, system.vendors)
-    if not isinstance(listed, PipelineError):
-        if is_printed and abs(listed.nd - numbers[0]) > _SAME_INDEX:
-            taken = f"the catalogue's {listed.nd:.6g} is taken"
-            loss = f"surface {place}: index {numbers[0]:g} beside glass {name}; {taken}"
-            system.lost.append(Lost(what=loss, line=row.glass_line))
-        return listed
-    if is_printed:
-        return Medium(numbers[0], numbers[1] or None, shown)
-    return glass_of(system.path, row.glass_line, place, name, system.vendors)
+        raise UnreadableLens(system.path, f"surface {place} is a mirror", line=line)
+    numbers = [number(system.path, line, word, "GLAS") for word in row.glass[3:5]]
+    beside = numbers if len(numbers) == 2 and tuple(numbers) != _PLACEHOLDER and numbers[0] > 1 else []
+    if kind == "1" or name == "___BLANK":
+        if len(numbers) < 2:
+            raise UnreadableLens(system.path, f"surface {place}: a model glass needs index and Abbe number", line=line)
+        return system.glasses.model(line, place, (numbers[0], numbers[1]), "" if name == "___BLANK" else name)
+    listed = system.glasses.of(line, place, name, system.vendors)
+    nd = listed.medium.nd
+    if beside and nd is not None and listed is not AIR and abs(nd - beside[0]) > MAX_INDEX_DIFFERENCE:
+        left = f"index {beside[0]:g} beside glass {name} is left over; the glass has {nd:.6g}"
+        system.glasses.remark(line, place, left)
+    return listed

@@ -1,0 +1,75 @@
+"""Glasses of a lens file: looked up by name, or replaced as a user says. What is unknown is refused in one error, and
+what stands for another glass is a remark.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from pipeline.errors import PipelineError
+from pipeline.files.lenses.text import UnreadableLens
+from pipeline.optics.glass.names import AIR, Named, model, named
+from pipeline.optics.printed import Lost
+
+Chosen = Mapping[str, Named | PipelineError]
+"""Glasses that a user gives in place of those of a file, by names in small letters; an error for an unknown one."""
+
+
+class Glasses:
+    """Glasses of one file, as they are asked for."""
+
+    def __init__(self, path: str | Path, chosen: Chosen | None = None) -> None:
+        self.path = path
+        self._chosen = chosen or {}
+        self._unknown = dict[str, str]()  # what is said of each, by name
+        self._remarks = dict[str, tuple[int, list[str]]]()  # first line and surfaces, by remark
+
+    def of(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
+        """The medium of a name or code, in the catalogues that a file names; air for one that `finish` will refuse."""
+        try:
+            found = self._chosen.get(name.casefold()) or named(name, catalogues)
+            if isinstance(found, PipelineError):
+                raise found
+        except PipelineError as error:
+            self._refuse(name, line, surface, error)
+            return AIR
+        self.remark(line, surface, found.remark)
+        return found
+
+    def model(self, line: int, surface: int, numbers: tuple[float, float | None], name: str = "") -> Named:
+        """A glass of which the file states n_d and V_d; UnreadableLens for numbers that no medium has."""
+        try:
+            return model(*numbers, name)
+        except PipelineError as error:
+            raise UnreadableLens(self.path, f"surface {surface}: {error.what}", line=line, hint=error.hint) from None
+
+    def remark(self, line: int, surface: int, what: str) -> None:
+        """Say something of the glass of a surface, once for all surfaces that it is true of."""
+        if what:
+            self._remarks.setdefault(what, (line, []))[1].append(str(surface))
+
+    @staticmethod
+    def wavelength_nm(media: Sequence[Named], primary_nm: float | None) -> float | None:
+        """The wavelength of a lens of these media: that of its file, if one has no index at the d line, else None."""
+        return None if all(one.medium.nd is not None for one in media) else primary_nm
+
+    def printed(self, line: int, surface: int, one: Named, nm: float | None) -> tuple[float, float | None, str]:
+        """Index at a wavelength, by default the d line, with Abbe number and name; air if `finish` will refuse it."""
+        try:
+            return one.printed(nm)
+        except PipelineError as error:
+            self._refuse(one.glass, line, surface, error)
+            return AIR.printed(nm)
+
+    def finish(self) -> list[Lost]:
+        """Remarks on what was taken; UnreadableLens with all glasses that are not known."""
+        if self._unknown:
+            hint = "--glass NAME=vendor:OTHER replaces a glass, --glasses FILE.agf reads a catalogue of its maker"
+            raise UnreadableLens(self.path, "; ".join(self._unknown.values()), hint=hint)
+        return [
+            Lost(what=f"surface{'s' * (len(surfaces) > 1)} {', '.join(surfaces)}: {what}", line=line)
+            for what, (line, surfaces) in self._remarks.items()
+        ]
+
+    def _refuse(self, name: str, line: int, surface: int, error: PipelineError) -> None:
+        said = f"surface {surface}, line {line}: {error.what}" + (f", {error.hint}" if error.hint else "")
+        self._unknown.setdefault(name.casefold(), said)
