@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.records.shapes import Float64
 
-_NODES = 13
+NODES = 13
 """Poses of a piece of a motion [1]: half a turn in a piece is right to 1e-10 then, see docs/motion.md."""
 _MORE_S = 2e-6
 """Further time of a motion [s], in which the velocity at an instant is measured."""
@@ -96,13 +96,13 @@ class Motion:
 
     def at(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Poses at times, (n, 4, 4); before and after the motion those of its ends."""
-        piece, share = node_shares(np.array(self.edges_s), _NODES, times_s)
+        piece, share = node_shares(np.array(self.edges_s), NODES, times_s)
         return np.einsum("nk,nkij->nij", share, np.array(self.poses)[piece])
 
     @staticmethod
     def times_s(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:
         """Times of the poses of all pieces, (m - 1, nodes)."""
-        return node_times(edges_s, _NODES)
+        return node_times(edges_s, NODES)
 
 
 def node_times(edges_s: Float64[np.ndarray, "m"], count: int) -> np.ndarray:

@@ -8,8 +8,10 @@ from pxr import Usd, UsdGeom, UsdSkel
 
 from pipeline.motion import Motion, Shutter
 from pipeline.scene.dataset import Motions
+from pipeline.scene.usd.curves import bends, extent
 from pipeline.scene.usd.meshes import is_animated
 from pipeline.scene.usd.poses import (
+    Times,
     ancestry,
     camera_from_world,
     frame_numbers,
@@ -87,7 +89,7 @@ def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint='write "direct"')
 
 
-WorldFrom = Callable[[Usd.Prim, Sequence[float], float], np.ndarray]
+WorldFrom = Callable[[Usd.Prim, Times, float], np.ndarray]
 """Reader of transforms from a prim to the world at times, (n, 4, 4) [mm]."""
 
 
@@ -102,12 +104,12 @@ def motions_before(
     """Motions before a camera in a frame: of boards by name, of things, which are shapes and lamps, by path."""
 
     def before(prim: Usd.Prim, reader: WorldFrom) -> Motion | None:
-        def vision_from_prim(times: Sequence[float]) -> np.ndarray:
+        def vision_from_prim(times: Times) -> np.ndarray:
             return product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm))
 
-        return _motion(camera, shutter, _samples(camera) | _samples(prim), vision_from_prim, number)
+        return _motion(camera, shutter, [camera, prim], vision_from_prim, number)
 
-    def world_from_vision(times: Sequence[float]) -> np.ndarray:
+    def world_from_vision(times: Times) -> np.ndarray:
         return inverse(camera_from_world(camera, times, unit_mm))
 
     targets = {prim.GetName(): before(prim, world_from) for prim in boards}
@@ -115,28 +117,32 @@ def motions_before(
     return Motions(
         targets={name: motion for name, motion in targets.items() if motion is not None},
         things={path: motion for path, motion in others.items() if motion is not None},
-        camera=_motion(camera, shutter, _samples(camera), world_from_vision, number),
+        camera=_motion(camera, shutter, [camera], world_from_vision, number),
     )
 
 
 def _motion(
     camera: Usd.Prim,
     shutter: Shutter,
-    samples: set[float],
-    poses_at: Callable[[Sequence[float]], np.ndarray],
+    prims: Sequence[Usd.Prim],
+    poses_at: Callable[[Times], np.ndarray],
     number: int,
 ) -> Motion | None:
     """The motion by poses at time codes while the shutter is open; None if all are that at the frame's own."""
-    if len(samples) < 2:
+    if not (moved := [each for prim in prims for each in _moved(prim)]):
         return None
-    codes_per_s = codes_per_second(camera)
-    edges = pieces_s(_window_s(camera, shutter), ((sample - number) / codes_per_s for sample in samples))
-    codes = number + Motion.times_s(edges) * codes_per_s
-    times = [float(number), *codes.ravel().tolist()]
-    poses = poses_at(times) + 0.0
+    codes_per_s, window_s = codes_per_second(camera), _window_s(camera, shutter)
+    first, last = (number + time * codes_per_s for time in window_s)
+    bent_s = {(time - number) / codes_per_s: time for time in bends(moved, first, last)}
+    edges = pieces_s(window_s, bent_s)
+    codes = (number + Motion.times_s(edges) * codes_per_s).tolist()
+    for piece, start, end in zip(codes, edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        # A pose may jump at a bend: a piece ends before it, and the next one begins after.
+        piece[0], piece[-1] = bent_s.get(start, piece[0]), Usd.TimeCode.PreTime(bent_s.get(end, piece[-1]))
+    poses = poses_at([float(number), *(code for piece in codes for code in piece)]) + 0.0
     if (poses == poses[0]).all():
         return None
-    pieces = poses[1:].reshape(*codes.shape, 4, 4).tolist()
+    pieces = poses[1:].reshape(len(codes), -1, 4, 4).tolist()
     return Motion(edges_s=tuple(edges.tolist()), poses=tuple(pieces))
 
 
@@ -158,13 +164,9 @@ def codes_per_second(prim: Usd.Prim) -> float:
     return float(prim.GetStage().GetTimeCodesPerSecond())
 
 
-def _samples(prim: Usd.Prim) -> set[float]:
-    """Time codes of all samples of the transforms of a prim and of what it lies below."""
-    return {time for link in ancestry(prim) for time in _own_samples(link)}
-
-
-def _own_samples(link: Usd.Prim) -> set[float]:
-    return {time for op in xform_ops(link) for time in op.GetAttr().GetTimeSamples()}
+def _moved(prim: Usd.Prim) -> list[Usd.Attribute]:
+    """Operations that change, of the transforms of a prim and of what it lies below."""
+    return [op.GetAttr() for link in ancestry(prim) for op in xform_ops(link) if op.MightBeTimeVarying()]
 
 
 def check_motions(
@@ -183,7 +185,7 @@ def check_motions(
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
-            if len(_samples(prim)) < 2:
+            if not _moved(prim):
                 continue
             turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
             bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
@@ -193,8 +195,9 @@ def check_motions(
                 yield problem(prim, "not-rigid", message, hint=hint)
         opens, ends = np.array(numbers) + shutter.opens_s * codes_per_s, np.array(numbers) + end_s * codes_per_s
         for link in dict.fromkeys(link for prim in (camera, *boards, *things) for link in ancestry(prim)):
-            if len(samples := _own_samples(link)) > 1:
-                yield from _standing(link, min(samples), max(samples), (numbers, opens, ends))
+            if spans := list(filter(None, (extent(op.GetAttr()) for op in xform_ops(link)))):
+                starts, stops = zip(*spans, strict=True)
+                yield from _standing(link, min(starts), max(stops), (numbers, opens, ends))
         for prim in things:
             if prim.IsA(UsdGeom.Gprim) and is_animated(prim, with_primvars=False):
                 message = (

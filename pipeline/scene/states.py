@@ -16,6 +16,7 @@ from pipeline.motion import Shutter
 from pipeline.scene.camera import read_camera, read_camera_entry
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.shutters import check_shutter, codes_per_second, pieces_s, read_shutter
+from pipeline.scene.usd.curves import bends
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, of_reader, problem
 from pipeline.scene.usd.values import at_code, code_now, read, read_once, target, target_paths
@@ -65,8 +66,9 @@ def read_in_time(camera: Usd.Prim, asked: Camera | FocusRequest, shutter: Shutte
     if shutter is None or not varying:
         return None
     number, codes_per_s = code_now(), codes_per_second(camera)
-    bends_s = {(time - number) / codes_per_s for attribute in varying for time in attribute.GetTimeSamples()}
     window_s = shutter.motion_s(asked.sensor.size_px)
+    first, last = (number + time * codes_per_s for time in window_s)
+    bends_s = {(time - number) / codes_per_s for time in bends(varying, first, last)}
     edges_s = pieces_s(window_s, {*bends_s, *np.linspace(*window_s, PIECES + 1)})
     states = []
     for time_s in state_times(edges_s).ravel().tolist():

@@ -73,7 +73,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> Iterator[Problem]:
     for op in xform_ops(prim):
         attribute = op.GetAttr()
-        times = set(attribute.GetTimeSamples())
+        times = set(attribute.GetTimeSamples()) if not attribute.HasSpline() else set(frames)
         present = [number for number in frames if not times or number in times]
         if missing := sorted(set(frames).difference(present)):
             more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""

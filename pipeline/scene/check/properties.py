@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
-from pipeline.scene.usd.poses import is_op, is_orient
+from pipeline.scene.usd.curves import written_times
+from pipeline.scene.usd.poses import frame_numbers, is_op, is_orient
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME
 from pipeline.scene.usd.usda_lines import line_of
@@ -219,7 +220,7 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
             )
         return  # values of a wrong type would confuse the further checks
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
-        yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples')
+        yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples or a spline')
     rule = rule_of(attribute.GetPrim(), name)
     for time, value in _authored_values(attribute):
         bad = list(_check_value(attribute, value, time, rule)) or list(_check_tokens(attribute, value, time))
@@ -244,14 +245,17 @@ def _check_value(attribute: Usd.Attribute, value: Any, time: float | None, rule:
 
 
 def _authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
-    """Pairs of a time (None for the default value) and the value of USD at that time."""
+    """Pairs of a time (None for the default value) and the value of USD then; of a spline all extreme values."""
     if not attribute.HasAuthoredValue():
         return
     default = attribute.Get()
     if default is not None:
         yield None, default
-    for time in attribute.GetTimeSamples():
-        yield time, attribute.Get(time)
+    root = attribute.GetStage().GetDefaultPrim()
+    frames = frame_numbers(root) if root and attribute.HasSpline() else ()
+    for time in written_times(attribute, (frames[0] - 1, frames[-1] + 1) if frames else (0, 0)):
+        if (value := attribute.Get(time)) is not None:
+            yield time.GetValue(), value
 
 
 def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:

@@ -14,6 +14,8 @@ from pxr import Tf, Usd, UsdGeom
 from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
 from pipeline.scene.usd.values import plain, read, take
 
+Times = Sequence[float | Usd.TimeCode]
+"""Time codes; of USD's own kind also those just before a jump."""
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
 
@@ -45,7 +47,7 @@ def is_op(prim: Usd.Prim, name: str) -> bool:
 
 def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:
     """The first animated operation of a prim's own transform."""
-    return next((op.GetAttr() for op in xform_ops(prim) if op.GetAttr().GetTimeSamples()), None)
+    return next((op.GetAttr() for op in xform_ops(prim) if op.MightBeTimeVarying()), None)
 
 
 def is_visible(prim: Usd.Prim, time: float) -> bool:
@@ -60,7 +62,7 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
     return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
 
 
-def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float, below: Usd.Prim | None = None) -> np.ndarray:
+def world_from(prim: Usd.Prim, times: Times, mm_per_unit: float, below: Usd.Prim | None = None) -> np.ndarray:
     """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is.
 
     `below`: an ancestor, in whose frame the prim is wanted instead.
@@ -70,7 +72,7 @@ def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float, below
         parent_from_link = np.eye(4)
         for op in xform_ops(link):
             asked = times if op.MightBeTimeVarying() else times[:1]
-            moved = np.array([_op_matrix(op, float(time), mm_per_unit) for time in asked])
+            moved = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in asked])
             parent_from_link = product(parent_from_link, moved)
         world_from_prim = product(parent_from_link, world_from_prim)
     return np.broadcast_to(world_from_prim, (len(times), 4, 4))
@@ -92,7 +94,7 @@ def inverse(a_from_b: np.ndarray) -> np.ndarray:
     return b_from_a
 
 
-def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, float] | None:
+def quaternion(op: UsdGeom.XformOp, time: float | Usd.TimeCode) -> tuple[float, float, float, float] | None:
     """Real part and imaginary parts of an orient operation; None if it has no value."""
     # Read from the attribute: the operation would return the inverse for an inverted one.
     value = op.GetAttr().Get(time)
@@ -104,7 +106,7 @@ def is_orient(op: UsdGeom.XformOp) -> bool:
     return op.GetOpType() == UsdGeom.XformOp.TypeOrient
 
 
-def _op_matrix(op: UsdGeom.XformOp, time: float, mm_per_unit: float) -> np.ndarray:
+def _op_matrix(op: UsdGeom.XformOp, time: Usd.TimeCode, mm_per_unit: float) -> np.ndarray:
     if not is_orient(op):
         # USD's matrices act on row vectors. Only their translation has a unit.
         matrix = np.array(op.GetOpTransform(time), dtype=np.float64).T
@@ -149,7 +151,7 @@ def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
     return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
 
 
-def camera_from_world(prim: Usd.Prim, times: Sequence[float], scale_mm: float) -> np.ndarray:
+def camera_from_world(prim: Usd.Prim, times: Times, scale_mm: float) -> np.ndarray:
     """Vision frame of a camera from the world at some times, (n, 4, 4) [mm]."""
     return product(VISION_FROM_CAMERA, inverse(world_from(prim, times, scale_mm)))
 

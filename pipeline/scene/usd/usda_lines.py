@@ -57,9 +57,9 @@ class Flaw(NamedTuple):
 
 @dataclass(slots=True)
 class TextMap:
-    """Lines of statements in one file: of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, inside variants,
-    `/A{set=name}B`; of the first mention of each asset path; and of the metadata of the layer. `bodies` has the offset
-    [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
+    """Lines of statements in one file: of `/A`, `/A.x`, `/A.x[3]` (the time sample, or knot, at 3) and, inside
+    variants, `/A{set=name}B`; of the first mention of each asset path; and of the metadata of the layer. `bodies` has
+    the offset [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
@@ -131,8 +131,8 @@ def _cut_numbers(text: str, start: int, line: int, is_bool: bool) -> Iterator[tu
 class _Scanner:
     """One pass over the tokens, with a stack of open brackets.
 
-    An entry of the stack is ("prim" | "set" | "variant", name), ("samples", property path) inside `timeSamples`, or
-    None for a bracket that does not change the path: metadata, values, dictionaries.
+    An entry of the stack is ("prim" | "set" | "variant", name), ("samples", property path) inside `timeSamples` or a
+    spline, or None for a bracket that does not change the path: metadata, values, dictionaries.
     """
 
     def __init__(self, text: str) -> None:
@@ -142,7 +142,7 @@ class _Scanner:
         self.stack: list[tuple[str, str] | None] = []
         self.words: list[tuple[str, int]] = []  # of the statement so far
         self.opening: tuple[str, str, int, int] | None = None  # a prim or variant before its "{"
-        self.samples: str | None = None  # a property with timeSamples, before their "{"
+        self.samples: str | None = None  # a property with timeSamples or a spline, before their "{"
         self.number: tuple[str, int] | None = None  # the number before a ":"
         self.end = 0  # offset of the end of the token in the text
         line, position = 1, 0
@@ -154,6 +154,7 @@ class _Scanner:
     def _token(self, kind: str, token: str, line: int) -> None:
         if kind == "word":
             self.words.append((token, line))
+            self.number = None  # as of `post: held`, which is no time
         elif kind == "number":
             self.number = (token, line)
         elif kind == "numbers":
@@ -218,14 +219,14 @@ class _Scanner:
         path = self._path()
         if self.stack == [None] and self.words:
             self.map.metadata.setdefault(*self.words[-1])
-        if len(self.words) < 2 or not path:
+        if len(self.words) < 2 or not path or (self.stack[-1] or "")[:1] == ("samples",):  # as of `post linear`
             return
         name, line = self.words[-1]
         bare = f"{path}.{re.sub(_SUFFIX, '', name)}"
         self.map.lines.setdefault(bare, line)
         edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
         self._note(bare, f"{edit} {name}".strip(), f'"{name}" is written twice', line)
-        self.samples = bare if name.endswith(".timeSamples") else None
+        self.samples = bare if name.endswith((".timeSamples", ".spline")) else None
 
     def _value(self, line: int) -> None:
         """Note the numbers after the "=" of a statement that USD would cut."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, Vt
+from pxr import Gf, Sdf, Tf, Ts, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.records.declared import attributes_of
@@ -271,6 +271,8 @@ class Rule:
 
     def holds(self, value: Any) -> bool:
         """Whether a value of USD has the right type, length and range, and printable texts."""
+        if isinstance(value, Ts.Spline):  # who reads it asks again, at each time
+            return all(self.holds(knot.GetValue()) for knot in value.GetKnots().values())
         if self.kind and type(value) is not self.kind:
             return False
         if isinstance(value, float | int):  # the usual case: a plain comparison needs no array
@@ -335,8 +337,8 @@ def read(prim: Usd.Prim, name: str) -> Any:
     if not attribute.HasAuthoredValue():
         return rule.fallback
     value = attribute.Get(_CODE.get())
-    if attribute.ValueMightBeTimeVarying():  # between two equal samples USD's interpolation rounds
-        first, last = (attribute.Get(time) for time in attribute.GetBracketingTimeSamples(_CODE.get()))
+    if times := attribute.ValueMightBeTimeVarying() and attribute.GetBracketingTimeSamples(_CODE.get()):
+        first, last = map(attribute.Get, times)  # between two equal samples USD's interpolation rounds
         value = first if first == last else value
     # In USD an opinion of a wrong type wins, although the attribute has the type of the schema.
     return plain(value) if value is not None and rule.holds(value) else None
