@@ -31,7 +31,7 @@ from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_lay
 from pipeline.scene.usd.values import UnreadableValue, need, unchanging
 from pipeline.scene.usd.writing_out import write_out
 from pipeline.scene.varied import varied_numbers, with_varied
-from pipeline.scene.views import check_doubts, check_seen
+from pipeline.scene.views import check_doubts, check_seen, check_speeds
 from pipeline.scene.write.viewers import flattened, text_for_viewers
 from pipeline.spelling import did_you_mean
 
@@ -119,7 +119,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:
             problems += check_rays(stage, dataset)
-            problems += [*check_seen(stage, dataset), *check_shone(stage, dataset)]
+            problems += [*check_seen(stage, dataset), *check_shone(stage, dataset), *check_speeds(stage, dataset)]
         if loaded.errors:
             return loaded
     layer = flattened(stage)

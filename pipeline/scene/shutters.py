@@ -129,7 +129,7 @@ def _motion(
     number: int,
 ) -> Motion | None:
     """The motion by poses at time codes while the shutter is open; None if all are that at the frame's own."""
-    if not (moved := [each for prim in prims for each in _moved(prim)]):
+    if not (moved := [each for prim in prims for each in moved_ops(prim)]):
         return None
     codes_per_s, window_s = codes_per_second(camera), _window_s(camera, shutter)
     first, last = (number + time * codes_per_s for time in window_s)
@@ -164,7 +164,7 @@ def codes_per_second(prim: Usd.Prim) -> float:
     return float(prim.GetStage().GetTimeCodesPerSecond())
 
 
-def _moved(prim: Usd.Prim) -> list[Usd.Attribute]:
+def moved_ops(prim: Usd.Prim) -> list[Usd.Attribute]:
     """Operations that change, of the transforms of a prim and of what it lies below."""
     return [op.GetAttr() for link in ancestry(prim) for op in xform_ops(link) if op.MightBeTimeVarying()]
 
@@ -185,7 +185,7 @@ def check_motions(
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
-            if not _moved(prim):
+            if not moved_ops(prim):
                 continue
             turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
             bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID

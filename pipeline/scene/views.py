@@ -2,6 +2,7 @@
 in which a camera sees nothing of a target, or little (`camera.figures.outlook`).
 """
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,11 +26,14 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import depths_mm, is_steep
 from pipeline.errors import PipelineError
+from pipeline.frames import apply
+from pipeline.motion import Motion
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.lens import ordered_surfaces
 from pipeline.scene.losses import check_angles
 from pipeline.scene.microlenses import by_type
 from pipeline.scene.sensor import read_sensor
+from pipeline.scene.shutters import moved_ops
 from pipeline.scene.usd.problems import Problem, of_reader, problem, warning
 from pipeline.scene.usd.values import read, target
 from pipeline.scene.windows import WINDOWS
@@ -51,6 +55,9 @@ _LEAST_PX, _WIDEST_BLUR = 1.0, 1.72
 points can be distinguished: a disc as wide as that takes all contrast from the fundamental wave of a checkerboard, and
 a wider one leaves an eighth of it at most, with black for white (2 J1(x) / x at x = pi 1.72 / sqrt(2)).
 """
+_ORIGIN = np.zeros((1, 3))
+_INSTANTS = 33
+"""Instants of a frame at which something that moves is looked at [1]."""
 _NEIGHBOURS = 64
 """Number of points whose median gives the distance of neighbouring points."""
 
@@ -224,6 +231,51 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
                     whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'
                     message = f"{whom} in {len(missed)} of {len(view.numbers)} frames: {_listed(missed)}"
                     yield warning(prim, code, message, hint=_hint(camera, view, missed))
+
+
+def check_speeds(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
+    """Warnings of what moves while a shutter is open although all that is written of its motion is a pose per frame."""
+    numbers, told = {frame.number for frame in dataset.frames}, set[tuple[str, str]]()
+    for entry, frame in itertools.product(dataset.cameras, dataset.frames):
+        motions = frame.motions.get(entry.name)
+        if motions is None or entry.shutter is None:
+            continue
+        posed = {board.prim_path: motions.targets.get(board.name) for board in dataset.targets} | motions.things
+        for path, motion in posed.items():
+            prims = map(stage.GetPrimAtPath, (path, entry.prim_path))
+            flying = next((prim for prim in prims if _is_posed_alone(prim, numbers)), None)
+            if motion is None or flying is None or (entry.name, flying.GetName()) in told:
+                continue
+            told.add((entry.name, flying.GetName()))
+            points = next(
+                (each.target.points().position_mm for each in dataset.targets if each.prim_path == path), _ORIGIN
+            )
+            yield _flying(flying, entry, frame.number, motion, points)
+
+
+def _is_posed_alone(prim: Usd.Prim, numbers: set[int]) -> bool:
+    """Whether a prim has poses at frames, and neither a spline nor any other sample that says how it moves."""
+    ops = moved_ops(prim)
+    return bool(ops) and not any(op.HasSpline() or set(op.GetTimeSamples()) - numbers for op in ops)
+
+
+def _flying(prim: Usd.Prim, entry: CameraEntry, number: int, motion: Motion, points_mm: np.ndarray) -> Problem:
+    assert entry.shutter is not None
+    camera = focused(entry.camera)
+    first_s, end_s = entry.shutter.window_s(camera.sensor.size_px)
+    times_s = np.linspace(first_s, end_s, _INSTANTS)
+    places = np.array([apply(pose, points_mm) for pose in motion.at(times_s)])
+    way_mm = np.linalg.norm(places - places[0], axis=2).max()
+    z_mm = float(places[0, :, 2].mean())
+    seen_mm = places[:, :, :2] * (z_mm / places[:, :, 2:])
+    way_px = np.linalg.norm(seen_mm - seen_mm[0], axis=2).max() * camera.sensor.width_px / covered_mm(camera, z_mm)[0]
+    pixels = f", {way_px:.2g} px in the image," if z_mm > 0 else ""
+    message = (
+        f"<{prim.GetPath()}> moves {way_mm:.3g} mm{pixels} while the shutter of {entry.name} is open in frame {number}:"
+        f" {way_mm / (end_s - first_s):.3g} mm/s on the straight way to the pose of another frame"
+    )
+    hint = "to hold a pose, write it when the shutter opens and when it closes; a sample beyond the frames means motion"
+    return warning(prim, "flying", message, hint=hint)
 
 
 def _listed(missed: dict[int, int]) -> str:

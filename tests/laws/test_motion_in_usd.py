@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builds import cells, made
 from scipy.optimize import brentq
-from stage_text import head, in_the_library, stage_in
+from stage_text import head, in_the_library, stage_in, tiny_text
 
 from pipeline.motion import Motion
 from pipeline.scene.dataset import Dataset
@@ -19,6 +20,7 @@ SHARES = {"Rig": 0.25, "Board": 1.0, "Ball": -0.5, "Lamp": 2.0}
 """What of the motion each of them takes."""
 TIMES, X = (0.0, 1.0, 1.125, 2.0, 3.0), (-4.0, 0.0, 1.0, 4.0, 4.5)
 ORDER = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:translateX"]'
+METHOD = '            uniform token plen:truth:method = "moments"\n'
 SHUTTER = """over "Camera" {
 uniform double2 plen:shutter:lineOffset = (1, 24000)
 uniform double2 plen:shutter:exposure = (1, 500)
@@ -125,3 +127,20 @@ def test_a_motion_written_in_any_way_is_the_same_before_a_shutter_and_without(wa
             of_camera = SHARES["Rig"] * (1 if name == "Rig" else -1) * x
             own = 0 if name == "Rig" else SHARES[name] * x + PLACES[name][0]
             assert motion.at(np.array([time]))[0, 0, 3] == pytest.approx(own + of_camera, abs=EXACT), (name, time)
+
+
+@pytest.mark.heavy
+def test_rows_of_a_board_that_a_spline_moves_are_those_of_time_samples(tmp_path, common_store):
+    tables = []
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
+    moved = order.replace('["', '["xformOp:translateX", "')
+    for motion in (samples(1.0), knots(1.0)):
+        lines = "\n".join(SHUTTER.splitlines()[1:-1])
+        text = tiny_text("conventional", (order, f"{motion}\n{moved}"), (METHOD, f"{lines}\n"))
+        folder = tmp_path / str(len(tables))
+        folder.mkdir()
+        files = sorted(made(stage_in(folder, text), folder / "out", common_store).out.rglob("correspondences.csv"))
+        tables.append([[float(row[x]) for row in cells(file) for x in ("x_px", "y_px")] for file in files])
+    assert sum(map(len, tables[0])) > 8
+    for one, other in zip(*tables, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=EXACT)

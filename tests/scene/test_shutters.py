@@ -114,3 +114,19 @@ def test_matrices_that_bend_between_samples_are_an_error(tmp_path):
     order = ('["xformOp:translate", "xformOp:orient"]', '["xformOp:transform"]')
     (error,) = [one for one in problems(tmp_path, OPEN, matrix, order) if one.code == "not-rigid"]
     assert "translate and orient" in error.hint
+
+
+@pytest.mark.parametrize(("more", "is_said"), [("", True), ("\n3: (0, 0, -434.4),", False)])
+def test_what_flies_from_pose_to_pose_while_a_shutter_is_open_is_said_with_its_speed(tmp_path, more, is_said):
+    """A board that turns in no frame and is 9.6 mm aside in the second one, 24 frames a second: 2.304 mm in 10 ms."""
+    still = ("2: (0.9762960071199334, 0, 0.21643961393810288, 0)", "2: (0.9990482215818578, 0, 0, 0.043619387365336)")
+    exposed = f"            uniform {OPEN.replace(' exp', ' plen:shutter:exp')}\n"
+    text = tiny_text("conventional", (_METHOD, exposed), still, (_LAST, f"2: (9.6, 0, -434.4),{more}"))
+    found = [one for one in load(stage_in(tmp_path, text), look=True).problems if one.code == "flying"]
+    assert [one.at for one in found] == ["/TinyConventional/Board"] * is_said
+    for one in found:
+        assert one.severity == "warning" and "moves 2.3 mm" in one.message and ": 230 mm/s" in one.message
+        # The lens of 100 mm makes the image of a plane at 434 mm smaller by 0.3, and a pixel is 0.1 mm wide.
+        assert float(re.search(r"([\d.]+) px in the image", one.message)[1]) == pytest.approx(
+            2.304 * 0.3 / 0.1, rel=0.05
+        )
