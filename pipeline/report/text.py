@@ -168,7 +168,8 @@ def _sensor(document: Json) -> Iterator[Figure]:
     yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
     remark = "" if document["pinhole"] else "paraxial"
     yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg", remark)
-    yield Figure("depth of field", _range(near, far))
+    views = document.get("mla", {}).get("sharp_in") == "views"
+    yield Figure("depth of field", _range(near, far), "of views of one pixel, not of micro-images" if views else "")
     yield Figure("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
 
 

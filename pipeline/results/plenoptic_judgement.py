@@ -89,8 +89,8 @@ def judged(ready: ReadyCamera, range_mm: tuple[float, float]) -> Judgement:
     near, far = range_mm[0], min(range_mm[1], _DEEPEST * range_mm[0])
     first = -float(ready.camera.prescription.vertices_from_stop_mm[0])
     z_mm = 1 / (1 / near + _SHARES * (1 / far - 1 / near))
-    is_focused = any(length != array.distance_mm for length in array.focal_lengths_mm)
-    depths, ends = _over_depth(ready, z_mm[z_mm > first]) if is_focused else ([], ())
+    is_unfocused = array.is_unfocused(ready.camera.sensor.pitch_mm)
+    depths, ends = ([], ()) if is_unfocused else _over_depth(ready, z_mm[z_mm > first])
     listed = z_mm[_INSIDE][::_EVERY]
     return Judgement(
         depth_of_field_mm=ends,

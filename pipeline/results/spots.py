@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.camera.bundle import Bundle, bundle_behind
-from pipeline.camera.focusing.depth_of_field import foci, middle_focus
+from pipeline.camera.focusing.depth_of_field import foci, middle_focus, view_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.tracer import Tracer
@@ -166,7 +166,8 @@ class SpotDiagram:
 
 
 def spot_diagram(camera: Camera, name: str) -> SpotDiagram:
-    """Trace the spots of a focused camera."""
+    """Trace the spots of a focused camera, of an unfocused plenoptic one those of its middle view."""
+    camera = view_of(camera)
     return SpotDiagram(name=name, spots=spots(camera, field_bundles(camera)))
 
 

@@ -21,7 +21,7 @@ from pipeline.camera.figures.outlook import (
     pupil_points_mm,
     widest_blur_px,
 )
-from pipeline.camera.focusing.depth_of_field import focused, middle_focus
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus, view_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.from_stop import depths_mm, is_steep
@@ -58,6 +58,10 @@ a wider one leaves an eighth of it at most, with black for white (2 J1(x) / x at
 _ORIGIN = np.zeros((1, 3))
 _INSTANTS = 33
 """Instants of a frame at which something that moves is looked at [1]."""
+_WIDEST_IN_VIEW = 0.65
+"""The same in a view, which programs interpolate between pixels: to a third of the contrast, sinc^6 of half of it, with
+one factor along each axis for the pixel's part of the pupil and two for the interpolation.
+"""
 _NEIGHBOURS = 64
 """Number of points whose median gives the distance of neighbouring points."""
 
@@ -139,6 +143,8 @@ class _View:
 def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> _View:
     """The view of a camera of a dataset on the target with this index."""
     name, frames, target = entry.name, dataset.frames_of(entry), dataset.targets[number]
+    view = view_of(camera)
+    widest = _WIDEST_BLUR if view is camera else _WIDEST_IN_VIEW
     marked = target.target.points()
     count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
     kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
@@ -146,7 +152,7 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
     poses = np.array([frame.vision_from_target(name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
-    outlooks = outlook(camera, places, fronts)
+    outlooks = outlook(view, places, fronts)
     fate = outlooks.fate
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
@@ -159,8 +165,8 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
         seen = fate[index] == Fate.SEEN
         if seen.any():
             alike = (places[index, seen & (kinds == kind)] for kind in set(kinds[seen]))
-            spacing[index] = max(_spacing_px(camera, points) for points in alike)
-            if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, seen]) / _WIDEST_BLUR):
+            spacing[index] = max(_spacing_px(view, points) for points in alike)
+            if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, seen]) / widest):
                 fate[index, seen] = MERGED
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
     missed = [row[(row != Fate.SEEN) & ((row != Fate.AWAY) | (row != Fate.SEEN).all())] for row in fate]
@@ -278,6 +284,13 @@ def _flying(prim: Usd.Prim, entry: CameraEntry, number: int, motion: Motion, poi
     return warning(prim, "flying", message, hint=hint)
 
 
+def _picture(camera: Camera) -> str:
+    """The picture in which blur is counted, where that is not the image."""
+    if not camera.microlenses:
+        return ""
+    return " in a micro-image" if view_of(camera) is camera else " in a view, which has a pixel per microlens"
+
+
 def _listed(missed: dict[int, int]) -> str:
     """The frames by the reason why points are missing there, as text."""
     frames = dict[str, list[int]]()
@@ -300,13 +313,13 @@ def _hint(camera: Camera, view: _View, missed: dict[int, int]) -> str:
         return "move it, or the object in front of it"
     if fate == MERGED:
         spacing, blur = view.spacing_px[index], np.median(view.outlook.blur_px[index])
-        apart = f"{spacing:.2g} px apart{' in a micro-image' if camera.microlenses else ''}"
+        apart = f"{spacing:.2g} px apart{_picture(camera)}"
         return f"in frame {number}, {z:.4g} mm before the stop, points are {apart} and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
-        blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
+        blur, wide = np.median(view.outlook.blur_px[index]), widest_blur_px(view_of(camera))
         return (
             f"in frame {number} it is {z:.4g} mm before the stop, and the focus at {middle_focus(camera):.4g} mm: its"
-            f" points blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
+            f" points blur to {blur:.3g} px of {wide:.3g} px{_picture(camera) or ' in the image'}"
         )
     width, height = covered_mm(camera, float(z))
     across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")

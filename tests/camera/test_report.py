@@ -27,12 +27,15 @@ def test_magnification_through_a_microlens_is_the_product_of_both_lenses(plenopt
 
 
 def test_microlenses_one_focal_length_before_the_sensor_have_a_finite_magnification(plenoptic: Camera):
-    """The main lens acts as a collimator: the product of focal lengths' ratio, f / EFL, inverted."""
+    """The main lens acts as a collimator: the product of focal lengths' ratio, f / EFL, inverted. What a view has in
+    focus it images onto the array, magnified by (F' - image) / EFL.
+    """
     array = dataclasses.replace(plenoptic.microlenses, focal_lengths_mm=(1.7,))
     (entry,) = report(dataclasses.replace(plenoptic, microlenses=array))["mla"]["types"]
-    efl = first_order(plenoptic.prescription).efl_mm
-    assert entry["micro_image_magnification"] == pytest.approx(-1.7 / efl, rel=1e-12)
-    assert entry["magnification"] == -math.inf
+    lens = first_order(plenoptic.prescription)
+    assert entry["micro_image_magnification"] == pytest.approx(-1.7 / lens.efl_mm, rel=1e-12)
+    array_z_mm = 1.7 - plenoptic.sensor_distance_mm
+    assert entry["magnification"] == pytest.approx(-(lens.rear_focus_mm - array_z_mm) / lens.efl_mm, rel=1e-12)
 
 
 def test_the_depth_of_field_of_a_type_contains_its_focus(plenoptic: Camera):

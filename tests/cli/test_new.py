@@ -17,7 +17,7 @@ import pipeline
 from pipeline.app.authoring import new_dataset
 from pipeline.app.authoring.best import best_of
 from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_that_fill, predicted
-from pipeline.camera.focusing.depth_of_field import foci, focused
+from pipeline.camera.focusing.depth_of_field import foci, focused, view_of
 from pipeline.camera.focusing.focus_request import FocusRequest, stopped_down
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.fits.field import field_rays
@@ -49,6 +49,18 @@ SINGLE = """def PlenMicrolensArray "Rig"
     uniform double plen:width = 7
 }
 """
+
+
+SMALL = """def PlenSensor "Sensor"
+{
+    uniform double plen:pixelPitch = 0.0055
+    uniform int2 plen:resolution = (600, 450)
+}
+"""
+UNFOCUSED = (
+    *("--lens", "lenses/double_gauss_50mm_tronnier.usda", "--sensor", "s.usda", "--near", "400", "--far", "3000"),
+    *("--unfocused", "--micro-image", "14"),
+)
 
 
 def filled(camera: Camera, board: Target, wish: Wish) -> tuple[CameraField, list[BoardPose]]:
@@ -107,12 +119,13 @@ def test_a_rig_keeps_all_digits_of_what_was_asked(run):
 
 
 def test_a_rig_that_no_distance_focuses_says_what_to_give(run):
-    """As in Lytro's cameras, microlenses as far from the sensor as their focal length see every object through."""
+    """Infinity; but microlenses as far from the sensor as their focal length, as Lytro's, have the array in focus."""
     text = Path(share("stages") / "mlas/michels_2019.usda").read_text(encoding="utf-8")
     Path("a.usda").write_text(text.replace("[1.9, 2.1, 2.3]", "[1.9]"), encoding="utf-8")
     rig = ("new", "rig", "r.usda", *THIN, "--microlenses", "a.usda", "--microlens-distance", "1.9")
-    assert "give --sensor-distance instead of --focus" in run(*rig, "--focus", "500")[2]
-    assert run(*rig, "--sensor-distance", "14.2")[0] == 0
+    assert run(*rig, "--focus", "500")[0] == 0
+    shown = json.loads(run("show", "r.usda", "--json")[1])
+    assert shown["sensor_distance_mm"] - 1.9 == pytest.approx(1 / (1 / 12 - 1 / 500), rel=1e-12)
     far = ("new", "rig", "far.usda", *THIN, "--focus", "inf")
     assert "give --near and --far" in run(*far)[2] and not Path("far.usda").exists()
     assert run(*far, "--near", "300", "--far", "900")[0] == 0
@@ -203,9 +216,13 @@ def test_what_is_around_the_points_is_in_the_image_as_well():
 
 
 def write_rig(run, kind: str) -> None:
-    """The rig of docs/how_to/own_rig.md with three types of microlens, one of a single type, or a pinhole."""
+    """The rig of docs/how_to/own_rig.md with three types of microlens, one of a single type, a pinhole, a Lytro's."""
     if kind == "pinhole":
         Path("r.usda").write_text(RIG + PINHOLE, encoding="utf-8")
+        return
+    if kind == "unfocused":
+        Path("s.usda").write_text(head("Sensor") + SMALL, encoding="utf-8")
+        assert run("design", "plenoptic", "r.usda", *UNFOCUSED)[0] == 0
         return
     Path("a.usda").write_text(RIG + SINGLE, encoding="utf-8")
     parts = {
@@ -217,12 +234,13 @@ def write_rig(run, kind: str) -> None:
     assert run("new", "rig", "r.usda", *words)[0] == 0
 
 
-@pytest.mark.parametrize("kind", few(["one type", "pinhole"], "three types"))
+@pytest.mark.parametrize("kind", few(["one type", "unfocused", "pinhole"], "three types"))
 def test_a_fitted_board_is_sharp_behind_microlenses_and_seen_by_a_pinhole(run, kind):
     """Blur by real rays, and light and dark squares in images of the middle of the sensor.
 
     With the blur of a conventional camera the board of one type stood at 151 and 290 mm: micro-images of grey, whose
-    standard deviation was 0.13 and 0.23 of white. Half of black and half of white have 0.5.
+    standard deviation was 0.13 and 0.23 of white. Half of black and half of white have 0.5. Before Lytro's kind it
+    stood where micro-images would be sharp, at 142 and 271 mm: 0.06 and 0.08.
     """
     write_rig(run, kind)
     target = ("--target", "targets/checkerboard_4x7.usda")
@@ -240,12 +258,35 @@ def test_a_fitted_board_is_sharp_behind_microlenses_and_seen_by_a_pinhole(run, k
             assert len(found.solutions.point) == 28
             continue
         assert len(found.solutions.point) > 0
-        for point in np.unique(found.solutions.point):  # 0.1 px of a diameter of 1 px: aberrations of the lens
+        is_view = view_of(camera) is not camera  # its blur is that of a view, not of a micro-image
+        for point in (
+            [] if is_view else np.unique(found.solutions.point)
+        ):  # 0.1 px of a diameter of 1 px: aberrations of the lens
             assert 2 * np.abs(found.rho_px[found.solutions.point == point]).min() < camera.circle_of_confusion_px + 0.1
         white = irradiance(rig, 16, None)
         lit = white > 0.5 * white.max()
         shown = irradiance(rig, 16, TargetLight([(board.target, pose)], 0.5, []).radiance)
-        assert (shown[lit] / white[lit]).std() > 0.35
+        assert (shown[lit] / white[lit]).std() > (0.25 if is_view else 0.35)  # squares of two pixels of a view
+
+
+def test_design_show_fit_and_planes_of_an_unfocused_rig_say_the_same_range(run):
+    """Lytro's kind; by its micro-images everything from 44 to 409 mm would be sharp, and boards stood there."""
+    write_rig(run, "unfocused")
+    figures = json.loads(run("show", "r.usda", "--json")[1])
+    assert figures["depth_of_field_mm"] == pytest.approx([400, 3000], rel=1e-6)
+    assert figures["near_far_mm"][0] == pytest.approx(400, rel=1e-6)
+    wanted = ("--target", "targets/checkerboard_4x7.usda", "--fit", "--poses", "2")
+    code, _, said = run("new", "dataset", "d.usda", "--rig", "r.usda", *wanted)
+    assert (code, "warning" in said) == (0, False)
+    boards = [np.array(frame.world_from_target["Board"])[2, 3] for frame in load("d.usda").dataset.frames]
+    assert all(-3000 < z_mm < -400 for z_mm in boards)
+    text = Path("d.usda").read_text(encoding="utf-8")
+    for z_mm, is_seen in ((143, False), (600, True)):  # micro-images have squares of 1.2 px, without blur, at 143 mm
+        moved = re.sub(r"(translate.timeSamples = \{)[^}]*", rf"\1 1: (0, 0, -{z_mm}) ", text)
+        near = re.sub(r"squareSize = [\d.]+", "squareSize = 1.49", moved).replace("endTimeCode = 2", "endTimeCode = 1")
+        Path("near.usda").write_text(near, encoding="utf-8")
+        codes = [problem.code for problem in load("near.usda", look=True).problems]
+        assert codes == ([] if is_seen else ["blank"])
 
 
 def found_by_opencv(field: CameraField, poses: list[BoardPose], tries: int) -> np.ndarray:

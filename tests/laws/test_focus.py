@@ -85,7 +85,7 @@ def test_a_matched_stop_has_no_mismatch(focus_mm: float | None) -> None:
 
 def test_what_lies_within_reach_is_solved_and_what_lies_beyond_is_refused_with_the_reach() -> None:
     """The near end is the front focus; the far end brings the sensor or the array to the last vertex."""
-    short = dataclasses.replace(rigs.michels_array(3.0), distance_mm=1.7, focal_lengths_mm=(1.72,))
+    short = dataclasses.replace(rigs.michels_array(3.0), distance_mm=5.0, focal_lengths_mm=(5.3,))
     request = plenoptic(400.0, microlenses=short)
     near, far = reachable(request)
     lens = first_order(request.prescription)
@@ -138,16 +138,18 @@ def test_a_microlens_type_sees_infinity_with_its_virtual_object_in_the_rear_focu
 
 
 def test_infinity_is_refused_where_the_array_would_lie_in_the_lens() -> None:
-    short = dataclasses.replace(rigs.michels_array(3.0), focal_lengths_mm=(1.73,))
+    short = dataclasses.replace(rigs.michels_array(3.0), distance_mm=5.0, focal_lengths_mm=(5.3,))
     with pytest.raises(CameraError, match="brings infinity into focus") as caught:
         solved(plenoptic(math.inf, microlenses=short))
     assert "within reach: distances between" in caught.value.hint
 
 
-def test_microlenses_one_focal_length_before_the_sensor_cannot_be_asked_to_focus() -> None:
+def test_microlenses_one_focal_length_before_the_sensor_focus_the_lens_on_the_array() -> None:
     array = dataclasses.replace(rigs.michels_array(3.0), focal_lengths_mm=(1.7,))
-    with pytest.raises(CameraError, match="infinity"):
-        solved(plenoptic(430.0, microlenses=array))
+    camera = solved(plenoptic(430.0, microlenses=array))
+    image_mm = first_order(camera.prescription).image_mm(430.0)
+    assert camera.sensor_distance_mm - 1.7 == pytest.approx(-image_mm, rel=1e-12)
+    assert foci(camera)[0].focus_distance_mm == pytest.approx(430.0, rel=1e-9)
 
 
 def test_a_stop_wider_than_the_lens_lets_through_is_refused() -> None:
@@ -360,6 +362,30 @@ def test_at_the_ends_a_micro_image_has_the_circle_of_confusion(kind: int) -> Non
         if math.isfinite(end):
             assert blur_px(end) == pytest.approx(CONFUSION_PX, rel=1e-9)
     assert blur_px(foci(camera)[kind].focus_distance_mm) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("off", [1.0, 1.04])
+def test_at_the_ends_a_view_of_an_unfocused_camera_has_the_circle_of_confusion(off: float) -> None:
+    """A pixel sees p T / B of the stop through a vertex; the light of a point through that part spreads over so many
+    microlenses. At 1.04 times the focal length infinity blurs to 0.8 of a pixel, and views are the same.
+    """
+    array = MicrolensArray(
+        pitch_mm=0.1, focal_lengths_mm=(0.45 * off,), width_mm=1.0, height_mm=1.0, distance_mm=0.45, layout="square"
+    )
+    few_px = 0.1  # of microlenses, to end before infinity
+    camera = dataclasses.replace(camera_with(microlenses=array, sensor_mm=41.0), circle_of_confusion_px=few_px)
+    (focus,) = foci(camera)
+    to_array = camera.sensor_distance_mm - array.distance_mm
+
+    def blur_px(object_mm: float) -> float:
+        height, slope = behind_lens(camera, object_mm)
+        return PITCH_MM * to_array / array.distance_mm * abs(1 + to_array * slope / height) / array.pitch_mm
+
+    near, far = focus.depth_of_field_mm
+    assert near < focus.focus_distance_mm < far < math.inf
+    assert [blur_px(near), blur_px(far)] == pytest.approx([few_px] * 2, rel=1e-9)
+    assert blur_px(focus.focus_distance_mm) == pytest.approx(0.0, abs=1e-9)
+    assert planes_of(camera)[0] == pytest.approx(min(near, 0.9 * focus.focus_distance_mm), rel=1e-9)
 
 
 def planes_of(camera: Camera) -> tuple[float, float]:

@@ -66,16 +66,20 @@ def test_a_focused_camera_behind_a_thin_lens_blurs_to_the_circle_of_confusion_wh
         assert least == pytest.approx(others.get("virtual_depth", 2.0), rel=1e-6)
 
 
-def test_an_unfocused_camera_behind_a_thin_lens_sees_both_ends_as_sharply() -> None:
-    """The pupil of a view of one pixel, p T / B, blurs them over one pitch of the array, on either side of it."""
-    design = designed(thin(), SENSOR, PlenopticWish(**RANGE, types=1, unfocused=True, image_px=8.0))
+@pytest.mark.parametrize("blur_px", [1.0, 1.5])
+def test_an_unfocused_camera_behind_a_thin_lens_sees_both_ends_as_sharply(blur_px: float) -> None:
+    """The pupil of a view of one pixel, p T / B, blurs them over as many pitches of the array, on either side of it."""
+    wish = PlenopticWish(**RANGE, types=1, unfocused=True, image_px=8.0, blur_px=blur_px)
+    design = designed(thin(), SENSOR, wish)
     to_array, gap, pitch, focal = parts(design)
     assert focal == (gap,)
     for end, side in ((NEAR, 1.0), (FAR, -1.0)):
         image = image_mm(end)
-        assert SENSOR.pitch_mm * to_array / gap * (image - to_array) / image == pytest.approx(side * pitch, rel=1e-6)
+        assert SENSOR.pitch_mm * to_array / gap * (image - to_array) / image == pytest.approx(
+            side * blur_px * pitch, rel=1e-6
+        )
     np.testing.assert_allclose(design.range_mm, (NEAR, FAR), rtol=1e-6)
-    shifts = [refocused_mm(lens_of(0.0, 0.0, FOCAL), design.camera, shift) for shift in (-1.0, 1.0)]
+    shifts = [refocused_mm(lens_of(0.0, 0.0, FOCAL), design.camera, shift) for shift in (-blur_px, blur_px)]
     np.testing.assert_allclose(shifts, (NEAR, FAR), rtol=1e-6)
 
 

@@ -23,6 +23,7 @@ from pipeline.app.authoring.poses import (
     predicted,
 )
 from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_whole
+from pipeline.camera.focusing.depth_of_field import view_of
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.records.declared import attributes_of
@@ -208,7 +209,8 @@ def _read(out: Path, plan: _DatasetText) -> Dataset:
 
 def _documentation(lines: list[str], fields: Sequence[CameraField]) -> str:
     blur = " and ".join(dict.fromkeys(f"{field.blur_px:g} px" for field in fields))
-    where = " behind microlenses" if any(field.camera.microlenses for field in fields) else ""
+    views = [view_of(field.camera) is not field.camera for field in fields if field.camera.microlenses]
+    where = "" if not views else " in views of one pixel" if all(views) else " behind microlenses"
     filled = f"Poses all over the image and the depth of field; points blur to {blur} at most{where}."
     seed = f"Written by pipeline new dataset with seed {fields[0].wish.seed}; edit it as you like."
     return "\n".join([filled, "", *lines, "", seed])

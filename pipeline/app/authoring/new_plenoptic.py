@@ -42,7 +42,6 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
         raise UsageError(error.what, hint=error.hint) from None
     array = design.camera.microlenses
     assert array is not None
-    near_mm, far_mm = design.camera.near_mm, design.camera.far_mm
     rig = RigWish(
         lens=lens,
         sensor=sensor,
@@ -51,8 +50,6 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
         f_number=design.f_number,
         microlenses=array,
         microlens_distance_mm=array.distance_mm,
-        near_mm=near_mm,
-        far_mm=far_mm,
         circle_of_confusion_px=None if wish.blur_px == 1 else wish.blur_px,
         origin="Written by pipeline design plenoptic",
     )

@@ -33,7 +33,6 @@ class RigWish:
 
 
 _AS_OPTIONS = {
-    "author plen:camera:sensorDistance": "give --sensor-distance instead of --focus",
     "author plen:camera:near and plen:camera:far": "give --near and --far",
 }
 """Hints about a stage, and what they are for a stage that is not written yet."""

@@ -22,7 +22,7 @@ from scipy.stats import qmc
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.outlook import covered_mm
-from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
+from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus, view_of
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.from_stop import pupil_fan
@@ -55,6 +55,8 @@ SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
 """Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
 that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
 """
+_LEAST_APART_PX = 2.0
+"""Distance of neighbouring points at their farthest, in views of an unfocused camera, which have few pixels [px]."""
 _ROUGH_PX = 0.05
 """Accuracy of image positions that only decide what is seen [px]."""
 _LEAST_LIGHT = 0.2
@@ -71,7 +73,7 @@ class Wish:
 
     `most_tilt_deg` is between the target and the image plane, `least_seen` a share of its points. `blur_px` is a
     diameter by the paraxial depth of field, by default 3, and behind microlenses the camera's circle of confusion: in a
-    micro-image of a dozen pixels 3 leave nothing of a pattern. `fit` says whether the target was scaled.
+    micro-image or a view of a dozen pixels 3 leave nothing of a pattern. `fit` says whether the target was scaled.
     Each pose is chosen `of` so many that are found.
     """
 
@@ -164,9 +166,11 @@ class CameraField:
 
     @cached_property
     def depth_mm(self) -> tuple[float, float]:
-        """Nearest and farthest distance at which the target is sharp and fits into the image."""
+        """Nearest and farthest distance at which the target is sharp, fits into the image and has points apart."""
         seen_mm, half_px = self.radius_mm * self.wish.least_seen, np.hypot(*(self.middle_px + 0.5))
-        return self.sharp_mm(self.pupil_mm + seen_mm * self.principal_distance_px / (_FILLED * float(half_px)))
+        near, far = self.sharp_mm(self.pupil_mm + seen_mm * self.principal_distance_px / (_FILLED * float(half_px)))
+        view_px = self.principal_distance_px * self.camera.sensor.pitch_mm / view_of(self.camera).sensor.pitch_mm
+        return near, min(far, self.pupil_mm + self.nearest_mm * view_px / _LEAST_APART_PX)
 
     def sharp_mm(self, least_mm: float = 0.0) -> tuple[float, float]:
         """Depth of field from a distance on, behind microlenses that of all types together."""
@@ -211,8 +215,12 @@ class CameraField:
         discs and halves of squares are in the image as a whole, but no more than a quarter of a target of few points.
         A whole square would keep points away from the edge of the image, where distortion is largest.
         """
-        nearest, _ = KDTree(self.points_mm).query(self.points_mm, k=[2])
-        return min(float(np.median(nearest)), self.radius_mm) / 2
+        return min(self.nearest_mm, self.radius_mm) / 2
+
+    @cached_property
+    def nearest_mm(self) -> float:
+        """Distance of neighbouring points."""
+        return float(np.median(KDTree(self.points_mm).query(self.points_mm, k=[2])[0]))
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""

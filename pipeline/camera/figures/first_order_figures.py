@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus
+from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus, view_of
 from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
@@ -194,6 +194,7 @@ def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, focus_of_typ
         "offset_mm": [array.offset_x_mm, array.offset_y_mm],
         "tilt_deg": [array.tilt_x_deg, array.tilt_y_deg],
         "distance_mm": array.distance_mm,
+        "sharp_in": "micro-images" if view_of(camera) is camera else "views",
         "model": array.model,
         "index": array.index,
         "thickness_mm": array.thickness_mm,

@@ -12,7 +12,7 @@ sensor, d from exit pupil to the main lens's image of an object, a = d - T from 
   B / a is within c / n of 1 - B / f. N types whose ranges join reach over 2 N c / n of vergence, from B / a of the near
   end to that of the far end. The virtual depth v = a / B is least at the far end; a point has about v^2 micro-images.
 - An unfocused camera has f = B. A view of one pixel has a pupil of p T / B, whose blur p T |a| / (B d) on the array is
-  at most P while d is between T^2 / (T + B n) and T^2 / (T - B n): T is the harmonic mean of both.
+  at most c P while d is between T^2 / (T + B n c) and T^2 / (T - B n c): T is the harmonic mean of both.
 - Views that move by S microlenses per pixel meet at d = T / (1 + S P B / (p T)): Michels, Maeckelmann and Koch, "Mind
   the Exit Pupil Gap", 2024, arXiv 2402.12891; Hahne et al., "Refocusing distance of a standard plenoptic camera", 2016.
 """
@@ -128,18 +128,13 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
         circle_of_confusion_px=wish.blur_px,
     )
     camera = with_stop(camera, _rounded(stop_mm))
-    if wish.unfocused:  # nothing in focus decides the planes of rays: the ends of the range are these
-        near, far = _views_range(lens, solved, wish.image_px)
-        camera = dataclasses.replace(camera, near_mm=_rounded(near), far_mm=_rounded(min(far, 3 * near)))
-        ranges: tuple[tuple[float, float], ...] = ((near, far),)
-        depths = None
-    else:
-        ranges = tuple(focus.depth_of_field_mm for focus in foci(camera))
+    depths = None
+    if not wish.unfocused:
         depths = 1 / solved.vergence, 1 / (solved.vergence - 2 * wish.types * wish.step)
     return PlenopticDesign(
         camera=camera,
         f_number=first_order(camera.prescription).f_number,
-        depth_of_field_mm=ranges,
+        depth_of_field_mm=tuple(focus.depth_of_field_mm for focus in foci(camera)),
         virtual_depths=depths,
         gap_px=wish.image_px * solved.gap / solved.to_array,
     )
@@ -164,7 +159,7 @@ def _too_wide(lens: FirstOrder, wish: PlenopticWish, excess: float, as_it_is: fl
     if wish.f_number is not None or wish.magnification is not None:
         hint = f"--f-number {widest:g} or more"
     elif wish.unfocused:  # the pupil grows as the square of their number
-        hint = f"at most {_down(wish.image_px / math.sqrt(excess))} px per micro-image, or a deeper range"
+        hint = f"at most {_down(wish.image_px / math.sqrt(excess))} px per micro-image, a deeper range, or less --blur"
     else:
         hint = "a deeper range, or less --blur, --virtual-depth or --types"
     return CameraError(f"{what}; the lens opens to F/{widest:g}", hint=hint)
@@ -231,7 +226,7 @@ def _unfocused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution
         return _Solution(to_array, pitch * to_array / pupil, pupil, 0.0)
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
     to_array = 2 / (1 / to_near + 1 / to_far)
-    gap = to_array * (1 - to_array / to_near) / wish.image_px
+    gap = to_array * (1 - to_array / to_near) / (wish.image_px * wish.blur_px)
     return _Solution(to_array, gap, pitch * to_array / gap, 0.0)
 
 
@@ -239,12 +234,6 @@ def _focal_lengths(solved: _Solution, wish: PlenopticWish) -> list[float]:
     """f of each type, ascending: the shortest one sees the near end, whose image has the least vergence."""
     sharp = [solved.vergence - wish.step * (2 * kind + 1) for kind in reversed(range(wish.types))]
     return [_rounded(solved.gap / (1 - vergence)) for vergence in sharp]
-
-
-def _views_range(lens: FirstOrder, solved: _Solution, image_px: float) -> tuple[float, float]:
-    to_array, reach = solved.to_array, solved.gap * image_px
-    near = lens.front_focus_mm if reach >= to_array else _object(lens, to_array**2 / (to_array - reach))
-    return near, _object(lens, to_array**2 / (to_array + reach))
 
 
 def _pupil(lens: FirstOrder, f_number: float | None) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.focusing.depth_of_field import foci_on_sensor
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_crossings
@@ -115,7 +115,9 @@ def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View
     """The view with its object: the one in focus unless one is given."""
     if object_mm is None:
         lattice = rig.tracer.lattice
-        object_mm = foci(camera)[0 if lattice is None else int(lattice.type[view.microlens])].focus_distance_mm
+        object_mm = foci_on_sensor(camera)[
+            0 if lattice is None else int(lattice.type[view.microlens])
+        ].focus_distance_mm
     return View(view.position_mm, view.microlens, object_mm)
 
 

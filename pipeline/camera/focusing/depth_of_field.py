@@ -1,4 +1,8 @@
-"""Focus of a camera: depth of field, near and far planes. Paraxial; positions are vision z [mm].
+"""What is sharp in a camera: its focus, depth of field, near and far planes. Paraxial; positions are vision z [mm].
+
+A conventional camera is judged on its sensor, a focused plenoptic one in its micro-images, and an unfocused one in its
+views: the pixels at one place of all micro-images are the picture of a camera whose sensor is the array, whose pixels
+are the microlenses, and whose pupil is what one pixel sees of the exit pupil (Ng, "Digital Light Field Photography").
 
 Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a behind the array (Perwass and Wietzke,
 "Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.
@@ -8,7 +12,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from pipeline.camera.focusing.focus_request import FocusRequest, solved
+from pipeline.camera.focusing.focus_request import FocusRequest, solved, with_stop
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import FirstOrder, first_order
@@ -30,8 +34,35 @@ class Focus:
     virtual_depth: float | None = None
 
 
+def view_of(camera: Camera) -> Camera:
+    """The middle view of an unfocused plenoptic camera, as a camera of its own; any other camera itself."""
+    array, sensor = camera.microlenses, camera.sensor
+    if array is None or not array.is_unfocused(sensor.pitch_mm):
+        return camera
+    behind_mm, ahead_mm = array.principal_mm[0]
+    pupil, film_mm = first_order(camera.prescription).exit_pupil, camera.sensor_distance_mm - ahead_mm
+    seen_mm = sensor.pitch_mm * (pupil.z_mm + film_mm) / behind_mm
+    width, height = (max(1, round(size_mm / array.pitch_mm)) for size_mm in sensor.size_mm)
+    view = dataclasses.replace(
+        camera,
+        microlenses=None,
+        sensor=dataclasses.replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm),
+        sensor_distance_mm=film_mm,
+    )
+    return with_stop(view, 2 * camera.prescription.stop.semi_diameter_mm * min(1.0, seen_mm / pupil.diameter_mm))
+
+
 def foci(camera: Camera) -> tuple[Focus, ...]:
-    """One focus per microlens type, or the single one of a conventional camera."""
+    """One focus per microlens type, all alike in an unfocused camera, or the single one of a conventional camera."""
+    view = view_of(camera)
+    if view is camera:
+        return foci_on_sensor(camera)
+    (focus,), types = foci_on_sensor(view), foci_on_sensor(camera)
+    return tuple(dataclasses.replace(focus, virtual_depth=kind.virtual_depth) for kind in types)
+
+
+def foci_on_sensor(camera: Camera) -> tuple[Focus, ...]:
+    """The same by what one position of the sensor sees, in unfocused cameras, too: not what is sharp in their views."""
     lens = first_order(camera.prescription)
     confusion_mm = camera.circle_of_confusion_px * camera.sensor.pitch_mm
     if camera.microlenses is None:

@@ -248,15 +248,10 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
 def _image_behind_film(request: FocusRequest) -> float:
     """Distance of the main-lens image in focus behind the sensor, or the microlens' front principal plane. [mm]"""
     array = request.microlenses
-    if array is None or request.type is None:
+    if array is None or request.type is None or array.is_unfocused(request.sensor.pitch_mm):
         return 0.0
-    focal = array.focal_lengths_mm[request.type]
     behind_mm = _principal_mm(array, request.type)[0]
-    vergence = 1 - behind_mm / focal
-    if vergence == 0:
-        what = f"microlenses of {focal:g} mm, as far from the sensor, see infinity sharp wherever the sensor stands"
-        raise CameraError(what, hint="author plen:camera:sensorDistance")
-    return behind_mm / vergence
+    return behind_mm / (1 - behind_mm / array.focal_lengths_mm[request.type])
 
 
 def _principal_mm(array: MicrolensArray, kind: int | None) -> tuple[float, float]:

@@ -308,6 +308,14 @@ class MicrolensArray:
             for lens in self.first_orders
         )
 
+    def is_unfocused(self, pixel_mm: float) -> bool:
+        """Whether every type spreads infinity over at most a pixel of that pitch.
+
+        Micro-images then show the exit pupil and no scene: people look at views, one pixel of each.
+        """
+        focal = zip(self.focal_lengths_mm, self.principal_mm, strict=True)
+        return all(abs(1 - behind_mm / f) * self.aperture_mm <= pixel_mm for f, (behind_mm, _) in focal)
+
     @property
     def reach_mm(self) -> float:
         """Distance before the sensor at which the array ends, tilt left out."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.camera.bundle import Bundle, bundle_behind
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
-from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.focusing.depth_of_field import middle_focus, view_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -32,12 +32,13 @@ _HEIGHTS = 9
 def optics(camera: Camera, name: str, record: Json) -> Optics:
     """All of it, traced now, of a focused camera in the light of its channel; `record` is camera.json."""
     curves = field_curves(camera, middle_focus(camera), _ROWS)
-    bundles, shown = field_bundles(camera), _with_infinities(record)
+    view, shown = view_of(camera), _with_infinities(record)
+    bundles = field_bundles(view)
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
         figures=(*text.figures(shown, curves), *_types(shown)),
-        charts=(*_over_height(curves), field_curvature(camera), transfer(camera, bundles)),
-        spots=spots(camera, bundles),
+        charts=(*_over_height(curves), field_curvature(camera), transfer(view, bundles)),
+        spots=spots(view, bundles),
         surfaces=surface_shapes(camera.prescription),
         sensor_mm=matrix(sensor_corners_mm(camera)),
         fans=ray_fans(camera),
