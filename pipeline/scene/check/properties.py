@@ -10,7 +10,7 @@ import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
 from pipeline.scene.usd.curves import written_times
-from pipeline.scene.usd.poses import frame_numbers, is_op, is_orient
+from pipeline.scene.usd.poses import is_op, is_orient
 from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME
 from pipeline.scene.usd.usda_lines import line_of
@@ -245,15 +245,13 @@ def _check_value(attribute: Usd.Attribute, value: Any, time: float | None, rule:
 
 
 def _authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
-    """Pairs of a time (None for the default value) and the value of USD then; of a spline all extreme values."""
+    """Pairs of a time (None for the default value) and the value of USD then; of a spline at knots and between."""
     if not attribute.HasAuthoredValue():
         return
     default = attribute.Get()
     if default is not None:
         yield None, default
-    root = attribute.GetStage().GetDefaultPrim()
-    frames = frame_numbers(root) if root and attribute.HasSpline() else ()
-    for time in written_times(attribute, (frames[0] - 1, frames[-1] + 1) if frames else (0, 0)):
+    for time in written_times(attribute):
         if (value := attribute.Get(time)) is not None:
             yield time.GetValue(), value
 

@@ -1,12 +1,12 @@
-"""Numbers that change with time: at which times they bend, end and are greatest, in whatever form USD has them.
+"""Numbers that change with time: at which times they bend and end, and between which values they lie.
 
-A spline is an animation curve, of knots with straight, curved or level pieces between them. USD lists no time samples
-of it, and all times here are those of the stage, after the offsets of layers.
+A spline, USD's animation curve, has knots with straight, curved or level pieces between them, and no time samples. All
+times are those of the stage, after the offsets of layers.
 """
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 from pxr import Gf, Ts, Usd
@@ -16,115 +16,65 @@ from pipeline.scene.usd.values import UnreadableValue
 
 _MOST_LOOPS = 100
 """Most repetitions of a spline during one exposure [1]: a motion is kept by its pieces, and each has some."""
+_HALVINGS = 16
+"""Most halvings of a curve: where its tangent is upright, no polynomial follows it."""
 _RIGHT = 1e-12
-"""Error of what is interpolated in a piece of a curve, as a share of its largest value [1]."""
-_MOST_PIECES = 32
-"""Most pieces of a curve in an exposure [1]: beside an upright tangent no polynomial is right; else a few are."""
-_LOOKS = 16
-"""Slopes of a curved piece between which an extreme value is searched: a cubic has two at most."""
-_HELD = (Ts.ExtrapHeld, Ts.ExtrapValueBlock)
+"""Error of the polynomials of a motion as a share of the largest value of a curve [1]: rounding leaves 1e-15."""
+_LOOKS = 64
+"""Values of a curve that are checked [1]: between them it goes 1e-4 of its height farther."""
 
 
 def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set[float]:
-    """Time codes between which attributes are smooth, and as polynomials of few nodes have them; some may lie outside
-    of the time that is asked for.
-    """
+    """Time codes between which attributes are smooth, at least in the time that is asked for."""
     found = set[float]()
     for attribute in attributes:
-        if attribute.HasSpline():
-            found.update(_bends(attribute, first, last))
-        else:
-            found.update(attribute.GetTimeSamples())
+        found.update(attribute.GetTimeSamples())
+        if not attribute.HasSpline():
+            continue
+        spline = attribute.GetSpline()
+        knots = list(spline.GetKnots())
+        if spline.HasExtrapolatingLoops() and last - first > _MOST_LOOPS * (knots[-1] - knots[0]):
+            what = f'"{attribute.GetName()}" repeats its spline more than {_MOST_LOOPS} times while a shutter is open'
+            raise UnreadableValue(what, attribute, "write the repetitions that are meant as knots", "spline")
+        baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(first, last))
+        found.update(baked)
+        for start, end in _curved(baked):
+            found.update(_pieces(spline, max(first, start), min(last, end)) if first < end and start < last else ())
     return found
 
 
+def _pieces(spline: Ts.Spline, start: float, end: float, most: int = _HALVINGS) -> list[float]:
+    """Starts of pieces of a curve in which its values at the nodes of a motion tell those between."""
+    edges = np.array([start, end])
+    times = node_times(edges, 2 * NODES - 1)[0]
+    values = np.array([*map(spline.Eval, times[:-1].tolist()), spline.EvalPreValue(end)])
+    off = np.abs(node_shares(edges, NODES, times[1::2])[1] @ values[::2] - values[1::2]).max()
+    if not most or not off > _RIGHT * np.abs(values).max():
+        return [start]
+    middle = (start + end) / 2
+    return [*_pieces(spline, start, middle, most - 1), *_pieces(spline, middle, end, most - 1)]
+
+
 def extent(attribute: Usd.Attribute) -> tuple[float, float] | None:
-    """First and last time code up to which an attribute changes, without end where a spline goes on; None if it does
-    not change.
-    """
-    if not attribute.HasSpline():
-        times = attribute.GetTimeSamples()
-        return (times[0], times[-1]) if len(times) > 1 else None
-    spline, knots = attribute.GetSpline(), list(attribute.GetSpline().GetKnots())
-    goes_on = [end.mode not in _HELD for end in (spline.GetPreExtrapolation(), spline.GetPostExtrapolation())]
-    if not knots or (len(knots) < 2 and not any(goes_on)):
+    """First and last time code up to which an attribute changes, infinite where a spline goes on; None: it does not."""
+    spline = attribute.GetSpline()
+    times = list(spline.GetKnots()) if attribute.HasSpline() else attribute.GetTimeSamples()
+    before, after = (end.mode != Ts.ExtrapHeld for end in (spline.GetPreExtrapolation(), spline.GetPostExtrapolation()))
+    if len(times) < 2 and not (times and (before or after)):
         return None
-    return -math.inf if goes_on[0] else knots[0], math.inf if goes_on[1] else knots[-1]
+    return -math.inf if before else times[0], math.inf if after else times[-1]
 
 
-def written_times(attribute: Usd.Attribute, ends: tuple[float, float]) -> Iterator[Usd.TimeCode]:
-    """Times of the samples of an attribute, or between which all values of its spline lie: knots, from both sides,
-    extremes of its curves, and where it goes on beyond them, as far as both ends of the time that is asked for.
-    """
-    yield from map(Usd.TimeCode, attribute.GetTimeSamples())
-    if not attribute.HasSpline():
-        return
+def written_times(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
+    """Times of the samples of an attribute, or of the knots of its spline, from both sides, and of extremes between."""
     spline = attribute.GetSpline()
-    knots = spline.GetKnots()
-    for time in knots:
-        yield from (Usd.TimeCode.PreTime(time), Usd.TimeCode(time))
+    knots, extremes = spline.GetKnots(), list[float]()
     for start, end in _curved(knots):
-        yield from map(Usd.TimeCode, _extremes(spline, start, end))
-    reached = extent(attribute) or (0.0, 0.0)
-    yield from (Usd.TimeCode(time) for time, at in zip(ends, reached, strict=True) if math.isinf(at))
-
-
-def shifted(spline: Ts.Spline, by: float) -> Ts.Spline:
-    """A spline with another number added to all its values."""
-    moved = Ts.Spline(spline)
-    for knot in spline.GetKnots().values():
-        knot.SetValue(knot.GetValue() + by)
-        if knot.IsDualValued():
-            knot.SetPreValue(knot.GetPreValue() + by)
-        moved.SetKnot(knot)
-    return moved
-
-
-def _bends(attribute: Usd.Attribute, first: float, last: float) -> Iterator[float]:
-    spline = attribute.GetSpline()
-    knots = list(spline.GetKnots())
-    if spline.HasExtrapolatingLoops() and last - first > _MOST_LOOPS * (knots[-1] - knots[0]):
-        message = f'"{attribute.GetName()}" repeats its spline more than {_MOST_LOOPS} times while a shutter is open'
-        raise UnreadableValue(message, attribute, "write the repetitions that are meant as knots", "spline")
-    baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(first, last))
-    yield from baked
-    for start, end in _curved(baked):
-        if first < end and start < last:
-            yield from _halved(spline, max(first, start), min(last, end))
+        many = np.linspace(start, end, _LOOKS)[:-1].tolist()
+        extremes += [min(many, key=spline.Eval), max(many, key=spline.Eval)]
+    return [*map(Usd.TimeCode, [*attribute.GetTimeSamples(), *knots, *extremes]), *map(Usd.TimeCode.PreTime, knots)]
 
 
 def _curved(knots: Ts.KnotMap) -> list[tuple[float, float]]:
-    times = list(knots)
-    return [pair for pair in itertools.pairwise(times) if knots[pair[0]].GetNextInterpolation() == Ts.InterpCurve]
-
-
-def _halved(spline: Ts.Spline, start: float, end: float) -> Iterator[float]:
-    """Edges of pieces of a curve in which its values at the nodes of a motion tell all others; the worst is halved."""
-    pieces = [(_off(spline, start, end), start, end)]
-    while len(pieces) < _MOST_PIECES and (worst := max(pieces))[0] > _RIGHT:
-        pieces.remove(worst)
-        _, first, last = worst
-        middle = (first + last) / 2
-        pieces += [(_off(spline, a, b), a, b) for a, b in ((first, middle), (middle, last))]
-    yield from (first for _, first, _ in pieces)
-
-
-def _off(spline: Ts.Spline, start: float, end: float) -> float:
-    """Error of what is interpolated between nodes, as a share of the largest value."""
-    edges = np.array([start, end])
-    nodes = node_times(edges, NODES)[0]
-    between = (nodes[:-1] + nodes[1:]) / 2
-    values = np.array([*map(spline.Eval, nodes[:-1].tolist()), spline.EvalPreValue(end)])
-    _, share = node_shares(edges, NODES, between)
-    return float(np.abs(share @ values - list(map(spline.Eval, between.tolist()))).max() / np.abs(values).max())
-
-
-def _extremes(spline: Ts.Spline, start: float, end: float) -> Iterator[float]:
-    """Times at which the slope of a curved piece changes its sign."""
-    times = np.linspace(start, end, _LOOKS + 1).tolist()
-    for low, high in itertools.pairwise(times):
-        rises = spline.EvalDerivative(low) > 0
-        if rises != (spline.EvalPreDerivative(high) > 0):
-            while low < (middle := (low + high) / 2) < high:
-                low, high = (middle, high) if (spline.EvalDerivative(middle) > 0) == rises else (low, middle)
-            yield low
+    pairs = itertools.pairwise(knots)
+    return [pair for pair in pairs if knots[pair[0]].GetNextInterpolation() == Ts.InterpCurve]

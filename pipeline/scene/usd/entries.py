@@ -5,9 +5,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Ts, Usd
+from pxr import Sdf, Usd
 
-from pipeline.scene.usd.curves import shifted
 from pipeline.scene.usd.values import numbers
 
 Samples = dict[Usd.TimeCode, Any]
@@ -15,11 +14,11 @@ Samples = dict[Usd.TimeCode, Any]
 
 
 def samples_of(attribute: Usd.Attribute) -> Samples:
-    """The values of an attribute, at its time samples or, without any, its default, which may be a spline; none if
+    """The values of an attribute, at its time samples or, without any, its default, or the words "a spline"; none if
     nothing is written and there is no fallback.
     """
     if attribute and attribute.HasSpline():
-        return {Usd.TimeCode.Default(): attribute.GetSpline()}
+        return {Usd.TimeCode.Default(): "a spline"}
     times = [Usd.TimeCode(time) for time in attribute.GetTimeSamples()] if attribute else []
     values = {time: attribute.Get(time) for time in times or [Usd.TimeCode.Default()]} if attribute else {}
     return {time: value for time, value in values.items() if value is not None}
@@ -29,8 +28,6 @@ def entries(value: Any) -> np.ndarray:
     """The numbers of a value, (n,) float64; none if any is not finite, if it has none with a point, as a count or a
     token, or none that moves alone, as a quaternion.
     """
-    if isinstance(value, Ts.Spline):
-        return np.array([knot.GetValue() for knot in value.GetKnots().values()][:1], dtype=np.float64)
     if isinstance(value, bool | int | str) or value is None or hasattr(value, "GetImaginary"):
         return np.zeros(0)
     array = numbers(value)
@@ -39,13 +36,13 @@ def entries(value: Any) -> np.ndarray:
 
 def name_of(path: Sdf.Path, value: Any, i: int) -> str:
     """Name of the i-th number of a property: its path, with [i] if it holds several."""
-    return str(path) if isinstance(value, float | Ts.Spline) else f"{path}[{i}]"
+    return str(path) if isinstance(value, float) else f"{path}[{i}]"
 
 
 def moved_by(value: Any, i: int, by: float) -> Any:
     """A value of USD with its i-th number moved."""
-    if isinstance(value, float | Ts.Spline):
-        return value + by if isinstance(value, float) else shifted(value, by)
+    if isinstance(value, float):
+        return value + by
     moved = type(value)(value)
     if hasattr(moved[0], "__len__"):
         width = len(moved[0])
@@ -72,8 +69,7 @@ def edited(stage: Usd.Stage, values: Mapping[Sdf.Path, Samples]) -> Iterator[Sdf
         with Usd.EditContext(stage, layer):
             for path, samples in values.items():
                 for time, value in samples.items():
-                    attribute = stage.GetAttributeAtPath(path)
-                    _ = attribute.SetSpline(value) if isinstance(value, Ts.Spline) else attribute.Set(value, time)
+                    stage.GetAttributeAtPath(path).Set(value, time)
         yield layer
     finally:
         session.subLayerPaths.remove(layer.identifier)
