@@ -19,7 +19,8 @@ _MOST_LOOPS = 100
 _HALVINGS = 16
 """Most halvings of a curve: where its tangent is upright, no polynomial follows it."""
 _RIGHT = 1e-12
-"""Error of the polynomials of a motion as a share of the largest value of a curve [1]: rounding leaves 1e-15."""
+"""Error of the polynomials of a motion as a share of the largest value of a curve [1], doubled with each halving: steep
+curves are rounded more, and shorter pieces are seen for less time."""
 _LOOKS = 64
 """Values of a curve that are checked [1]: between them it goes 1e-4 of its height farther."""
 
@@ -49,7 +50,7 @@ def _pieces(spline: Ts.Spline, start: float, end: float, most: int = _HALVINGS) 
     times = node_times(edges, 2 * NODES - 1)[0]
     values = np.array([*map(spline.Eval, times[:-1].tolist()), spline.EvalPreValue(end)])
     off = np.abs(node_shares(edges, NODES, times[1::2])[1] @ values[::2] - values[1::2]).max()
-    if not most or not off > _RIGHT * np.abs(values).max():
+    if not most or not off > _RIGHT * 2 ** (_HALVINGS - most) * np.abs(values).max():
         return [start]
     middle = (start + end) / 2
     return [*_pieces(spline, start, middle, most - 1), *_pieces(spline, middle, end, most - 1)]
