@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
-from stage_text import head, in_the_library, mesh_text, placed, stage_in
+from stage_text import edited, head, in_the_library, mesh_text, placed, stage_in
 from tolerances import SINGLE
 
 from pipeline.errors import PipelineError
@@ -77,6 +77,12 @@ def asset(top: str = METRES, meta: str = "", own: str = "", body: str = "", besi
 def written(folder: Path, man: str, over: str = CONVERTED) -> Path:
     (folder / "asset.usda").write_text(man, encoding="utf-8")
     return stage_in(folder, STAGE % over)
+
+
+def untyped(stage: Path, kind: str = "") -> Path:
+    """The stage whose own prim for the man has another type, or none."""
+    stage.write_text(edited(stage.read_text(), ('def Xform "Man"', f'def {kind} "Man"')), encoding="utf-8")
+    return stage
 
 
 def told(loaded: Loaded) -> list[tuple[str, str]]:
@@ -493,3 +499,125 @@ def test_classes_and_inactive_prims_are_not_drawn_and_nothing_is_asked_of_them(t
     loaded = load(path)
     assert told(loaded) == []
     assert [entry.prim_path for entry in loaded.dataset.occluders] == ["/Scene/Man/Body"]
+
+
+FEW = 'color3f[] primvars:displayColor = [(0, 0, 0), (1, 1, 1)] (interpolation = "vertex")'
+ROBOT = '''prepend apiSchemas = ["PhysxArticulationAPI", "SemanticsAPI:x", "CollectionAPI"]
+    variants = { string look = "away" }
+    prepend variantSets = "look"'''
+JOINTS = """float physics:linearVelocity = inf
+    rel physics:body0 = </Man/Away>
+    float drive:angular:physics:maxForce = -inf
+    string physics:axis = "Q"
+    rel proxyPrim = </Man/Away>
+    def NewtonActuator "Motor" { }
+    def PhysicsRevoluteJoint "Joint" {
+    point3f physics:localPos0 = (nan, 0, 0)
+    }
+    def RenderSettings "Settings" {
+    rel camera = </Man/Away>
+    }
+    variantSet "look" = { "near" { } }"""
+
+
+@pytest.mark.parametrize("kind", ["Xform", "Xfrom", "MadeElsewhere"])
+def test_what_a_file_says_of_its_root_is_as_little_an_error_as_below_it(tmp_path, kind):
+    """Schemas of other programs and physics are silent; a type and a variant that are missing are told at its line."""
+    man = asset(head("Man"), meta=ROBOT, own=JOINTS).replace('def Xform "Man"', f'def {kind} "Man"')
+    inside = f'{head("Man")}def Xform "Man" {{{man.removeprefix(head("Man")).replace("/Man/", "/Man/Man/")}}}'
+    lines = []
+    for text in (man, inside):
+        loaded = load(untyped(written(tmp_path, text, "")))
+        codes = ["unknown-variant"] if kind == "Xform" else ["unknown-type", "unknown-variant"]
+        assert [code for code, _ in told(loaded)] == codes
+        assert {Path(problem.file).name for problem in loaded.problems} == {"asset.usda"}
+        lines.append([problem.line for problem in loaded.problems])
+    assert lines[0] == lines[1]
+
+
+def test_a_lamp_of_others_that_cannot_shine_is_left_out_also_as_the_root(tmp_path):
+    loaded = load(
+        untyped(written(tmp_path, head("Man") + 'def SphereLight "Man"\n{\nfloat inputs:radius = 0\n}\n', ""))
+    )
+    assert told(loaded) == [("lamp-size", "Man")]
+    assert [lamp.prim_path for lamp in loaded.dataset.lamps] == ["/Scene/Sky"]
+
+
+@pytest.mark.parametrize(
+    "many",
+    [
+        'def PointInstancer "Crowd"\n{\nint[] protoIndices = [0, 0, 0]\nrel prototypes = </Man/Many/Crowd/One>\n'
+        "point3f[] positions = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]\n"
+        'def "One" (references = </Man/Away>)\n{\n}\n}',
+        "".join(f'def "Man{k}" (\ninstanceable = true\nreferences = </Man/Away>\n)\n{{\n}}\n' for k in range(3)),
+    ],
+    ids=["point instancer", "instances"],
+)
+def test_instances_are_told_of_once_per_line(tmp_path, many):
+    body = mesh_text("Body", [(0, 0, 0), (0.4, 0, 0), (0, 0, 1.8)], "rel material:binding = </Paint>", FEW)
+    thing = f'class Xform "Away"\n{{{body}'
+    wrong = thing + 'def Sphere "Dot"\n{\ndouble radius = -1\ntoken purpose = "rendr"\n}\n}\n'
+    loaded = load(written(tmp_path, asset(beside=f'{wrong}def "Many"\n{{\n{many}\n}}')))
+    places = [(problem.code, problem.line) for problem in loaded.problems]
+    assert loaded.errors == [] and len(places) == len(set(places))
+    assert {"outside-reference", "bad-token", "not-drawn", "not-in-image"} == {code for code, _ in places}
+    assert all("the same at" in problem.message for problem in loaded.problems if problem.code == "not-drawn")
+
+
+def test_a_material_outside_of_the_referenced_prim_is_named_and_the_hint_brings_it(tmp_path):
+    paint = (PAINT % ("p.png", "")).replace("/Man/Paint", "/Paint").replace("color3f inputs:diffuseColor.connect", "#")
+    man = asset(body="rel material:binding = </Paint>") + paint.replace(
+        "float2 inputs", "color3f inputs:diffuseColor = (1, 0, 0)\n#"
+    )
+    Image.fromarray(np.full((2, 2, 3), 255, np.uint8)).save(tmp_path / "p.png")
+    path = written(tmp_path, man)
+    loaded = load(path)
+    assert told(loaded) == [("outside-reference", "Body.material:binding")]
+    [problem] = loaded.problems
+    assert "</Paint>" in problem.message and problem.file.endswith("asset.usda")
+    assert loaded.dataset.occluders[0].finish.materials[0].diffuse_color.value == (0.18, 0.18, 0.18)
+    prim = re.search(r'def "Paint" \(references = @\S+@</Paint>\)', problem.hint)[0]
+    over = f'{CONVERTED}\nover "Body"\n{{\nrel material:binding = </Scene/Man/Paint>\n}}\n{prim} {{ }}'
+    path = written(tmp_path, man, over)
+    assert not {code for code, _ in told(load(path))} & {"outside-reference", "missing-target"}
+    assert load(path).dataset.occluders[0].finish.materials[0].diffuse_color.texture is None
+
+
+BONES = """def SkelRoot "Man" (
+    prepend apiSchemas = ["SkelBindingAPI"]
+)
+{
+    rel skel:skeleton = </Man/Bones>
+    rel skel:animationSource = </Man/Moves>
+    def Skeleton "Bones" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {
+        uniform token[] joints = ["Root"]
+        uniform matrix4d[] bindTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
+        uniform matrix4d[] restTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
+    }
+    def SkelAnimation "Moves"
+    {
+        uniform token[] joints = ["Root"]
+        float3[] translations = [(5, 0, 0)]
+        quatf[] rotations = [(1, 0, 0, 0)]
+        half3[] scales = [(1, 1, 1)]
+    }
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "codes", "x_mm"), [("", [], 5.0), ("SkelRoot", [], 5.0), ("Xform", ["not-drawn"], 0.0)]
+)
+def test_a_SkelRoot_that_another_type_covers_is_told_of(tmp_path, kind, codes, x_mm):
+    own = [
+        f'{values} (elementSize = 1\ninterpolation = "vertex")'
+        for values in ("int[] primvars:skel:jointIndices = [0, 0, 0]", "float[] primvars:skel:jointWeights = [1, 1, 1]")
+    ]
+    skin = mesh_text("Skin", [(0, 0, 0), (2, 0, 0), (0, 2, 0)], *own, schemas="SkelBindingAPI")
+    loaded = load(untyped(written(tmp_path, f"{head('Man')}{BONES}{skin}}}\n", ""), kind))
+    assert [code for code, _ in told(loaded)] == codes
+    assert loaded.dataset.occluders[0].occluder.vertices_mm[0][0] == x_mm
+    for problem in loaded.problems:
+        assert 'def "Man"' in problem.hint and problem.file.endswith("dataset.usda")

@@ -1,9 +1,9 @@
-"""Checks of properties: misspelt, missing and meaningless ones, relationships with wrong targets, and values of a wrong
-type, out of range, or not supported yet.
+"""Checks of schemas and properties: misspelt, missing and meaningless ones, relationships with wrong targets, and
+values of a wrong type, out of range, or not supported yet.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,12 @@ from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
 from pipeline.scene.usd.curves import written_times
 from pipeline.scene.usd.poses import is_op, is_orient
-from pipeline.scene.usd.problems import Problem, did_you_mean, problem, shortened, shown_path, specs
-from pipeline.scene.usd.roots import PLUGIN_NAME
-from pipeline.scene.usd.usda_lines import line_of
+from pipeline.scene.usd.problems import Problem, at_opinion, did_you_mean, problem, saying, shortened, shown_path, specs
+from pipeline.scene.usd.roots import PLUGIN_NAME, file_of
 from pipeline.scene.usd.values import (
+    FOR_NO_IMAGE,
     FOREIGN,
+    LENS_DISTORTION,
     LONGEST_TEXT,
     Condition,
     Range,
@@ -38,6 +39,8 @@ _TARGETS_NAMED = 5
 _FREE_NAMESPACES = ("primvars:", "material:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 _BINDINGS = ("material:binding", "material:binding:full", "material:binding:preview")
 """Relationships to materials."""
+_PATHS = ("targetPaths", "connectionPaths")
+"""Fields of relationships and of attributes that hold paths."""
 _FAMILIES = {
     "plen:apertureShape": "aperture-value",
     "plen:shape": "shape-value",
@@ -55,7 +58,11 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the authored properties of a prim, and of required properties that it lacks."""
     definition = prim.GetPrimDefinition()
     known, strange = set(definition.GetPropertyNames()), []
+    is_idle = FOR_NO_IMAGE.match(prim.GetTypeName())
     for prop in prim.GetAuthoredProperties():
+        if FOR_NO_IMAGE.match(prop.GetName()) or (is_idle and not prop.GetName().startswith("plen:")):
+            continue
+        yield from _check_scope(prop)
         is_attribute = isinstance(prop, Usd.Attribute)
         if is_attribute and prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             yield from _check_op(prop)
@@ -77,6 +84,51 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
         meant = {nearest(name, known) for name in strange}
         yield from _check_required(prim, meant)
         yield from _check_conditions(prim, meant)
+
+
+def check_apis(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the API schemas that files apply to a prim."""
+    registry, named = Usd.SchemaRegistry(), dict[str, Sdf.Spec]()
+    for spec in saying(prim, "apiSchemas"):  # `GetAppliedSchemas` would add those that they include
+        named = dict.fromkeys(spec.GetInfo("apiSchemas").GetAddedOrExplicitItems(), spec) | named
+    for full, spec in named.items():
+        name, instance = registry.GetTypeNameAndInstance(full)
+        if FOR_NO_IMAGE.match(name) or (name in LENS_DISTORTION and prim.GetTypeName() == "Camera"):
+            continue
+        if not registry.FindAppliedAPIPrimDefinition(name):
+            known = known_types("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
+            hint = did_you_mean(name, known | LENS_DISTORTION)
+            if hint or name.startswith("Plen"):  # else another program's, which USD keeps
+                yield at_opinion(spec, problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint))
+            continue
+        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
+        if registry.IsMultipleApplyAPISchema(name) != bool(instance):
+            why = f'the API schema "{full}" {"takes no name" if instance else "needs a name"} behind a colon'
+        else:
+            why = prim.CanApplyAPI(*([name, instance] if instance else [name])).whyNot
+        if why:
+            yield at_opinion(spec, problem(prim, "api-not-applicable", why))
+
+
+def known_types(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
+    """Names of all schemas of a kind."""
+    return {name_of(kind) for kind in Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName(base))} - {""}
+
+
+def _check_scope(prop: Usd.Property) -> Iterator[Problem]:
+    """A problem of paths that lead out of what a reference brings: USD drops them in silence."""
+    is_attribute = isinstance(prop, Usd.Attribute)
+    if not (prop.HasAuthoredConnections() if is_attribute else prop.HasAuthoredTargets()):
+        return
+    if spec := next((each for each in specs(prop) if each.HasInfo(_PATHS[is_attribute])), None):
+        paths = spec.GetInfo(_PATHS[is_attribute]).GetAddedOrExplicitItems()
+        if paths and not (prop.GetConnections() if is_attribute else target_paths(prop)):
+            name, lost = prop.GetName(), paths[0].GetPrimPath()
+            message = f'"{name}" points at <{paths[0]}> of its file, which the reference leaves out: it does not count'
+            there = f'def "{lost.name}" (references = @{shown_path(file_of(spec.layer.realPath))}@<{lost}>)'
+            hint = f"reference it as well, {there}, and name its path here in an over; or reference a prim above both"
+            severity = "error" if name.startswith("plen:") else "warning"
+            yield at_opinion(spec, problem(prop, "outside-reference", message, hint=hint, severity=severity))
 
 
 def _check_op(attribute: Usd.Attribute) -> Iterator[Problem]:
@@ -211,13 +263,8 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
     # USD takes types that hold the same, as point3f and float3, for each other.
     if wrong := [spec for spec in specs(attribute) if spec.typeName.type != wanted.type]:
         for spec in wrong:
-            yield Problem(
-                code="wrong-type",
-                message=f'"{name}" must be written as {wanted}, not {spec.typeName}',
-                file=shown_path(spec.layer.realPath),
-                line=line_of(spec.layer.realPath, str(spec.path)),
-                at=str(attribute.GetPath()),
-            )
+            message = f'"{name}" must be written as {wanted}, not {spec.typeName}'
+            yield at_opinion(spec, problem(attribute, "wrong-type", message))
         return  # values of a wrong type would confuse the further checks
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples or a spline')

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Ar, Pcp, Plug, Sdf, Tf, Usd, UsdGeom, Vt
+from pxr import Ar, Pcp, Sdf, Usd, UsdGeom, Vt
 
 from pipeline.limits import limits
 from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
-from pipeline.scene.check.properties import check_properties
+from pipeline.scene.check.properties import check_apis, check_properties, known_types
 from pipeline.scene.check.units import check_units
 from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
@@ -29,17 +29,18 @@ from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
-    authored_apis,
+    at_opinion,
     did_you_mean,
     metadata_problem,
     of_reader,
     problem,
+    saying,
     shown_path,
     specs,
 )
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import LENS_DISTORTION, Range, UnreadableValue, at_code
+from pipeline.scene.usd.values import FOR_NO_IMAGE, Range, UnreadableValue, at_code
 from pipeline.scene.windows import check_medium, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -162,39 +163,23 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
 
 def _check_prim(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
-    name = prim.GetTypeName()
-    if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
-        hint = did_you_mean(name, _known("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
+    name, typed = prim.GetTypeName(), saying(prim, "typeName")
+    if typed and not prim.GetPrimTypeInfo().GetSchemaTypeName() and not FOR_NO_IMAGE.match(name):
+        hint = did_you_mean(name, known_types("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         is_strange = not hint and not name.startswith("Plen")
-        severity = "warning" if is_strange or others.wrote(prim) else "error"
+        severity = "warning" if is_strange or typed[0].layer in others.layers else "error"
         hint = "it is not drawn, and its transform does not count" if is_strange else hint
-        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
-    yield from _check_apis(prim)
+        told = problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
+        yield at_opinion(typed[0], told)
+    yield from check_apis(prim)
     yield from _check_xform_order(prim)
     yield from _check_variants(prim, others)
     clips = Usd.ClipsAPI(prim)
     for name in clips.GetClips() if prim.HasAuthoredMetadata("clips") else ():
         for asset in clips.GetClipAssetPaths(name) or ():
             if not asset.resolvedPath:
-                yield problem(prim, "asset-missing", f"cannot find file @{asset.path}@ of its value clips")
-
-
-def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
-    registry = Usd.SchemaRegistry()
-    for full in authored_apis(prim):
-        name, instance = registry.GetTypeNameAndInstance(full)
-        if name in LENS_DISTORTION and prim.GetTypeName() == "Camera":
-            continue
-        if not registry.FindAppliedAPIPrimDefinition(name):
-            known = _known("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
-            hint = did_you_mean(name, known | LENS_DISTORTION)
-            if hint or name.startswith("Plen"):  # else another program's, which USD keeps
-                yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
-            continue
-        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
-        can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
-        if not can:
-            yield problem(prim, "api-not-applicable", can.whyNot)
+                told = problem(prim, "asset-missing", f"cannot find file @{asset.path}@ of its value clips")
+                yield at_opinion(saying(prim, "clips")[0], told)
 
 
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
@@ -233,21 +218,17 @@ def _rank(op: str) -> int:
 def _check_variants(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
     sets, stack = prim.GetVariantSets(), specs(prim)
     for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
-        layer = next((spec.layer for spec in stack if name in spec.variantSelections), None)
-        is_ours = layer not in others.layers
+        spec = next((spec for spec in stack if name in spec.variantSelections), stack[0])
+        is_ours = spec.layer not in others.layers
         if name not in sets.GetNames():
             if not is_ours:
                 continue
             hint = did_you_mean(name, sets.GetNames())
-            yield problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint)
+            yield at_opinion(spec, problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint))
         elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
             hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
             message, severity = f'variant set "{name}" has no variant "{choice}"', "error" if is_ours else "warning"
-            yield problem(prim, "unknown-variant", message, hint=hint, severity=severity)
-
-
-def _known(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
-    return {name_of(kind) for kind in Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName(base))} - {""}
+            yield at_opinion(spec, problem(prim, "unknown-variant", message, hint=hint, severity=severity))
 
 
 def _check_layers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:

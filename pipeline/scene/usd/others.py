@@ -11,7 +11,7 @@ from dataclasses import replace
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.scene.usd.poses import is_op
-from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
+from pipeline.scene.usd.problems import Problem, at_opinion, saying, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 
@@ -65,6 +65,8 @@ class Others:
         for each in problems:
             thing = self._stage.GetObjectAtPath(each.at) if each.at else None
             instead = next((text for code, text in _INSTEAD.items() if each.code.startswith(code)), None)
+            typed = saying(thing, "typeName") if isinstance(thing, Usd.Prim) and each.code in _OF_READERS else []
+            each = at_opinion(typed[0], each) if typed else each  # what a file of others makes of the stage's own prim
             if each.file not in self._files or not (each.is_error or each.code in _SILENT):
                 yield each
             elif each.code in _OF_READERS and thing and thing.GetPrim().HasAPI(UsdLux.LightAPI):

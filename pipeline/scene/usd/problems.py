@@ -3,7 +3,7 @@
 import contextlib
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -170,14 +170,19 @@ def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
     return [spec for spec in stack if not spec.layer.anonymous]
 
 
-def authored_apis(prim: Usd.Prim) -> list[str]:
-    """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
-    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
-    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
+def saying(prim: Usd.Prim, key: str) -> list[Sdf.Spec]:
+    """Opinions of files on metadata of a prim, strongest first: that on the prim itself may be of another file."""
+    return [spec for spec in specs(prim) if spec.HasInfo(key)]
+
+
+def at_opinion(spec: Sdf.Spec, each: Problem) -> Problem:
+    """The problem at the line of an opinion."""
+    file = spec.layer.realPath
+    return replace(each, file=shown_path(file), line=line_of(file, str(spec.path)))
 
 
 def without_followers(problems: list[Problem]) -> list[Problem]:
-    """Problems, except those that follow from others.
+    """Problems, each once per line of a file, except those that follow from others.
 
     These are what a reference to a missing file brings about at its prim and below, values that a reader could not
     use on a prim that has another error, and what parts cannot make up where any other error is.
@@ -198,7 +203,19 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
 
     kept = [problem for problem in problems if not follows(problem)]
     has_reason = any(problem.is_error and problem.code != IMPOSSIBLE for problem in kept)
-    return [problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason]
+    return [*_once_per_line(problem for problem in kept if problem.code != IMPOSSIBLE or not has_reason)]
+
+
+def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Problems; of warnings that a line of a file gives for many instances, which only paths tell apart, the first."""
+    alike = dict[object, list[Problem]]()
+    for each in problems:
+        words = re.sub(r"<[^>]*/([^/>]+)>", r"<\1>", each.message)
+        key = each if each.is_error or not each.file else (each.code, each.file, each.line, words)
+        alike.setdefault(key, []).append(each)
+    for first, *more in alike.values():
+        places = len({each.at for each in more} - {first.at})
+        yield replace(first, message=f"{first.message} (the same at {places} more prims)") if places else first
 
 
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:

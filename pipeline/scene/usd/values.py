@@ -33,6 +33,12 @@ LENS_DISTORTION = frozenset(
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
 """Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+FOR_NO_IMAGE = re.compile(
+    r"(drive|limit|state|semantics?|omni|isaac|arnold|karma|redshift|ri|rtx):|physics|physx|newton|mjc|mujoco"
+    r"|proxyPrim$|Render(Settings|Product|Var|Pass|DenoisePass)",
+    re.IGNORECASE,
+)
+"""Beginnings of properties, types and schemas that concern no image: physics, meaning, settings of renderers."""
 
 
 @contextmanager

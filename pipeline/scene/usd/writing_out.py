@@ -223,10 +223,12 @@ def _token(prim: Sdf.PrimSpec, name: str) -> Sdf.AttributeSpec:
 
 def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     """Write the points of all skinned meshes at the frames, and only there: between them joints do not move evenly."""
-    roots = [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Root)]
-    bound = [prim for root in roots for prim in Usd.PrimRange(root) if prim.HasAPI(UsdSkel.BindingAPI)]
+    skinned = [prim for prim in stage.Traverse() if prim.HasAPI(UsdSkel.BindingAPI)]
+    bound = [prim for prim in skinned if UsdSkel.Root.Find(prim)]
+    roots = list(dict.fromkeys(UsdSkel.Root.Find(prim).GetPrim() for prim in bound))
+    loose = list(map(_without_root, (prim for prim in skinned if _is_skinned(prim) and not UsdSkel.Root.Find(prim))))
     if not bound or not frames:
-        return []
+        return loose
     points = (UsdGeom.PointBased(prim).GetPointsAttr().Get() for prim in bound)
     count = sum(len(each) for each in points if isinstance(each, Vt.Vec3fArray)) * len(frames)
     if over := over_limit(bound[0], "shapes", count, f"{count:,} points of skinned meshes"):
@@ -254,7 +256,7 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
             spec.owner.RemoveProperty(spec)
     _keep(session, frames)
     left = (prim for prim in bound if not _is_baked(session, prim.GetPath()))
-    return [_unbaked(prim) for prim in left if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
+    return loose + [_unbaked(prim) for prim in left if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
 
 
 def _keep(layer: Sdf.Layer, frames: Sequence[int]) -> None:
@@ -287,6 +289,18 @@ def _is_skinned(prim: Usd.Prim) -> bool:
     joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
     blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
     return bool(joints.HasValue() or (blends and blends.GetTargets()))
+
+
+def _without_root(prim: Usd.Prim) -> Problem:
+    """A warning of a shape with a skeleton and no SkelRoot above it, at what covers one if something does."""
+    above = map(prim.GetStage().GetPrimAtPath, prim.GetPath().GetPrefixes())
+    covered = [each for each in above if any(spec.typeName == "SkelRoot" for spec in each.GetPrimStack())]
+    if not covered:
+        message = f"<{prim.GetPath()}> has a skeleton, and no SkelRoot is above it: it is drawn as it was modelled"
+        return not_drawn(prim, message, "make a prim above both a SkelRoot")
+    kind, path = covered[-1].GetTypeName(), covered[-1].GetPath()
+    message = f"<{path}> is a {kind} here and a SkelRoot in a weaker file: what is below it is drawn as it was modelled"
+    return not_drawn(covered[-1], message, f'write def "{path.name}" without a type: that of the file then counts')
 
 
 def _unbaked(prim: Usd.Prim) -> Problem:
