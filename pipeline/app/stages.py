@@ -13,6 +13,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.read import read_camera_file, read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.folders import share
@@ -101,9 +102,16 @@ class Imported:
     warnings: tuple[str, ...]
 
 
-def import_lens(path: Path, spacing: str | None = None, **options: Any) -> Imported:
-    """Import the lens of a file as a stage; arguments and errors are those of `read_lens`."""
-    lens = read_lens(path, spacing, **options)
+def import_lens(
+    path: Path,
+    spacing: str | None = None,
+    catalogues: Sequence[Path] = (),
+    replaced: Sequence[str] = (),
+    **options: Any,
+) -> Imported:
+    """Import the lens of a file as a stage; arguments and errors are those of `read_lens` and of `Glasses`."""
+    glasses = Glasses(path, catalogues, replaced) if catalogues or replaced else None
+    lens = read_lens(path, spacing, glasses=glasses, **options)
     return _imported(path, lens, lens.lost, lens_text)
 
 

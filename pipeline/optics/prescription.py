@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from pipeline.errors import PipelineError
+from pipeline.optics.glass.medium import GAS
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
@@ -170,8 +171,8 @@ class Surface:
             raise PrescriptionError(
                 "a cylinder has coefficients", hint="its profile is a circle or a conic", code="shape"
             )
-        if not self.index >= 1:
-            raise PrescriptionError(f"refractive index {self.index} is below 1")
+        if not self.index >= 1 - GAS:
+            raise PrescriptionError(f"refractive index {self.index} is below that of a gas")
         if self.focal_length_mm is not None:
             self._check_ideal()
         elif self.distortion:

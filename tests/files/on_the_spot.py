@@ -28,9 +28,9 @@ def refused(reader: Callable[..., Any], folder: Path, name: str, text: str | byt
     return str(error.value).replace(f"{folder}/", "")
 
 
-def stage_prescription(path: Path) -> Prescription:
+def stage_prescription(path: Path, wavelength_nm: float | None = None) -> Prescription:
     stage = Usd.Stage.Open(path.as_posix())
-    return read_prescription(stage.GetDefaultPrim())
+    return read_prescription(stage.GetDefaultPrim(), wavelength_nm)
 
 
 def before(lens: Prescription, across_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -195,6 +195,12 @@ def import_lens(
     half_field: Annotated[
         float | None, _option("DEGREES", "For a table without semi-diameters: largest field angle.")
     ] = None,
+    glasses: Annotated[
+        list[Path] | None, _option("FILE.agf", "Catalogue of a glass maker, which counts first; may be repeated.")
+    ] = None,
+    glass: Annotated[
+        list[str] | None, _option("NAME=vendor:OTHER", "Glass in place of one of the file; may be repeated.")
+    ] = None,
 ) -> None:
     """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
 
@@ -204,8 +210,8 @@ def import_lens(
     """
     from pipeline.app.stages import import_lens
 
-    beam = {"f_number": f_number, "half_field_deg": half_field}
-    _deliver(import_lens(file, spacing, apertures=apertures, scenario=scenario, **beam), out)
+    options = {"apertures": apertures, "scenario": scenario, "f_number": f_number, "half_field_deg": half_field}
+    _deliver(import_lens(file, spacing, glasses or (), glass or (), **options), out)
 
 
 @imports.command("camera", cls=Verb)

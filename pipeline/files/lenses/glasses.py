@@ -2,29 +2,45 @@
 what stands for another glass is a remark.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, UsageError
+from pipeline.files.lenses.agf import read_agf
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.glass.names import AIR, Named, model, named
 from pipeline.optics.printed import Lost
 
-Chosen = Mapping[str, Named | PipelineError]
-"""Glasses that a user gives in place of those of a file, by names in small letters; an error for an unknown one."""
-
 
 class Glasses:
-    """Glasses of one file, as they are asked for."""
+    """Glasses of one file, as they are asked for.
 
-    def __init__(self, path: str | Path, chosen: Chosen | None = None) -> None:
+    `catalogues`: AGF files of makers, whose names count before all others.
+    `replaced`: texts NAME=OTHER, OTHER being a name with its vendor, or of these files, or a code.
+    Raises UnreadableLens, GlassError: a file is no catalogue, or a text is none of these.
+    """
+
+    def __init__(self, path: str | Path, catalogues: Iterable[Path] = (), replaced: Iterable[str] = ()) -> None:
         self.path = path
-        self._chosen = chosen or {}
+        self._chosen = {name: glass for file in catalogues for name, glass in read_agf(file).items()}
+        self._unused = dict[str, str]()  # replaced names that no surface had so far
+        for text in replaced:
+            name, is_pair, other = text.partition("=")
+            if not (name and is_pair and other):
+                raise UsageError(f"--glass {text}", hint="write NAME=vendor:OTHER, as in BK7=schott:N-BK7")
+            found = self._chosen.get(other.casefold()) or named(other)
+            if isinstance(found, Named):
+                found = replace(
+                    found, remark=f"{name} is replaced by {other}" + f": {found.remark}" * bool(found.remark)
+                )
+            self._chosen[name.casefold()], self._unused[name.casefold()] = found, name
         self._unknown = dict[str, str]()  # what is said of each, by name
         self._remarks = dict[str, tuple[int, list[str]]]()  # first line and surfaces, by remark
 
     def of(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
         """The medium of a name or code, in the catalogues that a file names; air for one that `finish` will refuse."""
+        self._unused.pop(name.casefold(), None)
         try:
             found = self._chosen.get(name.casefold()) or named(name, catalogues)
             if isinstance(found, PipelineError):
@@ -62,6 +78,8 @@ class Glasses:
 
     def finish(self) -> list[Lost]:
         """Remarks on what was taken; UnreadableLens with all glasses that are not known."""
+        if self._unused:
+            raise UnreadableLens(self.path, f"has no glass {', '.join(self._unused.values())}, which --glass replaces")
         if self._unknown:
             hint = "--glass NAME=vendor:OTHER replaces a glass, --glasses FILE.agf reads a catalogue of its maker"
             raise UnreadableLens(self.path, "; ".join(self._unknown.values()), hint=hint)

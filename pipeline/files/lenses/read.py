@@ -9,7 +9,7 @@ from pipeline.camera.parts.camera import PrintedCamera
 from pipeline.files.lenses.blender import is_blender, read_blender, read_blender_camera
 from pipeline.files.lenses.codev import read_codev
 from pipeline.files.lenses.flaresim import read_flaresim
-from pipeline.files.lenses.glasses import Chosen, Glasses
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.libpleno import read_libpleno
 from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_bench
 from pipeline.files.lenses.pbrt import read_pbrt
@@ -42,7 +42,7 @@ def read_lens(
     *,
     apertures: str | None = None,
     scenario: int | None = None,
-    glasses: Chosen | None = None,
+    glasses: Glasses | None = None,
     **beam: Unpack[BeamOfTable],
 ) -> PrintedLens:
     """A lens, with the file it comes from as its provenance.
@@ -60,11 +60,11 @@ def read_lens(
         ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
         ("--scenario is for texts of the Optical Bench", scenario, (_BENCH,)),
         ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", given, (_TABLE,)),
-        ("--glass and --glasses are for Zemax, CODE V and tables", glasses or None, (".zmx", ".seq", _TABLE)),
+        ("--glass and --glasses are for Zemax, CODE V and tables", glasses, (".zmx", ".seq", _TABLE)),
     ):
         if value is not None and kind not in only:
             raise UnreadableLens(path, words)
-    named = Glasses(path, glasses)
+    named = glasses or Glasses(path)
     with computing(path):
         if kind == _TABLE:
             what, lens = _from_table(path, named, **beam)

@@ -27,6 +27,9 @@ class OutOfRange(GlassError):
 D_UM, F_UM, C_UM = 0.5875618, 0.4861327, 0.6562725
 """The lines of n_d and V_d: helium d, hydrogen F and C, in air."""
 
+GAS = 0.01
+"""Largest difference of the index of a gas from that of air [1]: dense ones have 1.001, a vacuum 0.99973."""
+
 Terms = tuple[tuple[float, float], ...]
 
 

@@ -13,13 +13,11 @@ from functools import cache
 from pipeline.optics.glass import catalogue
 from pipeline.optics.glass.catalogue import listed, without_hyphens
 from pipeline.optics.glass.fluids import FLUIDS, fluid
-from pipeline.optics.glass.medium import D_UM, Constant, GlassError, Medium, NormalLine
+from pipeline.optics.glass.medium import D_UM, GAS, Constant, GlassError, Medium, NormalLine
 from pipeline.optics.glass.row import MAX_ABBE_DIFFERENCE, MAX_INDEX_DIFFERENCE, MODEL_RANGE_NM
 
 _INDICES = (1.2, 5.0)
 """Least and largest index of a glass [1]: aerogels have less, germanium has 4.1 in the infrared."""
-_GAS = 0.01
-"""Largest difference of a gas from air [1]: dense gases have 1.001, a vacuum 0.99973."""
 _OVER_2 = 200
 """Codes of six figures count from 2 below it [1e-3]: no glass has an index below 1.2, S-LAH79 is 003283 [1]."""
 _NEAR = 3
@@ -51,7 +49,7 @@ AIR = Named(medium=Medium(label="air", dispersion=Constant(n=1.0)))
 
 def model(nd: float, vd: float | None, glass: str = "") -> Named:
     """A glass of which only n_d and V_d are known, None for no dispersion; GlassError for an index that none has."""
-    if not (_INDICES[0] <= nd <= _INDICES[1] or abs(nd - 1) <= _GAS):
+    if not (_INDICES[0] <= nd <= _INDICES[1] or abs(nd - 1) <= GAS):
         raise GlassError(f"no medium of a lens has an index of {nd:g}", hint="glasses have 1.2 to 5, gases about 1")
     if not vd:
         return Named(medium=Medium(label=glass or f"{nd:g}", dispersion=Constant(n=nd)), glass=glass)

@@ -31,8 +31,11 @@ MODEL_RANGE_NM = (400.0, 700.0)
 
 _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
 """Powers of the wavelength [um] behind the constant in Schott's formula for the squared index."""
-_KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
-_FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
+_KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(", "polynomial(")
+_FORMULAS = (
+    "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5), "
+    "polynomial(a0, a1, e1, a2, e2, ...)"
+)
 _BAD_FORMULA = "glass-formula"
 """Code of a written dispersion formula that cannot be evaluated."""
 _NEAR = 1.25
@@ -108,6 +111,8 @@ def _formula(kind: str, numbers: list[float]) -> Dispersion:
         return Cauchy(coefficients=tuple(numbers))
     if kind == "sellmeier":
         return Sellmeier(terms=tuple(zip(numbers[0::2], numbers[1::2], strict=True)))
+    if kind == "polynomial":
+        return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1::2], numbers[2::2], strict=True)))
     return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1:], _SCHOTT_EXPONENTS, strict=True)))
 
 
