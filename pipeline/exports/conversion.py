@@ -49,6 +49,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
         }
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
+        if lacking := {camera.name: camera.no_row_pinhole for camera in material.cameras if camera.no_row_pinhole}:
+            facts["without_pinhole_of_rows"] = lacking
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)

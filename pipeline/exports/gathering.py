@@ -72,12 +72,13 @@ def gather(
 
 def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
     if camera.built.is_plenoptic or camera.pinhole is None:
-        return camera
+        return replace(camera, no_row_pinhole="no pinhole stands for this camera")
     seen = []
     for view in material.of(camera):
         if len(view.observations.ids):
             seen.append(Sightings(view.observations.positions, _places_mm(camera, view, material)))
-    return replace(camera, row_pinhole=row_pinhole(camera.pinhole, seen))
+    found = row_pinhole(camera.pinhole, seen)
+    return replace(camera, no_row_pinhole=found) if isinstance(found, str) else replace(camera, row_pinhole=found)
 
 
 def _places_mm(camera: ExportCamera, view: ExportView, material: Material) -> np.ndarray:

@@ -133,6 +133,7 @@ class ExportCamera:
     built: BuiltCamera = field(repr=False)  # everything else that the build says, in our conventions
     plain_pinhole: BuiltPinhole | None = None  # that without distortion, and its centre the same
     row_pinhole: BuiltPinhole | None = None  # None where rows determine none, and behind microlenses
+    no_row_pinhole: str = ""  # the reason then
     mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
     pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
     central: CentralModel | None = None  # of formats that state one; None before the conversion

@@ -22,8 +22,8 @@ _UNCERTAIN = 1e-4
 the image and of the rows of a wide lens differ by."""
 
 
-def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole | None:
-    """The pinhole that a calibration finds in exact rows, with the residual that it prints; None: rows determine none.
+def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole | str:
+    """The pinhole that a calibration finds in exact rows, with the residual that it prints; or why they determine none.
 
     Principal distance and the radial coefficients of the pinhole of camera.json are fitted again; they are kept where
     others leave no tenth less. Without displaced surfaces the centre lies on the axis.
@@ -37,15 +37,17 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     start[list(fit.BROWN)] = image.distortion[:5]
     free = (F, *(number for number in fit.RADIAL if start[number]))
     if sum(sightings.x_px.size for sightings in seen) <= 6 * len(seen) + len(free):
-        return None
+        return "too few points"
     adjusted = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
     if adjusted.together.rms_px(start) > fit.NOTHING_LEFT_PX:
         try:
             nearer = adjusted.settled(free)
         except np.linalg.LinAlgError:  # it ran away
-            return None
+            return "boards as they stand leave the principal distance open"
         if not nearer.error < _UNCERTAIN:
-            return None
+            left_px = nearer.together.rms_px(nearer.parameters)
+            off = f"the principal distance is uncertain by {100 * nearer.error:.2g} %"
+            return f"{off}: too few points, boards all alike, or {left_px:.2g} px rms that no pinhole explains"
         if nearer.together.rms_px(nearer.parameters) < fit.WORTH_IT * adjusted.together.rms_px(start):
             adjusted = nearer
     centres = np.array([apply(inverse(move), image.centre_mm) for move in adjusted.moves])

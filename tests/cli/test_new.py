@@ -1,6 +1,7 @@
 """`pipeline new` as a user meets it: stages that pass `check`, the same again, with poses that fill what is seen."""
 
 import dataclasses
+import itertools
 import json
 import re
 from pathlib import Path
@@ -25,6 +26,7 @@ from pipeline.folders import share
 from pipeline.frames import apply, rigid
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance
+from pipeline.scene.dataset import Motions
 from pipeline.scene.load import load
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
@@ -51,6 +53,7 @@ SINGLE = """def PlenMicrolensArray "Rig"
 """
 
 
+NO_MOTION = Motions(targets={}, things={})
 SMALL = """def PlenSensor "Sensor"
 {
     uniform double plen:pixelPitch = 0.0055
@@ -287,6 +290,32 @@ def test_design_show_fit_and_planes_of_an_unfocused_rig_say_the_same_range(run):
         Path("near.usda").write_text(near, encoding="utf-8")
         codes = [problem.code for problem in load("near.usda", look=True).problems]
         assert codes == ([] if is_seen else ["blank"])
+
+
+SHUTTER = """def "Rig" (prepend references = @rigs/conventional_100mm.usda@)
+{{
+    over "Camera"
+    {{
+        double2 plen:shutter:exposure = (2, 1000)
+        double2 plen:shutter:lineOffset = ({micro_s}, 1000000)
+        uniform token plen:shutter:scanOrder = "topToBottom"
+    }}
+}}
+"""
+
+
+@pytest.mark.parametrize("micro_s", [30, 300])
+def test_poses_before_a_shutter_are_held_while_it_is_open(run, micro_s):
+    """480 lines are read in 14 ms, or in 144, while three frames of others would pass: those of this dataset wait."""
+    Path("r.usda").write_text(RIG + SHUTTER.format(micro_s=micro_s), encoding="utf-8")
+    assert run("new", "dataset", "d.usda", "--rig", "r.usda", *PARTS[2:], "--poses", "3", "--fit")[0] == 0
+    loaded = load("d.usda", look=True)
+    assert loaded.problems == []
+    (entry,), frames = loaded.dataset.cameras, loaded.dataset.frames
+    assert len(frames) == 3 and all(not frame.motions.get(entry.name, NO_MOTION).targets for frame in frames)
+    first_s, end_s = entry.shutter.window_s(entry.camera.sensor.size_px)
+    assert end_s - first_s == pytest.approx(2e-3 + micro_s * 1e-6 * (entry.camera.sensor.height_px - 1))
+    assert all(b.number - a.number > 24 * (end_s - first_s) for a, b in itertools.pairwise(frames))
 
 
 def found_by_opencv(field: CameraField, poses: list[BoardPose], tries: int) -> np.ndarray:

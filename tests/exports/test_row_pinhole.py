@@ -157,16 +157,18 @@ def test_the_errors_of_colmaps_points_are_those_that_colmap_computes(exported):
 
 def stated(out, folder):
     (place,) = export(open_output(out), ["opencv"], folder)
-    return json.loads((place / "export.json").read_text())["pinholes_of_rows"]
+    return json.loads((place / "export.json").read_text())
 
 
 def test_the_pinhole_that_made_the_rows_is_found_and_none_where_twelve_rows_leave_it_open(tmp_path, conventional_build):
     """Rows of a pinhole with the centre of camera.json and 1 % more focal length; two boards of six points."""
     matrix = Scene().matrix * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]])
-    for found in stated(write_build(tmp_path / "out", Scene(matrix=matrix)), tmp_path).values():
+    for found in stated(write_build(tmp_path / "out", Scene(matrix=matrix)), tmp_path)["pinholes_of_rows"].values():
         assert found["principal_distance_px"] == pytest.approx(1.01 * F_PX, rel=1e-9)
         np.testing.assert_allclose(found["centre_mm"], [0, 0, -6], rtol=0, atol=1e-6)
-    assert stated(conventional_build, tmp_path / "tiny") == {"Rig.Camera": None}
+    open_ = stated(conventional_build, tmp_path / "tiny")
+    assert open_["pinholes_of_rows"] == {"Rig.Camera": None}
+    assert "principal distance" in open_["without_pinhole_of_rows"]["Rig.Camera"]
 
 
 BROWN = [-0.9, 3.0, 0.01, -0.02, 5.0]

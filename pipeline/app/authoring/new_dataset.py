@@ -1,6 +1,7 @@
 """A new dataset: a rig, a target, and poses that fill what the camera sees."""
 
 import dataclasses
+import math
 import os
 import tempfile
 from collections.abc import Callable, Sequence
@@ -38,10 +39,16 @@ _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
 _WITH = {"camera": "rigs", "target": "targets"}
 """Kinds of parts of the library that hold one."""
+_CODES_PER_S = 24
+"""Time codes of a second in all stages that are written [1/s]."""
+_FINE = 1e4
+"""Parts of a time code to which samples that hold a pose are rounded outwards [1]: no motion begins in them."""
 _CELLS = 8, 6
 """Cells of the image in which the points of all frames are counted, along x and y."""
 _Frame = tuple[np.ndarray, str]
 """World_from_target of one frame, and a comment on it."""
+_Pose = tuple[int, tuple[float, float], np.ndarray, str]
+"""Time code of a frame, time codes about it for which it is held, and the frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,19 +61,25 @@ class _DatasetText:
     target: str
     cameras: tuple[str, ...]
     values: dict[str, float]
+    # Time codes before and after a frame for which its pose is held, while a shutter may be open
+    held: tuple[float, float] = (0.0, 0.0)
 
     def text(self, frames: Sequence[_Frame]) -> str:
         """The stage, with one frame per pose."""
         cameras = ", ".join(f"</{self.name}/Rig{camera}>" for camera in self.cameras)
         values = "".join(f"        uniform double {name} = {value:.6g}\n" for name, value in self.values.items())
+        step = math.floor(self.held[1] - self.held[0]) + 1  # no frame begins while another is held
+        codes = range(1, step * len(frames) + 1, step)
+        listed = f"    uniform int[] plen:frames = {list(codes)}\n" if step > 1 else ""
+        poses = [(code, self.held, *frame) for code, frame in zip(codes, frames, strict=True)]
         return f'''#usda 1.0
 (
     defaultPrim = "{self.name}"
     doc = """{self.doc}"""
-    endTimeCode = {len(frames)}
+    endTimeCode = {codes[-1]}
     metersPerUnit = 0.001
     startTimeCode = 1
-    timeCodesPerSecond = 24
+    timeCodesPerSecond = {_CODES_PER_S}
     upAxis = "Y"
 )
 
@@ -75,7 +88,7 @@ def PlenDataset "{self.name}" (
 )
 {{
     rel plen:cameras = {f"[{cameras}]" if len(self.cameras) > 1 else cameras}
-    uniform int plen:seed = 1
+{listed}    uniform int plen:seed = 1
     rel plen:targets = </{self.name}/Board>
 
     # The camera with its lens and sensor. Say here what shall be different: over "Sensor" {{ ... }}
@@ -91,9 +104,9 @@ def PlenDataset "{self.name}" (
     )
     {{
 {values}        quatd xformOp:orient.timeSamples = {{
-{_samples(frames, _quaternion)}        }}
+{_samples(poses, _quaternion)}        }}
         double3 xformOp:translate.timeSamples = {{
-{_samples(frames, _translation, with_comments=True)}        }}
+{_samples(poses, _translation, with_comments=True)}        }}
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
     }}
 }}
@@ -125,7 +138,7 @@ def new_dataset(
     world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
     frames = [(world_from_camera @ pose.vision_from_target, _comment(pose)) for pose in poses]
     lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
-    plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
+    plan = dataclasses.replace(plan, doc=_documentation(lines, fields), held=_held(dataset))
     loaded = write_whole(plan.text(frames), out)
     for line in lines:
         tell(line)
@@ -161,6 +174,13 @@ def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
         CameraField(camera=entry.camera, target=target, wish=wish, vision_from_first=vision @ inverse(first_from_world))
         for entry, vision in zip(cameras, vision_from_world, strict=True)
     ]
+
+
+def _held(dataset: Dataset) -> tuple[float, float]:
+    """Time codes from the frame's own to the first and to the last at which a shutter is open."""
+    open_s = [entry.shutter.motion_s(entry.camera.sensor.size_px) for entry in dataset.cameras if entry.shutter]
+    first, last = (_CODES_PER_S * _FINE * end(np.ravel(open_s), initial=0.0) for end in (np.min, np.max))
+    return math.floor(first) / _FINE, math.ceil(last) / _FINE
 
 
 def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[list[CameraField], list[BoardPose]]:
@@ -276,11 +296,13 @@ def _limit(fields: Sequence[CameraField]) -> list[str]:
     return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]
 
 
-def _samples(frames: Sequence[_Frame], shown: Callable[[np.ndarray], str], *, with_comments: bool = False) -> str:
+def _samples(poses: Sequence[_Pose], shown: Callable[[np.ndarray], str], *, with_comments: bool = False) -> str:
     lines = []
-    for number, (world_from_target, comment) in enumerate(frames, 1):
+    for code, held, world_from_target, comment in poses:
         remark = f"  # {comment}" if with_comments and comment else ""
-        lines.append(f"            {number}: {shown(world_from_target)},{remark}\n")
+        for time in sorted({code, *(round(code + away, 4) for away in held)}):
+            lines.append(f"            {time:.10g}: {shown(world_from_target)},{remark}\n")
+            remark = ""
     return "".join(lines)
 
 
