@@ -62,9 +62,10 @@ def test_a_name_of_several_makers_is_refused_without_a_catalogue(name: str) -> N
 
 
 def test_the_maker_of_a_dated_catalogue_is_known_by_its_name() -> None:
-    texts = "SCHOTT_2014 CDGM-ZEMAX202206 SUMITA_AUG2011 HOYA20220711 OLD_SCHO NIKON CORNIN MISC INFRARED SPECIAL"
-    makers = ["schott", "cdgm", "sumita", "hoya", "schott", "hikari", "corning", "", "", ""]
+    texts = "SCHOTT_2014 CDGM-ZEMAX202206 SUMITA_AUG2011 HOYA20220711 OLD_SCHO NIKON-HIKARI_201911 CORNIN"
+    makers = ["schott", "cdgm", "sumita", "hoya", "schott", "hikari", "corning"]
     assert [maker(text) for text in texts.split()] == makers
+    assert {maker(text) for text in ("MISC", "INFRARED", "SPECIAL", "LACROIX")} == {""}
 
 
 @pytest.mark.parametrize("nd", [7734.33, 5.1, 1.1, 0.5, math.nan])

@@ -4,6 +4,7 @@ what stands for another glass is a remark.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from pipeline.errors import PipelineError, UsageError
@@ -18,36 +19,31 @@ class Glasses:
 
     `catalogues`: AGF files of makers, whose names count before all others.
     `replaced`: texts NAME=OTHER, OTHER being a name with its vendor, or of these files, or a code.
-    Raises UnreadableLens, GlassError: a file is no catalogue, or a text is none of these.
+    Raises PipelineError: a file is no catalogue, or a text is none of these.
     """
 
     def __init__(self, path: str | Path, catalogues: Iterable[Path] = (), replaced: Iterable[str] = ()) -> None:
         self.path = path
         self._chosen = {name: glass for file in catalogues for name, glass in read_agf(file).items()}
-        self._unused = dict[str, str]()  # replaced names that no surface had so far
-        for text in replaced:
-            name, is_pair, other = text.partition("=")
-            if not (name and is_pair and other):
-                raise UsageError(f"--glass {text}", hint="write NAME=vendor:OTHER, as in BK7=schott:N-BK7")
-            found = self._chosen.get(other.casefold()) or named(other)
-            if isinstance(found, Named):
-                found = replace(
-                    found, remark=f"{name} is replaced by {other}" + f": {found.remark}" * bool(found.remark)
-                )
-            self._chosen[name.casefold()], self._unused[name.casefold()] = found, name
+        self._unused = dict[str, str]()  # replaced names that no surface has had so far
         self._unknown = dict[str, str]()  # what is said of each, by name
         self._remarks = dict[str, tuple[int, list[str]]]()  # first line and surfaces, by remark
+        for text in replaced:
+            name, _, other = text.partition("=")
+            if not (name and other):
+                raise UsageError(f"--glass {text}", hint="write NAME=vendor:OTHER, as in BK7=schott:N-BK7")
+            found = self._chosen.get(other.casefold(), partial(named, other))()
+            said = ": ".join(filter(None, (f"{name} is replaced by {other}", found.remark)))
+            self._chosen[name.casefold()] = partial(replace, found, remark=said)
+            self._unused[name.casefold()] = name
 
     def of(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
         """The medium of a name or code, in the catalogues that a file names; air for one that `finish` will refuse."""
         self._unused.pop(name.casefold(), None)
         try:
-            found = self._chosen.get(name.casefold()) or named(name, catalogues)
-            if isinstance(found, PipelineError):
-                raise found
+            found = self._chosen.get(name.casefold(), partial(named, name, catalogues))()
         except PipelineError as error:
-            self._refuse(name, line, surface, error)
-            return AIR
+            return self._refused(name, line, surface, error)
         self.remark(line, surface, found.remark)
         return found
 
@@ -73,8 +69,7 @@ class Glasses:
         try:
             return one.printed(nm)
         except PipelineError as error:
-            self._refuse(one.glass, line, surface, error)
-            return AIR.printed(nm)
+            return self._refused(one.glass, line, surface, error).printed(nm)
 
     def finish(self) -> list[Lost]:
         """Remarks on what was taken; UnreadableLens with all glasses that are not known."""
@@ -88,6 +83,7 @@ class Glasses:
             for what, (line, surfaces) in self._remarks.items()
         ]
 
-    def _refuse(self, name: str, line: int, surface: int, error: PipelineError) -> None:
+    def _refused(self, name: str, line: int, surface: int, error: PipelineError) -> Named:
         said = f"surface {surface}, line {line}: {error.what}" + (f", {error.hint}" if error.hint else "")
         self._unknown.setdefault(name.casefold(), said)
+        return AIR

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict, Unpack
 
 from pipeline.camera.parts.camera import PrintedCamera
 from pipeline.files.lenses.blender import is_blender, read_blender, read_blender_camera
@@ -29,13 +28,6 @@ _TABLES = (".csv", ".tsv", ".txt")
 _TABLE, _BENCH = "table", "optical bench"
 
 
-class BeamOfTable(TypedDict, total=False):
-    """The beam for which semi-diameters that a table lacks are computed; it overrides that of the file."""
-
-    f_number: float | None
-    half_field_deg: float | None
-
-
 def read_lens(
     path: str | Path,
     spacing: str | None = None,
@@ -43,7 +35,7 @@ def read_lens(
     apertures: str | None = None,
     scenario: int | None = None,
     glasses: Glasses | None = None,
-    **beam: Unpack[BeamOfTable],
+    **beam: float | None,
 ) -> PrintedLens:
     """A lens, with the file it comes from as its provenance.
 
@@ -51,7 +43,8 @@ def read_lens(
     `apertures`: only for FlareSim: the meaning of its column semi_ap.
     `scenario`: only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
     `glasses`: only for Zemax, CODE V and tables: glasses in place of those that they name.
-    `beam`: only for tables.
+    `beam`: only for tables, f_number and half_field_deg for which missing semi-diameters are computed; they override
+        those of the file.
     Raises UnreadableLens: the format is unknown, or the lens cannot be represented.
     """
     kind, given = _kind(path), next((value for value in beam.values() if value is not None), None)

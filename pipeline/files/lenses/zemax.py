@@ -20,7 +20,7 @@ _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
-_STANDARD_AIR = (20.0, 1.0)
+_STANDARD_AIR = [20.0, 1.0]
 """Temperature [°C] and pressure [atm] of ENVD for which catalogues have their indices."""
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
 # Indented or not
@@ -35,24 +35,7 @@ TCMM VDSZ CRSR DISG FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
 """
 
 # Named in one line: coatings, tolerances of the editor, identifiers.
-_NO_CONCERN = [
-    "COAT",
-    "LUID",
-    "EERA",
-    "SSID",
-    "IWDP",
-    "OEMA",
-    "DBDT",
-    "TOLE",
-    "SCOL",
-    "VCON",
-    "ZVCX",
-    "ZVCY",
-    "CHZH",
-    "USAP",
-    "STUD",
-    "NOID",
-]
+_NO_CONCERN = "COAT LUID EERA SSID IWDP OEMA DBDT TOLE SCOL VCON ZVCX ZVCY CHZH USAP STUD NOID"
 
 
 @dataclass(slots=True)
@@ -93,7 +76,6 @@ class _System:
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
         self.unread: dict[str, int] = {}
-        self.of_no_concern: dict[str, int] = {}
 
     @property
     def opens_stop(self) -> bool:
@@ -103,9 +85,7 @@ class _System:
     def obey(self, line: int, row: str) -> None:
         keyword, _, rest = row.strip().partition(" ")
         words = rest.split()
-        if keyword in _NO_CONCERN:
-            self.of_no_concern.setdefault(keyword, line)
-        elif keyword == "SURF":
+        if keyword == "SURF":
             self.rows.append(_Row(line=line))
         elif self.rows and (row[:1].isspace() or keyword in _OF_SURFACE):
             self._of_surface(line, keyword, words)
@@ -140,8 +120,7 @@ class _System:
         elif keyword == "PWAV":
             self.primary = int(self._first(line, keyword, words))
         elif keyword == "ENVD":
-            air = tuple(number(self.path, line, word, keyword) for word in words[:2])
-            if air and air != _STANDARD_AIR:
+            if [number(self.path, line, word, keyword) for word in words[:2]] != _STANDARD_AIR:
                 what = f"ENVD {' '.join(words[:2])}: indices and lengths are those at 20 degrees Celsius and 1 atm"
                 self.lost.append(Lost(what=what, line=line))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
@@ -263,10 +242,9 @@ def _lost(system: _System, image: _Row, wavelength_nm: float | None) -> list[Los
         shown = ", ".join(map(str, automatic))
         lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
     lost += text.other_wavelengths([1000 * w for w in dict.fromkeys(system.wavelengths_um.values())], wavelength_nm)
-    lost += [Lost(what=f"{word} is not read", line=line) for word, line in system.unread.items()]
-    if system.of_no_concern:
-        lost.append(Lost(what=f"of no concern to the lens: {', '.join(system.of_no_concern)}"))
-    return lost
+    idle = [word for word in system.unread if word in _NO_CONCERN.split()]
+    lost += [Lost(what=f"{word} is not read", line=line) for word, line in system.unread.items() if word not in idle]
+    return lost + ([Lost(what=f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
 
 
 def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:

@@ -82,22 +82,11 @@ def listed(glasses: Iterable[Medium]) -> str:
 @cache
 def catalogue() -> tuple[Glass, ...]:
     """All glasses, in the order of the table: by vendor, then by name."""
-    return tuple(map(_glass, range(len(table()))))
-
-
-def spelt(plain: str) -> list[Glass]:
-    """Glasses of a name without hyphens and in small letters: nsk2 is N-SK2, which CODE V calls NSK2."""
-    return [_glass(number) for number, row in enumerate(table()) if without_hyphens(row["glass"]) == plain]
-
-
-def without_hyphens(name: str) -> str:
-    """A name as programs compare it."""
-    return name.replace("-", "").casefold()
+    return tuple(map(_glass, range(len(_table()))))
 
 
 @cache
-def table() -> list[dict[str, str]]:
-    """Rows of the catalogue as they are printed."""
+def _table() -> list[dict[str, str]]:
     return rows_of("catalogue.csv.gz")
 
 
@@ -110,7 +99,7 @@ def rows_of(table: str) -> list[dict[str, str]]:
 @cache
 def _rows_by_name() -> dict[str, list[int]]:
     rows: dict[str, list[int]] = {}
-    for number, row in enumerate(table()):
+    for number, row in enumerate(_table()):
         rows.setdefault(row["glass"].casefold(), []).append(number)
     return rows
 
@@ -122,7 +111,7 @@ def _named(bare: str) -> list[Glass]:
 @cache
 def _glass(number: int) -> Glass:
     """The glass of a row: a lens needs a handful of them, and making all takes longer than reading the table."""
-    row = table()[number]
+    row = _table()[number]
     return Glass(
         label=f"{row['vendor']}:{row['glass']}",
         dispersion=_dispersion(row),
