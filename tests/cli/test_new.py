@@ -207,6 +207,22 @@ def test_poses_fill_the_image_and_stay_in_the_depth_of_field(is_plenoptic):
     assert max(pose.tilt_deg for pose in poses) > 20
 
 
+def test_a_pose_is_solved_once_and_glances_choose_it(monkeypatch):
+    """Ten places are tried for a pose; ray by ray 200 poses took minutes. A glance is right to a pixel."""
+    solved_for = []
+    exact = CameraField.seen_px
+
+    def counted(field, pose):
+        solved_for.append((field.roughly_px(pose), exact(field, pose)))
+        return solved_for[-1][1]
+
+    monkeypatch.setattr(CameraField, "seen_px", counted)
+    camera = rigs.conventional(4.5, 192, 144, 0.05)
+    _, poses = filled(camera, Target(Checkerboard(columns=4, rows=3, square_mm=1.2)), Wish(count=16, blur_px=4.0))
+    assert len(poses) <= len(solved_for) < 1.3 * len(poses)
+    assert np.nanmax([np.abs(rough - seen).max() for rough, seen in solved_for]) < 1
+
+
 def test_what_is_around_the_points_is_in_the_image_as_well():
     """A board with wider squares in the same poses: its corners lie a third of a square or more farther out.
 

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import map_coordinates
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
@@ -30,12 +32,13 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.errors import UsageError
+from pipeline.fits.field import COLUMNS, ROWS, positions_px
 from pipeline.fits.information import Information, View
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.direct_rows import guesses, planes_of_rays, solve
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import axes_across, faces_camera, tangent_planes
 
 _DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
 """Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach from the
@@ -61,8 +64,8 @@ _ROUGH_PX = 0.05
 """Accuracy of image positions that only decide what is seen [px]."""
 _LEAST_LIGHT = 0.2
 """Least share of the light on the axis with which a point counts as seen [1]: detectors fail in deep vignetting."""
-_APART_MM = 10.0
-"""Distance of a second plane that integrals want [mm]: it is not looked at."""
+_APART = 1.5
+"""Distance of the second plane of rays over that of the first, which is the nearest depth [1]: rays are straight."""
 NOISE_PX = 0.05
 """Error of a detected corner along x and along y, one sigma [px]: good detectors on sharp images of real boards."""
 
@@ -195,13 +198,25 @@ class CameraField:
             half_mm = min(half_mm, middle_mm - self.pupil_mm)
         return share * half_mm / self.radius_mm
 
+    @cached_property
+    def rays_mm(self) -> np.ndarray:
+        """Crossings at two depths of the rays of `positions_px`, (rows, columns, 2, 3); NaN where hardly light is."""
+        x_px, near = positions_px(self.camera.sensor.size_px), self.depth_mm[0]
+        planes = planes_of_rays(self.rig, x_px, (near, _APART * near))
+        moments = integrals(self.rig.tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), 1).moments
+        ends = planes[:, :, 0] + np.einsum("nek,nekj->nej", moments[:, :4].reshape(-1, 2, 2), planes[:, :, 1:3])
+        ends[self.rig.hit_fraction(moments) < _LEAST_LIGHT] = np.nan
+        return ends.reshape(ROWS, COLUMNS, 2, 3)
+
     def place_mm(self, x_px: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
-        """The point at a depth whose bundle's middle is an image position, (3,), and by columns the axes of the plane
+        """The point at a depth that an image position sees, (3,), between rays, and by columns the axes of the plane
         there, (3, 3): parallel to the image, but of a wide camera across the ray; NaN where nothing passes.
         """
-        (plane,) = planes_of_rays(self.rig, x_px[None], (z_mm, z_mm + _APART_MM))
-        crossing = integrals(self.rig.tracer, Bundles(x_px[None], np.array([NO_MICROLENS]), plane[None]), 1).moments
-        return plane[0, 0] + crossing[0, :2] @ plane[0, 1:3], plane[0, 1:].T
+        cell = (x_px + 0.5) / (2 * self.middle_px + 1) * (COLUMNS - 1, ROWS - 1)
+        at = [*cell[::-1, None, None], *np.indices((2, 3))]
+        start, end = map_coordinates(self.rays_mm, np.broadcast_arrays(*at), order=1)
+        place = start + (z_mm / self.depth_mm[0] - 1) / (_APART - 1) * (end - start)
+        return place, axes_across((end - start)[None])[0].T if self.is_wide else np.eye(3)
 
     def away_mm(self, place_mm: np.ndarray) -> float:
         """Depth of a point: its vision z, but in a wide camera as far from the entrance pupil in its direction."""
@@ -221,6 +236,24 @@ class CameraField:
     def nearest_mm(self) -> float:
         """Distance of neighbouring points."""
         return float(np.median(KDTree(self.points_mm).query(self.points_mm, k=[2])[0]))
+
+    @cached_property
+    def _chart(self) -> LinearNDInterpolator:
+        """Image positions by directions from the entrance pupil."""
+        places = self.rays_mm[:, :, 1].reshape(-1, 3)
+        lit = np.isfinite(places).all(axis=1)
+        return LinearNDInterpolator(self._angles(places[lit]), positions_px(self.camera.sensor.size_px)[lit])
+
+    def _angles(self, points_mm: np.ndarray) -> np.ndarray:
+        """Directions of points from the entrance pupil, (n, 2): angles with the axis, along x and y."""
+        x, y, z = (points_mm - (0.0, 0.0, self.pupil_mm)).T
+        across = np.hypot(x, y)
+        return np.column_stack([x, y]) * (np.arctan2(across, z) / np.maximum(across, 1e-9))[:, None]
+
+    def roughly_px(self, vision_from_target: np.ndarray) -> np.ndarray:
+        """The same as `seen_px` at a glance: to a pixel or so, between known rays."""
+        planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
+        return np.where(faces_camera(planes)[:, None], self._chart(self._angles(planes[:, 0])), np.nan)
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
@@ -317,14 +350,16 @@ def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: 
     turn = Rotation.from_rotvec(tilt * axis) * Rotation.from_euler("z", 30 * (2 * turned - 1), degrees=True)
     pose[:3, :3] = axes @ turn.as_matrix() @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
-    pose, seen = inverse(field.vision_from_first) @ pose, []
-    for other in fields:
+    pose, seen = inverse(field.vision_from_first) @ pose, list[np.ndarray]()
+    for look, other in itertools.product((CameraField.roughly_px, CameraField.seen_px), fields):
         vision_from_target = other.vision_from_first @ pose
         away_mm = other.away_mm(vision_from_target[:3, 3])
-        seen.append(other.seen_px(vision_from_target))
+        seen.append(look(other, vision_from_target))
         shown = other.has_room(seen[-1], away_mm) if roomy else np.isfinite(seen[-1][:, 0])
         is_sharp = other is field or other.depth_mm[0] <= away_mm <= other.depth_mm[1]
         if not is_sharp or shown.sum() < max(1, other.wish.least_seen * len(shown)):
             return None
     away_mm = fields[0].away_mm(pose[:3, 3])
-    return BoardPose(vision_from_target=pose, away_mm=away_mm, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
+    return BoardPose(
+        vision_from_target=pose, away_mm=away_mm, tilt_deg=math.degrees(tilt), seen_px=np.array(seen[len(fields) :])
+    )
