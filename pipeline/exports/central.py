@@ -10,6 +10,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from pipeline.camera.figures.equivalent_pinhole import is_absurd
 from pipeline.channel_names import body_and_channel
 from pipeline.exports.material import CentralModel, ExportCamera
 from pipeline.fits.field import FieldRays, FitError, lit_field, positions_px
@@ -29,6 +30,8 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
     Raises ExportError: none fits.
     """
     models = [] if camera.pinhole is None else [_of_pinhole(camera)]
+    if models and camera.built.record["lens"].get("is_ideal"):  # what is left is of its aperture, and no distortion
+        return models[0]
     if models and body_and_channel(camera.name)[1]:  # the pinhole is that of another wavelength
         models, others = [], ("brown", *others)
     field = None
@@ -38,7 +41,8 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
         field = field or field_of(camera)
         with suppress(FitError):
             further = _of_fit(fitted(field, name), field)
-            if not models or further.rms_px < _WORTH_IT * models[-1].rms_px:
+            is_better = not models or further.rms_px < _WORTH_IT * models[-1].rms_px
+            if is_better and not is_absurd(further.max_px, camera.size_px):
                 models.append(further)
     if not models:
         raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(others)}")

@@ -49,7 +49,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
         }
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
-        if lacking := {camera.name: camera.no_row_pinhole for camera in material.cameras if camera.no_row_pinhole}:
+        reasons = {camera.name: camera.row_pinhole() for camera in material.cameras}
+        if lacking := {name: reason for name, reason in reasons.items() if isinstance(reason, str)}:
             facts["without_pinhole_of_rows"] = lacking
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
@@ -71,7 +72,8 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
     """The pinholes of the rows in our conventions, by the keys of camera.json; null where rows determine none."""
     pinholes: dict[str, Any] = {}
     for camera in material.cameras:
-        record = asdict(camera.row_pinhole) if camera.row_pinhole else None
+        found = camera.row_pinhole()
+        record = None if isinstance(found, str) else asdict(found)
         if record:
             record["residual_px"] = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
         pinholes[camera.name] = record
@@ -134,10 +136,12 @@ def converted(material: Material, convention: Convention) -> Material:
 
 def _by_rows(material: Material) -> Material:
     """A material whose cameras are the pinholes of their rows, where these determine one, and its poses to these."""
+    found = {camera.name: camera.pinhole for camera in material.cameras}
+    found |= {camera.name: p for camera in material.cameras if not isinstance(p := camera.row_pinhole(), str)}
     shifts = {
-        camera.name: rigid(np.eye(3), camera.pinhole.centre_mm - camera.row_pinhole.centre_mm)
+        camera.name: rigid(np.eye(3), camera.pinhole.centre_mm - pinhole.centre_mm)
         for camera in material.cameras
-        if camera.pinhole and camera.row_pinhole
+        if camera.pinhole and (pinhole := found[camera.name])
     }
 
     def shifted(camera: str, pose: np.ndarray | None) -> np.ndarray | None:
@@ -145,7 +149,7 @@ def _by_rows(material: Material) -> Material:
 
     return replace(
         material,
-        cameras=tuple(replace(camera, pinhole=camera.row_pinhole or camera.pinhole) for camera in material.cameras),
+        cameras=tuple(replace(camera, pinhole=found[camera.name]) for camera in material.cameras),
         views=tuple(
             replace(
                 view,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +24,7 @@ from pipeline.formats import EXACT, OURS, ExportError
 from pipeline.frames import apply
 from pipeline.results.answers import SeenScene
 from pipeline.results.output import Output
-from pipeline.results.records import BuiltCamera, BuiltTarget, BuiltView
+from pipeline.results.records import BuiltCamera, BuiltPinhole, BuiltTarget, BuiltView
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -67,18 +67,19 @@ def gather(
         frames={camera.name: tuple(view.frame for view in camera.views) for camera in output.cameras.values()},
         scene=scene,
     )
-    return replace(material, cameras=tuple(_with_row_pinhole(camera, material) for camera in material.cameras))
+    found = {camera.name: cache(partial(_row_pinhole, camera, material)) for camera in material.cameras}
+    cameras = tuple(replace(camera, row_pinhole=found[camera.name]) for camera in material.cameras)
+    return replace(material, cameras=cameras)
 
 
-def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
+def _row_pinhole(camera: ExportCamera, material: Material) -> BuiltPinhole | str:
     if camera.built.is_plenoptic or camera.pinhole is None:
-        return replace(camera, no_row_pinhole="no pinhole stands for this camera")
+        return "no pinhole stands for this camera"
     seen = []
     for view in material.of(camera):
         if len(view.observations.ids):
             seen.append(Sightings(view.observations.positions, _places_mm(camera, view, material)))
-    found = row_pinhole(camera.pinhole, seen)
-    return replace(camera, no_row_pinhole=found) if isinstance(found, str) else replace(camera, row_pinhole=found)
+    return row_pinhole(camera.pinhole, seen)
 
 
 def _places_mm(camera: ExportCamera, view: ExportView, material: Material) -> np.ndarray:

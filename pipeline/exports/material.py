@@ -132,8 +132,8 @@ class ExportCamera:
     rays: CameraRays = field(repr=False)
     built: BuiltCamera = field(repr=False)  # everything else that the build says, in our conventions
     plain_pinhole: BuiltPinhole | None = None  # that without distortion, and its centre the same
-    row_pinhole: BuiltPinhole | None = None  # None where rows determine none, and behind microlenses
-    no_row_pinhole: str = ""  # the reason then
+    # Finds that of the rows, of formats that ask for it, or the reason why these determine none
+    row_pinhole: Callable[[], BuiltPinhole | str] = field(default=lambda: "", repr=False)
     mesh: GridMesh | None = None  # the regular mesh through micro-images; None before the conversion
     pose: StatedPose | None = None  # from another camera, for formats that state one; None before the conversion
     central: CentralModel | None = None  # of formats that state one; None before the conversion

@@ -38,18 +38,19 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     free = (F, *(number for number in fit.RADIAL if start[number]))
     if sum(sightings.x_px.size for sightings in seen) <= 6 * len(seen) + len(free):
         return "too few points"
-    adjusted = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
-    if adjusted.together.rms_px(start) > fit.NOTHING_LEFT_PX:
-        try:
+    try:
+        adjusted = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
+        nearer = adjusted
+        if adjusted.together.rms_px(start) > fit.NOTHING_LEFT_PX:
             nearer = adjusted.settled(free)
-        except np.linalg.LinAlgError:  # it ran away
-            return "boards as they stand leave the principal distance open"
-        if not nearer.error < _UNCERTAIN:
-            left_px = nearer.together.rms_px(nearer.parameters)
-            off = f"the principal distance is uncertain by {100 * nearer.error:.2g} %"
-            return f"{off}: too few points, boards all alike, or {left_px:.2g} px rms that no pinhole explains"
-        if nearer.together.rms_px(nearer.parameters) < fit.WORTH_IT * adjusted.together.rms_px(start):
-            adjusted = nearer
+    except np.linalg.LinAlgError:  # it ran away
+        return "boards as they stand leave the principal distance open"
+    left_px = nearer.together.rms_px(nearer.parameters)
+    if not nearer.error < _UNCERTAIN:
+        off = f"the principal distance is uncertain by {100 * nearer.error:.2g} %"
+        return f"{off}: too few points, boards all alike, or {left_px:.2g} px rms that no pinhole explains"
+    if left_px < fit.WORTH_IT * adjusted.together.rms_px(start):
+        adjusted = nearer
     centres = np.array([apply(inverse(move), image.centre_mm) for move in adjusted.moves])
     centre_mm = np.average(centres, axis=0, weights=[len(sightings.x_px) for sightings in seen])
     projection = adjusted.together.projection(adjusted.parameters)

@@ -166,8 +166,7 @@ def _sensor(document: Json) -> Iterator[Figure]:
     yield Figure("principal distance", f"{_mm(principal_mm)}{in_px}")
     yield from _pinhole(document["pinhole"])
     yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
-    remark = "" if document["pinhole"] else "paraxial"
-    yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg", remark)
+    yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg", "of the light on it")
     views = document.get("mla", {}).get("sharp_in") == "views"
     yield Figure("depth of field", _range(near, far), "of views of one pixel, not of micro-images" if views else "")
     yield Figure("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")

@@ -9,8 +9,9 @@ import pytest
 from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.figures.first_order_figures import gaps_mm, report
 from pipeline.camera.focusing.depth_of_field import foci, middle_focus
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.optics.first_order import first_order
+from pipeline.optics.prescription import Prescription, Surface
 
 
 def test_gaps_are_what_no_range_covers():
@@ -46,11 +47,19 @@ def test_the_depth_of_field_of_a_type_contains_its_focus(plenoptic: Camera):
             assert near < focus.focus_distance_mm < far
 
 
-def test_field_of_view_of_a_centred_sensor_is_that_of_its_pinhole(conventional: Camera):
-    figures = report(conventional)
-    c = figures["principal_distance_mm"]
-    half = [figures["sensor_mm"][0] / 2, figures["sensor_mm"][1] / 2, math.hypot(*figures["sensor_mm"]) / 2]
-    np.testing.assert_allclose(figures["field_of_view_deg"], [2 * math.degrees(math.atan(h / c)) for h in half])
+@pytest.mark.parametrize("offset_mm", [(0.0, 0.0), (0.4, -0.3), (9.0, 7.0)])
+def test_the_field_of_view_of_a_thin_lens_is_that_of_its_centre(offset_mm: tuple[float, float]):
+    """Angles between the lines from its middle to ends of the image's middle row, column and diagonal."""
+    width, height = 6.4, 4.8
+    sensor = Sensor(width_px=64, height_px=48, pitch_mm=0.1, offset_x_mm=offset_mm[0], offset_y_mm=offset_mm[1])
+    lens = Prescription(surfaces=(Surface(focal_length_mm=8.0, semi_diameter_mm=1.0, is_stop=True),))
+    camera = Camera(prescription=lens, sensor=sensor, sensor_distance_mm=8.2, near_mm=200.0, far_mm=400.0)
+    for half, found in zip(
+        [(width, 0), (0, height), (width, height)], report(camera)["field_of_view_deg"], strict=True
+    ):
+        ends = [np.array([*(offset_mm + side * np.array(half) / 2), 8.2]) for side in (-1, 1)]
+        cosine = ends[0] @ ends[1] / np.linalg.norm(ends[0]) / np.linalg.norm(ends[1])
+        assert found == pytest.approx(math.degrees(math.acos(cosine)), rel=1e-9)
 
 
 def test_distortion_vanishes_as_the_square_of_the_field(conventional: Camera):

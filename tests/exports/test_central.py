@@ -9,15 +9,18 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from builds import made
 from exports import maps
 from exports.pretended import board_mm, same, turned, write_manifest, write_poses, write_rows, write_target
 from exports.readers import seen_by_nerfstudio
 from fits.test_models import SPHERES, unprojected
+from stage_text import head, stage_in
 
 from pipeline.exports import export
 from pipeline.exports.central import central_model
+from pipeline.exports.export import Request
 from pipeline.exports.material import ExportCamera
-from pipeline.formats import ExportError
+from pipeline.formats import ExportError, loadable
 from pipeline.frames import apply, rigid
 from pipeline.results.output import open_output
 from pipeline.results.records import BuiltPinhole
@@ -207,3 +210,98 @@ def test_what_a_format_cannot_hold_is_said_and_not_left_out():
             ask(camera)
     with pytest.raises(ExportError, match=r"lens of Rig\.Camera is telecentric"):
         central_model(replace(camera, pinhole=None), ("rational",))
+
+
+CAMERA = """
+    def Camera "{name}" (
+        prepend apiSchemas = ["PlenCameraAPI"]
+    )
+    {{
+        rel plen:camera:lens = </Two/{name}Lens>
+        rel plen:camera:sensor = </Two/{name}Sensor>
+        uniform double plen:camera:focusDistance = 400
+        uniform int plen:image:samples = 4
+    }}
+
+    def PlenSensor "{name}Sensor"
+    {{
+        uniform double plen:pixelPitch = {pitch}
+        uniform int2 plen:resolution = {size}
+    }}
+"""
+TWO = f"""{head("Two")}
+def PlenDataset "Two"
+{{
+    rel plen:cameras = [</Two/Thin>, </Two/Fish>]
+    rel plen:targets = </Two/Board>
+    uniform int plen:seed = 3
+{CAMERA.format(name="Thin", pitch=0.18, size=(200, 150))}
+{CAMERA.format(name="Fish", pitch=0.8, size=(26, 26))}
+    def PlenLens "ThinLens"
+    {{
+        uniform token[] plen:surfaceOrder = ["Stop"]
+
+        def PlenSurface "Stop"
+        {{
+            uniform double plen:focalLength = 50
+            uniform bool plen:isStop = 1
+            uniform double plen:semiDiameter = 18
+        }}
+    }}
+
+    def "FishLens" (
+        prepend references = @lenses/fisheye_6mm_nikkor.usda@
+    )
+    {{
+    }}
+
+    def PlenCheckerboard "Board"
+    {{
+        uniform int plen:columns = 5
+        uniform int plen:rows = 4
+        uniform double plen:squareSize = 30
+        double3 xformOp:rotateXYZ = (0, 0, 11)
+        double3 xformOp:translate = (5, -4, -400)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+    }}
+}}
+"""
+"""A wide ideal lens, and a fisheye whose image circle ends inside its sensor, beyond 90 degrees."""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory, common_store):
+    folder = tmp_path_factory.mktemp("two")
+    return open_output(made(stage_in(folder, TWO), folder / "out", common_store).out)
+
+
+@pytest.mark.parametrize("name", [n for n, f in loadable().items() if f.takes(is_plenoptic=False)])
+def test_a_fisheye_is_refused_only_by_formats_that_read_a_pinhole(two, tmp_path, name):
+    """With a sentence; the tables, rays and models for wide fields hold it."""
+    refuses = {"bop", "calibmar", "colmap", "lensboy", "matlab", "mrcal", "opentrackio", "stmap"}
+    if name in refuses:
+        with pytest.raises(ExportError, match="pinhole"):
+            export.export(two, [name], tmp_path, Request(only=("Fish",)))
+    elif loadable()[name].least_cameras == 1:
+        export.export(two, [name], tmp_path, Request(only=("Fish",)))
+    view = two.view(camera="Fish", frame=1)
+    assert two.cameras["Fish"].pinhole is None and not view.poses.pinhole_from_target
+
+
+def test_an_ideal_lens_is_a_pinhole_without_distortion_in_its_own_place(two, tmp_path):
+    """It leaves more of the rays than another model would, and yet bends none: boards are where rows show them."""
+    export.export(two, ["ros", "ncore", "nerfstudio"], tmp_path, Request(only=("Thin",)))
+    info = yaml.safe_load((tmp_path / "ros/Thin.yaml").read_text())
+    assert info["distortion_model"] == "plumb_bob" and not any(info["distortion_coefficients"]["data"])
+    model = json.loads((tmp_path / "ncore/Thin.json").read_text())
+    own = model["camera_model_parameters"]
+    assert model["camera_model_type"] == "opencv-pinhole"
+    assert not any([*own["radial_coeffs"], *own["tangential_coeffs"], *own["thin_prism_coeffs"]])
+    (frame,) = json.loads((tmp_path / "nerfstudio/transforms.json").read_text())["frames"]
+    assert not any(frame.get(f"k{i}", 0) for i in range(1, 7))
+    pinhole = two.cameras["Thin"].pinhole_with_distortion
+    assert pinhole.rms_px > 1e-3
+    rows = two.view(camera="Thin", frame=1).correspondences
+    ahead, matrix = seen_by_nerfstudio(frame, two.targets["Board"].points_mm[rows.point_id] / 1000)
+    seen = ahead @ matrix.T
+    same(seen[:, :2] / seen[:, 2:], np.stack([rows.x_px, rows.y_px], axis=1), pinhole.max_px)

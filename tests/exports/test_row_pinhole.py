@@ -14,8 +14,12 @@ from exports.pretended import F_PX, Scene, write_build
 from places import ROOT
 from stage_text import head, over_tiny, stage_in
 
+from pipeline.camera.figures.equivalent_pinhole import Sightings
+from pipeline.exports import gathering
 from pipeline.exports.export import export
+from pipeline.exports.row_pinhole import row_pinhole
 from pipeline.results.output import open_output
+from pipeline.results.records import BuiltPinhole
 
 LENS = DATA.parents[1] / "stages/lenses/retrofocus_28mm_leica.usda"
 SIZE_PX, FRAMES = (100, 70), range(1, 11)
@@ -169,6 +173,30 @@ def test_the_pinhole_that_made_the_rows_is_found_and_none_where_twelve_rows_leav
     open_ = stated(conventional_build, tmp_path / "tiny")
     assert open_["pinholes_of_rows"] == {"Rig.Camera": None}
     assert "principal distance" in open_["without_pinhole_of_rows"]["Rig.Camera"]
+
+
+def test_a_pinhole_that_is_none_determines_none_and_formats_that_read_none_never_ask(output, tmp_path, monkeypatch):
+    """A fit that had run away, with f of a twentieth of a pixel, before a board that was seen in an image of 260 px."""
+    random = np.random.default_rng(3)
+    nonsense = BuiltPinhole(
+        centre_mm=np.array([0.0, 0.0, 31.2]),
+        principal_distance_px=0.0464,
+        principal_point_px=np.array([129.5, 129.5]),
+        distortion=np.zeros(5),
+        rms_px=98.7,
+        max_px=139.0,
+    )
+    points_mm = random.uniform((-50, -50, 120), (50, 50, 220), (28, 3))
+    seen = [Sightings(random.uniform(0, 259, (28, 2)), points_mm)] * 2
+    assert isinstance(row_pinhole(nonsense, seen), str)
+
+    def asked(*_):
+        raise AssertionError("a pinhole of rows")
+
+    monkeypatch.setattr(gathering, "row_pinhole", asked)
+    export(output, ["coco", "npz", "lensboy", "rays"], tmp_path)
+    with pytest.raises(AssertionError, match="a pinhole of rows"):
+        export(output, ["opencv"], tmp_path)
 
 
 BROWN = [-0.9, 3.0, 0.01, -0.02, 5.0]

@@ -65,6 +65,23 @@ def test_a_thin_lens_at_its_stop_is_a_pinhole_in_its_middle() -> None:
     assert found.distorted.distortion == (0, 0, 0, 0, 0) and found.lit_share == 1
 
 
+@pytest.mark.parametrize("wide_mm", [1.0, 4.0])
+def test_the_pinhole_of_a_wide_thin_lens_stands_before_it(wide_mm: float) -> None:
+    """By cos^4 of angles at the sensor, d behind the lens, the mean of the rays of x passes the lens at -x R^2 / d^2.
+
+    All meet at x z / d in focus, at z: to first order it is a line through the axis at z R^2 / (z d + R^2).
+    """
+    focus_mm = 1 / (1 / 50.0 - 1 / FILM_MM)
+    found = of(
+        camera(Surface(focal_length_mm=50.0, semi_diameter_mm=wide_mm, is_stop=True), near_mm=290.0, far_mm=310.0)
+    )
+    ahead_mm = focus_mm * wide_mm**2 / (focus_mm * FILM_MM + wide_mm**2)
+    assert found.centre_mm == pytest.approx((0, 0, ahead_mm), rel=0.03)
+    through_focus = FILM_MM * (1 - found.centre_mm[2] / focus_mm)
+    assert found.plain.principal_distance_px == pytest.approx(through_focus / SENSOR.pitch_mm, rel=FINE)
+    assert found.plain == found.distorted and found.plain.max_px < 1e-4 * wide_mm
+
+
 def test_a_stop_behind_a_thin_lens_is_seen_where_the_lens_equation_says() -> None:
     """1/s' = 1/f - 1/s puts the pupil s' behind the lens; a chief ray's slope shrinks by s / s' as it leaves."""
     found, pupil_mm = of(lens_before_the_stop()), 1 / (1 / AHEAD_MM - 1 / FOCAL_MM)

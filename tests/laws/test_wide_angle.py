@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from naive.brute import rays_through
 from published.library import prescription
+from shorter import few
 from tolerances import SIGMAS
 
 from pipeline.app.authoring.poses import CameraField, Wish, poses_that_fill
 from pipeline.camera.figures import point_images
 from pipeline.camera.figures.doubts import doubts
+from pipeline.camera.figures.equivalent_pinhole import pinhole
+from pipeline.camera.figures.field_curves import field_of_view_deg
 from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
@@ -105,6 +108,28 @@ def test_what_lies_beyond_the_field_is_not_seen_and_the_check_agrees(nikkor):
     assert fates[5] is answers.Fate.BEHIND
     tried = outlook(nikkor.camera, points[None], normals[None]).fate[0]
     assert [fate == Fate.SEEN for fate in tried] == [fate is answers.Fate.SEEN for fate in fates]
+
+
+def test_the_field_of_view_is_that_of_its_rays_also_behind_90_degrees_and_where_the_image_circle_ends():
+    """One ray of each position, because the stop is a pin. In the diagonal light ends with the fan from the stop."""
+    pin = ready("fisheye_6mm_nikkor", 49.6, 480, 20.8 / 480, PIN_MM)
+    across, down, diagonal = field_of_view_deg(pin.camera)
+    ends = pin.rays([-0.5, 479.5], [239.5, 239.5]).direction
+    assert across == pytest.approx(np.degrees(np.arccos(ends[:, 2])).sum(), abs=1e-5)
+    assert down == pytest.approx(across, abs=1e-9)
+    assert diagonal / 2 == pytest.approx(np.degrees(pupil_fan(pin.camera.prescription).widest_rad), abs=0.1)
+    assert across > 200 and diagonal >= FISHEYES["fisheye_6mm_nikkor"][0]
+
+
+@pytest.mark.parametrize("pitch_mm", few([0.055, 0.08], 0.03, 0.04, 0.05, 0.06, 0.065, 0.07, 0.075, 0.09, 0.1))
+def test_no_pinhole_stands_for_a_camera_that_sees_behind_90_degrees(nikkor, pitch_mm):
+    """Its image circle may end inside the sensor; below 75 degrees there is one, which explains the image."""
+    sensor = Sensor(width_px=260, height_px=260, pitch_mm=pitch_mm)
+    camera = focused(dataclasses.replace(nikkor.camera, sensor=sensor, near_mm=None, far_mm=None))
+    found, widest_deg = pinhole(camera), field_of_view_deg(camera)[2] / 2
+    assert widest_deg < 75 or widest_deg > 90
+    assert (found is not None) == (widest_deg < 75)
+    assert found is None or found.distorted.max_px < 0.01 * np.hypot(*sensor.size_px)
 
 
 FISHEYES = {

@@ -8,19 +8,23 @@ import numpy as np
 
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.chief_ray import chief_slopes
+from pipeline.camera.pupil.chief_ray import chief_crossings, chief_slopes
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.table import unbounded
+from pipeline.optics.rays import traced
+from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
 """Random rays of each height: right to about 1e-4 of their integral, less than a curve shows."""
+_PLACES = 25
+"""Places from the axis to the end of a field of view: if the last has no chief ray, the one before is a twenty-fourth
+of the way off."""
 _NEWTON_STEPS = 6
 """Steps to the image of the axis: chief rays are all but linear over that way, so that each gains several digits."""
 _DIFFERENCE_MM = 1e-3
@@ -93,6 +97,36 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
         raise CameraError("no light passes the lens from the middle of the image", hint="is the stop too small?")
     illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
     return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
+
+
+def field_of_view_deg(camera: Camera) -> list[float]:
+    """Angles of the main lens's field over the image's middle row, its middle column and its diagonal.
+
+    Each is the sum of those from the chief ray of the place nearest to the axis to the chief rays of both ends, or of
+    the last places before them that have light and a chief ray: more than 180 degrees of a fisheye. [deg]
+    """
+    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    middle, half = np.array([sensor.offset_x_mm, sensor.offset_y_mm]), np.array(sensor.size_mm) / 2
+    angles = []
+    for end in (half * [1.0, 0.0], half * [0.0, 1.0], half):
+        foot, angle = middle - np.clip(middle @ end / (end @ end), -1, 1) * end, 0.0
+        for tip in (middle - end, middle + end):
+            reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([foot, tip])))
+            ways = chief_ways(tracer, foot + reach * np.linspace(0, 1, _PLACES)[:, None] * (tip - foot))
+            ways = ways[np.isfinite(ways[:, 0])]
+            if len(ways):
+                angle += math.atan2(np.linalg.norm(np.cross(ways[0], ways[-1])), ways[0] @ ways[-1])
+        angles.append(math.degrees(angle))
+    return angles
+
+
+def chief_ways(tracer: Tracer, places_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+    """Directions in the scene of the chief rays of places of the film, apertures left out, (n, 3); NaN: none."""
+    start = tracer.on_film(places_mm)
+    crossing = chief_crossings(tracer.table, tracer.stop_row, start)
+    way = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
+    _, way, leaves = traced(unbounded(tracer.table), start, way / np.linalg.norm(way, axis=1, keepdims=True))
+    return np.where(leaves[:, None], way, np.nan)
 
 
 def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:

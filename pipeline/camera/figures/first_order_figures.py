@@ -1,7 +1,8 @@
 """First-order figures of a camera: as plain values what camera.json says, and as a pinhole what viewers of USD take,
 which know no lenses. Positions are vision z [mm].
 
-No ray is traced for them; `camera.figures.equivalent_pinhole` is fitted to real rays, for numbers.
+No ray is traced for them but those of the field of view; `camera.figures.equivalent_pinhole` is fitted to real rays,
+for numbers.
 """
 
 import math
@@ -9,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.figures.field_curves import field_of_view_deg
 from pipeline.camera.focusing.depth_of_field import Focus, foci, middle_focus, view_of
 from pipeline.camera.focusing.focus_request import matched_stop_mm
-from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import extent_mm, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -51,7 +53,7 @@ def report(camera: Camera) -> Json:
             sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
             sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
         ],
-        "field_of_view_deg": field_of_view_deg(sensor, principal_mm),
+        "field_of_view_deg": field_of_view_deg(camera),
         "depth_of_field_mm": [max(front_mm, min(near for near, _ in depths)), max(far for _, far in depths)],
         "near_far_mm": [camera.near_mm, camera.far_mm],
     }
@@ -84,21 +86,6 @@ def _pupil(pupil: Pupil) -> Json:
     return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
 
 
-def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
-    """Angles that the sensor spans at the principal distance: horizontal, vertical, from corner to corner."""
-    centre, half = (
-        (-sensor.offset_x_mm, -sensor.offset_y_mm),
-        (sensor.width_px * sensor.pitch_mm / 2, sensor.height_px * sensor.pitch_mm / 2),
-    )
-    ends = [(middle - reach, middle + reach) for middle, reach in zip(centre, half, strict=True)]
-    across = [math.degrees(math.atan2(high, principal_mm) - math.atan2(low, principal_mm)) for low, high in ends]
-    (left, right), (top, bottom) = ends
-    cosine = (left * right + top * bottom + principal_mm**2) / (
-        math.hypot(left, top, principal_mm) * math.hypot(right, bottom, principal_mm)
-    )
-    return [*across, math.degrees(math.acos(max(-1.0, min(1.0, cosine))))]
-
-
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
     """Gaps that the union of ranges leaves between its ends, near to far."""
     gaps, reached = list[list[float]](), -math.inf
@@ -116,6 +103,7 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
     figures = lens_report(camera.prescription)
     tilted, index = camera.film.vision_from_film, camera.prescription.index_in_front
     return {
+        **({"is_ideal": True} if camera.prescription.ideal else {}),
         **({"index_in_front": index} if index != 1 else {}),
         **{name: figures[name] for name in ("efl_mm", "bfd_mm", "f_number")},
         "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.camera.figures.field_curves import chief_ways
 from pipeline.camera.focusing.depth_of_field import foci_on_sensor
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import WIDE_RAD, pupil_fan
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.rig import Rig
@@ -23,8 +23,6 @@ from pipeline.camera.wave.spread import (
     transfer_of_rays,
 )
 from pipeline.camera.wave.wavefront import View, wavefront
-from pipeline.optics.rays import traced
-from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
@@ -145,14 +143,8 @@ def _seen_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -
     meets planes across the axis.
     """
     shares = np.linspace(0, share, _TRIED)
-    start = ends[0] + shares[:, None] * (ends[1] - ends[0])
-    rear = np.append(
-        chief_crossings(tracer.table, tracer.stop_row, start), np.full((_TRIED, 1), tracer.table[0, VERTEX]), axis=1
-    )
-    _, way, passes = traced(
-        unbounded(tracer.table), start, (rear - start) / np.linalg.norm(rear - start, axis=1)[:, None]
-    )
-    meets = passes & (way[:, 2] > np.cos(_STEEPEST_RAD))
+    way = chief_ways(tracer, (ends[0] + shares[:, None] * (ends[1] - ends[0]))[:, :2])
+    meets = way[:, 2] > np.cos(_STEEPEST_RAD)
     last = int(np.flatnonzero(meets).max(initial=0))
     return (
         (edge, share)
