@@ -344,7 +344,7 @@ TARGETS = {
         paper__wavelengths=[500.0, 620.0],
         paper__reflectance=[0.7, 0.9],
     ),
-    **_each(CHARUCO, DRAWN, markerSize=4.4, markerCorners=True),
+    **_each(CHARUCO, DRAWN, markerSize=4.4, markerCorners=True, legacyPattern=True),
     **_each(TAGS, DRAWN, tagSize=8.1, tagSpacing=0.2, borderBits=1),
     "plen:asymmetric": [Case(CIRCLES, True, DRAWN)],
     "plen:edgeLength": [Case(TRIANGLES, 5.9, DRAWN)],

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from pipeline.records.shapes import Num
-from pipeline.targets.drawing import Checks, Drawing, Polygon, rectangle
+from pipeline.targets.drawing import Checks, Drawing, Polygon, Shape, rectangle
 from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn_once, grid
 
 Corner = tuple[int, int]
@@ -116,7 +116,8 @@ def _area(loop: list[Corner]) -> float:
 class Charuco(Pattern):
     """A checkerboard with a tag in every white square, as OpenCV's CharucoBoard draws it.
 
-    The top-left square is black, a white margin one square wide runs around the squares.
+    The top-left square is black, but white of a legacy pattern with an even number of rows of squares, as boards were
+    before OpenCV 4.6. A white margin one square wide runs around the squares.
     """
 
     KIND: ClassVar[str] = "charuco"
@@ -134,6 +135,7 @@ class Charuco(Pattern):
     # number of the tag in the first white square; the others follow, rows from the top, each from the left
     first_tag: Annotated[int, "plen:firstTag"] = 0
     marker_corners: Annotated[bool, "plen:markerCorners"] = False  # their corners are target points, too
+    legacy_pattern: Annotated[bool, "plen:legacyPattern"] = False  # OpenCV's setLegacyPattern(True)
 
     def __post_init__(self) -> None:
         if not self.square_mm > self.marker_mm:
@@ -148,23 +150,31 @@ class Charuco(Pattern):
     def tags(self) -> int:
         return (self.columns + 1) * (self.rows + 1) // 2
 
-    def _tag_centres(self) -> np.ndarray:
+    @property
+    def _begins_white(self) -> bool:
+        return self.legacy_pattern and self.rows % 2 == 1
+
+    def _centres(self, *, white: bool) -> np.ndarray:
+        """Middles of the squares of one colour, rows from the top, each from the left."""
         squares = grid(self.columns + 1, self.rows + 1, self.square_mm)
         column, row = np.meshgrid(np.arange(self.columns + 1), np.arange(self.rows + 1))
-        return squares[((column + row) % 2 == 1).ravel()]
+        return squares[((column + row + self._begins_white) % 2 == white).ravel()]
 
     @property
     @drawn_once
     def drawing(self) -> Drawing:
         """Squares, and tags on the white ones."""
         half = (self.columns + 3) * self.square_mm / 2, (self.rows + 3) * self.square_mm / 2
-        checks = Checks(columns=self.columns, rows=self.rows, square=self.square_mm)
+        squares: list[Shape] = [Checks(columns=self.columns, rows=self.rows, square=self.square_mm)]
+        if self._begins_white:
+            ends = np.concatenate([self._centres(white=False) + side * self.square_mm / 2 for side in (-1, 1)], axis=1)
+            squares = [Polygon(corners=rectangle(*four)) for four in ends.tolist()]
         tags = [
             shape
-            for i, (x, y) in enumerate(self._tag_centres() - self.marker_mm / 2)
+            for i, (x, y) in enumerate(self._centres(white=True) - self.marker_mm / 2)
             for shape in tag_shapes(bits_of(self.dictionary, self.first_tag + i), x, y, self.marker_mm, 1)
         ]
-        return Drawing(*half, (checks, *tags))
+        return Drawing(*half, (*squares, *tags))
 
     def marks(self) -> Marks:
         """Inner corners, then those of the tags."""
@@ -172,7 +182,7 @@ class Charuco(Pattern):
         if not self.marker_corners:
             return Marks.of(corners)
         around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.marker_mm / 2
-        return Marks.of(corners, ("marker-corner", (self._tag_centres()[:, None] + around).reshape(-1, 2)))
+        return Marks.of(corners, ("marker-corner", (self._centres(white=True)[:, None] + around).reshape(-1, 2)))
 
     def for_face(self, number: int) -> "Charuco":
         return replace(self, first_tag=self.first_tag + number * self.tags)
@@ -182,6 +192,7 @@ class Charuco(Pattern):
             f"ChArUco {self.dictionary}, {self.columns + 1} x {self.rows + 1} squares of {self.square_mm:g} mm, tags"
             f" {self.first_tag} to {self.first_tag + self.tags - 1} of {self.marker_mm:g} mm,"
             f" corners 0 to {self.columns * self.rows - 1} from the top left"
+            f"{', legacy pattern' if self.legacy_pattern else ''}"
         )
 
 
