@@ -96,6 +96,13 @@ def test_a_formula_that_we_lack_or_that_contradicts_its_index_is_named_where_it_
         assert said in str(refused.value)
 
 
+@pytest.mark.parametrize(("text", "said"), [("CC none", "holds no glass"), ("CC\nNM X 2", "maker.agf:2: NM has no")])
+def test_what_is_no_catalogue_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "maker.agf").write_text(text)
+    with pytest.raises(PipelineError, match=said):
+        read_agf(tmp_path / "maker.agf")
+
+
 @pytest.mark.parametrize(
     ("replaced", "index"),
     [("foo=schott:N-BK7", 1.5168), ("FOO=MINE", 1.5168), ("FOO=1.6:50", 1.6), ("Foo=schott:BK7", 1.5168)],

@@ -144,7 +144,8 @@ def test_configurations_surroundings_and_what_is_of_no_concern_are_said_rightly(
     assert warm.startswith("ENVD 60 1: ")
 
 
-def test_a_curvature_of_rounding_is_a_plane_and_a_tilt_of_a_surface_is_refused(tmp_path: Path) -> None:
+def test_roundings_are_planes_and_no_gaps_and_a_tilt_of_a_surface_is_refused(tmp_path: Path) -> None:
+    assert read(tmp_path, "a.zmx", zmx("  DISZ -1.8e-9")).surfaces[0].thickness_mm == 0
     assert np.isinf(read(tmp_path, "a.zmx", zmx("  CURV 6.268e-18")).surfaces[0].radius_mm)
     assert "surface 1 is tilted" in refused(tmp_path, "a.zmx", zmx("  SCBD 1 0 0 0 0 90 0 0"))
 

@@ -26,7 +26,9 @@ def read_agf(path: str | Path) -> dict[str, Callable[[], Named]]:
     found, rows = dict[str, dict[str, list[str]]](), dict[str, list[str]]()
     for line, text in enumerate(read_lines(path), 1):
         keyword, *words = text.split() or [""]
-        if keyword == "NM" and len(words) > 3:
+        if keyword == "NM":
+            if len(words) < 4:
+                raise UnreadableLens(path, "NM has no name, formula, number and index", line=line)
             rows = found[words[0].casefold()] = {"line": [str(line)]}
         rows[keyword] = words
     if not found:

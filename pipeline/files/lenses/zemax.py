@@ -20,6 +20,8 @@ _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
+_NO_GAP = 1e-6
+"""Distance of surfaces that is rounding of an optimiser, in the unit of the file: some are negative."""
 _STANDARD_AIR = [20.0, 1.0]
 """Temperature [°C] and pressure [atm] of ENVD for which catalogues have their indices."""
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
@@ -263,7 +265,7 @@ def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float 
         edge = math.hypot(*row.half_widths)
     return PrintedSurface(
         radius_mm=text.radius_mm(row.curvature / unit_mm),
-        thickness_mm=row.thickness * unit_mm,
+        thickness_mm=row.thickness * unit_mm if abs(row.thickness) > _NO_GAP else 0.0,
         semi_diameter_mm=None if edge is None else edge * unit_mm,
         inner_semi_diameter_mm=row.inner * unit_mm,
         focal_length_mm=None if ideal is None else ideal * unit_mm,
