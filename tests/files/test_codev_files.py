@@ -60,6 +60,13 @@ WAYS = {
     "labels": SEQ.replace("  CIR 8.0", "  CIR L'rim' 8.0\n  CIR EDG 9\n  SLB 'front'; THC 0; DLR S1 0.1"),
 }
 
+RED, BLUE = (
+    1.53116 + (n - 1.53116) * (line_nm**-2 - 587.6**-2) / (listed_nm**-2 - 587.6**-2)
+    for line_nm, listed_nm, n in ((656.3, 700.0, 1.5247), (486.1, 400.0, 1.5484))
+)
+WIDE_VD = 0.53116 / (BLUE - RED)
+"""Of a table without the lines C and F: straight in the inverse square of the wavelength."""
+
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_lens_is_the_same_in_whatever_way_it_is_written(way: str, tmp_path: Path) -> None:
@@ -103,7 +110,7 @@ def test_what_may_change_a_lens_is_obeyed_or_refused(line: str, said: str, tmp_p
     [
         ("SO 0.0", "K 1\nSO 0.0", "a.seq:7: K 1: there is no such surface yet"),
         ("0.1e14", "0.1e14 WATER", "a.seq:7: the object is in WATER; a lens begins in air"),
-        ("1.6:50.0", "1.6 50 3", "a.seq:8: surface 1: "),
+        ("1.6:50.0", "1.6 50 3", "a.seq: surface 1, line 8: no glass"),
         ("20.0\n", "1e13\n", "a.seq:10: surface 2 is infinitely far"),
         ("1.6:50.0", "'OTHER'", "a.seq:2: private glass OTHER: HAR is not read"),
     ],
@@ -129,6 +136,7 @@ def test_what_is_decided_or_left_out_is_said(tmp_path: Path) -> None:
         "3 zoom positions; the first one is read",
         "no STO: surface 1 is the stop, CODE V's default",
         "no DIM: lengths are millimetres, CODE V's default",
+        "surface 1: 1.6:50.0 is read as the normal line through 1.6/50",
     ]
 
 
@@ -145,6 +153,6 @@ def test_private_glasses_are_read_by_their_equation_or_their_table(tmp_path: Pat
     import_lens(tmp_path / "a.seq")
     one = read(tmp_path, "b.seq", "PRV\nPWL 587.6\n'ONE' 1.51\nEND\n" + SEQ.replace("1.6:50.0", "ONE"))
     assert (one.surfaces[0].index, one.surfaces[0].glass) == (1.51, "constant(1.51)")
-    assert "private glass ONE has no indices at 486.1 and 656.3 nm: here it has no dispersion" in [
-        x.what for x in one.lost
-    ]
+    assert "surface 1: private glass ONE: its table has n_d 1.51, no dispersion" in [one.what for one in one.lost]
+    wide = "PRV\nPWL 700.0 587.6 400.0\n'ONE' 1.5247 1.53116 1.5484\nEND\n" + SEQ.replace("1.6:50.0", "ONE")
+    assert read(tmp_path, "b.seq", wide).surfaces[0].abbe == pytest.approx(WIDE_VD)

@@ -265,7 +265,7 @@ def test_codev_fills_in_what_the_beam_needs_and_says_so(tmp_path: Path) -> None:
     """Marginal ray 5 mm at the first vertex; the chief ray passes the stop 4 / 1.62 + 2 mm behind it or so."""
     lens = read(tmp_path, "a.seq", SEQ)
     first, _, stop = lens.surfaces
-    assert (first.index, first.abbe) == (1.62041, 60.3236)
+    assert (first.index, first.abbe) == (1.62041, pytest.approx(60.3236))
     power = 0.62041 / 50
     behind = 4 / 1.62041 + 2
     assert stop.semi_diameter_mm == pytest.approx(5 * (1 - power * behind), rel=1e-12)
@@ -348,7 +348,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
         ("a.zmx", zmx("  GLAS NOSUCH 0 0 1.5 40"), 'a.zmx: surface 1, line 9: no glass "NOSUCH"'),
         ("a.zmx", zmx("UNIT METER\n  TYPE EVENASPH\n  PARM -200 1"), "a.zmx: holds numbers from which no lens can be"),
         ("a.seq", SEQ.replace("EPD 10\n", ""), "a.seq: surfaces 1, 2, 3 have no semi-diameter"),
-        ("a.seq", SEQ.replace("620410.603236", "NO_SCHOTT"), "a.seq:6: surface 1: the file gives no index of glass NO"),
+        ("a.seq", SEQ.replace("620410.603236", "NO_SCHOTT"), 'a.seq: surface 1, line 6: no glass "NO" is known'),
         ("a.seq", SEQ.replace("S 0 2", "S 0 2\n  YDE 0.1"), "a.seq:8: YDE: a decentred or tilted surface"),
         ("a.seq", SEQ.replace("S 0 2", "REX 3\nS 0 2"), "a.seq:6: surface 1 has REX, and a rectangle needs REX and"),
         ("a.csv", BLENDER.replace("radius;", "r;"), "a.csv: 0 rows are marked as the aperture stop"),

@@ -11,9 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.sizing import Beam, is_possible, opened, sized
-from pipeline.files.lenses.text import AIR, Medium, UnreadableLens, glass_of, number, other_wavelengths, read_lines
+from pipeline.files.lenses.text import UnreadableLens, number, other_wavelengths, radius_mm, read_lines
+from pipeline.optics.glass.names import AIR, Named
 from pipeline.optics.glass.row import medium
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 
@@ -40,7 +43,7 @@ _NAMED = {
 }
 # Labels, weights, drawing; axes about surfaces that are not displaced; couplings of the optimiser; tolerances.
 _SILENT = """
-LEN REF VER INI WTW WTF CWL WID PRE POL DDM CLS UID SLB COM DOR SAV GO CHK DAR RET REV BEN CON ASP SPH SPG CUM THM
+LEN VER INI WTW WTF CWL WID PRE POL DDM CLS UID SLB COM DOR SAV GO CHK DAR RET REV BEN CON ASP SPH SPG CUM THM
 POS THC CCY CCX GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER XDC YDC ZDC ADC BDC CDC
 DLF DLR DLC DLT DLN DLV DLH DLS DLX DLY DLZ DLA DLB DLG CYD CYN IRR TIR TIL TRX TRY ROL BTI BTX BTY DIS DSX DSY CMP
 """
@@ -60,17 +63,20 @@ class _Row:
     inner: float = 0.0
     half_widths: dict[str, float] = field(default_factory=dict)
     rotation_deg: float = 0.0
+    medium: tuple[float, float | None, str] = (1.0, None, "")  # index, Abbe number and name
 
 
 class _Sequence:
     """Statements of a file, command by command."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, glasses: Glasses) -> None:
         self.path = path
+        self.glasses = glasses
         self.title = ""
         self.is_radius: bool | None = None
         self.unit_mm: float | None = None
         self.wavelengths: list[float] = []
+        self.reference = 1
         self.beam = Beam()
         self.lists = {"WL": self.wavelengths, "YAN": self.beam.fields, "XAN": self.beam.others}
         self.lists |= {"VUY": self.beam.upper, "VLY": self.beam.lower}
@@ -87,7 +93,7 @@ class _Sequence:
         positions = [int(word[1:]) for word in words[1:] if re.fullmatch(r"[Zz]\d{1,4}", word)]
         values = [word for word in words[1:] if word not in ("Z1", "z1")]
         if self.private_wavelengths is not None:
-            self._private(line, words)
+            self._of_private(line, words)
         elif name == "TIT":
             self.title = self.title or " ".join(values)
         elif max(positions, default=1) > 1:
@@ -98,6 +104,8 @@ class _Sequence:
             self.unit_mm = _UNITS_MM.get(values[0].upper()[:1]) if values else None
             if self.unit_mm is None:
                 raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
+        elif name == "REF":
+            self.reference = int(number(self.path, line, " ".join(values), name))
         elif name == "PRV":
             self.private_wavelengths = []
         elif name == "ZOO":
@@ -224,7 +232,7 @@ class _Sequence:
             raise UnreadableLens(self.path, f"{name} {word}: there is no such surface yet", line=line, hint=hint)
         return row, rest
 
-    def _private(self, line: int, words: list[str]) -> None:
+    def _of_private(self, line: int, words: list[str]) -> None:
         name, wavelengths = words[0].upper(), self.private_wavelengths or []
         if name in ("END", "PWL"):
             self.private_wavelengths = self.numbers(line, name, words[1:]) if name == "PWL" else None
@@ -234,7 +242,7 @@ class _Sequence:
 
 def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
     """A lens from a `.seq` file."""
-    sequence = _Sequence(path)
+    sequence = _Sequence(path, glasses)
     for line, words in _commands(read_lines(path)):
         sequence.obey(line, words)
     first, image, beam = sequence.rows[0], sequence.image, sequence.beam
@@ -258,8 +266,13 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
         sequence.lose(None, "no STO: surface 1 is the stop, CODE V's default")
     if sequence.unit_mm is None:
         sequence.lose(None, "no DIM: lengths are millimetres, CODE V's default")
-    sequence.lost += other_wavelengths(sequence.wavelengths)
-    return _decided(sequence)
+    rows, wavelengths = list(enumerate(sequence.rows[1:], 1)), dict(enumerate(sequence.wavelengths, 1))
+    media = [_medium(sequence, place, row) for place, row in rows]
+    nm = glasses.wavelength_nm(media, wavelengths.get(sequence.reference))
+    for (place, row), one in zip(rows, media, strict=True):
+        row.medium = glasses.printed(row.line, place, one, nm)
+    sequence.lost += [*other_wavelengths(sequence.wavelengths, nm), *glasses.finish()]
+    return replace(_decided(sequence), wavelength_nm=nm or D_LINE_NM)
 
 
 def _decided(sequence: _Sequence) -> PrintedLens:
@@ -306,10 +319,9 @@ def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
 def _printed(sequence: _Sequence, place: int, row: _Row, is_radius: bool) -> PrintedSurface:
     unit_mm = sequence.unit_mm or 1.0
     is_radius = is_radius if row.is_radius is None else row.is_radius
-    radius = (row.shape if is_radius else 1 / row.shape) if row.shape else math.inf
+    curvature = 1 / row.shape if is_radius and row.shape else row.shape
     if row.thickness >= _FAR:
         raise UnreadableLens(sequence.path, f"surface {place} is infinitely far from the next one", line=row.line)
-    index, abbe, glass = _medium(sequence, place, row)
     half_widths_mm = None
     if row.half_widths:
         if len(row.half_widths) != 2:
@@ -320,56 +332,59 @@ def _printed(sequence: _Sequence, place: int, row: _Row, is_radius: bool) -> Pri
     if semi_diameter_mm is None and half_widths_mm:
         semi_diameter_mm = math.hypot(*half_widths_mm)
     return PrintedSurface(
-        radius_mm=radius * unit_mm,
+        radius_mm=radius_mm(curvature / unit_mm),
         thickness_mm=row.thickness * unit_mm,
         semi_diameter_mm=semi_diameter_mm,
         inner_semi_diameter_mm=row.inner * unit_mm,
         half_widths_mm=half_widths_mm,
         aperture_rotation_deg=row.rotation_deg if half_widths_mm else 0.0,
-        index=index,
-        glass=glass,
-        abbe=abbe,
+        index=row.medium[0],
+        abbe=row.medium[1],
+        glass=row.medium[2],
         is_stop=row.is_stop,
         conic=row.conic,
         asphere=tuple((p, value * unit_mm ** (1 - p)) for p, value in sorted(row.coefficients.items()) if value),
     )
 
 
-def _medium(sequence: _Sequence, place: int, row: _Row) -> Medium:
-    """Index, Abbe number and name: a private glass, a fictitious one (620410.603236, 620.603, 1.62:60.3), or a name."""
-    glass = row.glass.upper()
-    if not glass or glass == "AIR":
+def _medium(sequence: _Sequence, place: int, row: _Row) -> Named:
+    """The medium behind a surface: a private glass, or one of a name or code."""
+    if row.glass.upper() in ("", "AIR"):
         return AIR
-    if glass in ("REFL", "MIRROR"):
+    if row.glass.upper() in ("REFL", "MIRROR"):
         raise UnreadableLens(sequence.path, f"surface {place} is a mirror", line=row.line)
-    if glass in sequence.private:
-        return _private_medium(sequence, glass)
-    if fictitious := re.fullmatch(r"(\d{3,})\.(\d{3,})", glass):
-        return Medium(float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass)
-    if model := re.fullmatch(r"([1-4]\.\d*)[: ](\d+\.?\d*)", glass):
-        return Medium(float(model[1]), float(model[2]), "")
-    name, _, vendor = row.glass.partition("_")
-    return glass_of(sequence.path, row.line, place, name, [vendor] if vendor else [])
+    if row.glass.upper() in sequence.private:
+        return _private(sequence, place, row.glass.upper())
+    name, _, vendor = row.glass.replace(" ", ":").partition("_")  # nd and Vd may be two numbers
+    return sequence.glasses.of(row.line, place, name, [vendor] if vendor else [])
 
 
-def _private_medium(sequence: _Sequence, glass: str) -> Medium:
+def _private(sequence: _Sequence, place: int, glass: str) -> Named:
     """A glass of the file's own: Laurent's equation of the squared index, or nd and Vd of a table."""
     line, wavelengths, words = sequence.private[glass]
     if words[:1] in (["LAU"], ["lau"]) and len(words) <= 7:  # powers 0, 2, -2, -4, -6, -8 of the wavelength
         terms = sequence.numbers(line, glass, [*words[1:], *"00000"])[:6]
         formula = f"schott({', '.join(map(repr, terms))})"
-        return Medium(
-            medium(glass=formula, index=None, abbe=None, wavelength_nm=D_LINE_NM).index(D_LINE_NM), None, formula
-        )
+        return Named(medium=medium(glass=formula, index=None, abbe=None, wavelength_nm=D_LINE_NM), glass=formula)
     if words and words[0].isalpha():
         hint = "write its indices at a PWL of 656.3 587.6 486.1"
         raise UnreadableLens(sequence.path, f"private glass {glass}: {words[0]} is not read", line=line, hint=hint)
-    table = list(zip(wavelengths, sequence.numbers(line, glass, words), strict=False))
-    # The lines C, d and F, among those listed.
-    red, nd, blue = (next((n for w, n in table if abs(w - nm) < 0.1), 0.0) for nm in (656.3, 587.6, 486.1))
-    if not nd:
+    table = dict(zip(wavelengths, sequence.numbers(line, glass, words), strict=False))
+    nd, blue, red = (
+        next((n for w, n in table.items() if abs(w - 587.6) < 0.1), None),
+        _at(table, 486.1),
+        _at(table, 656.3),
+    )
+    if nd is None:
         raise UnreadableLens(sequence.path, f"private glass {glass} has no index at 587.6 nm", line=line)
-    if blue > red > 0:
-        return Medium(nd, (nd - 1) / (blue - red), "")
-    sequence.lose(line, f"private glass {glass} has no indices at 486.1 and 656.3 nm: here it has no dispersion")
-    return Medium(nd, None, f"constant({nd!r})")
+    vd = (nd - 1) / (blue - red) if blue > red else None
+    said = f"its table has n_d {nd:g} and V_d {vd:.4g}" if vd else f"its table has n_d {nd:g}, no dispersion"
+    sequence.glasses.remark(line, place, f"private glass {glass}: {said}")
+    return sequence.glasses.model(line, place, (nd, vd), "" if vd else f"constant({nd!r})")
+
+
+def _at(table: dict[float, float], line_nm: float) -> float:
+    """The index of a table at a line, or between its wavelengths, straight in their inverse square; else NaN."""
+    near = [n for wavelength, n in table.items() if abs(wavelength - line_nm) < 0.1]
+    x, y = np.transpose(sorted((wavelength**-2, n) for wavelength, n in table.items() if wavelength) or [(0.0, 0.0)])
+    return near[0] if near else float(np.interp(line_nm**-2, x, y, math.nan, math.nan))

@@ -5,10 +5,8 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
-from pipeline.errors import PipelineError, UsageError
-from pipeline.optics.glass import catalogue
+from pipeline.errors import UsageError
 from pipeline.optics.printed import Lost
 
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -75,51 +73,3 @@ def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None 
     at = "the d line" if of_lens_nm is None else f"{of_lens_nm:g} nm, the primary wavelength"
     loss = f"wavelengths {shown} nm: the lens has its indices at {at}, the camera its wavelength"
     return [Lost(what=loss)]
-
-
-class Medium(NamedTuple):
-    """Index at the d line, Abbe number and name of what is behind a surface."""
-
-    nd: float
-    vd: float | None
-    name: str
-
-
-AIR = Medium(1.0, None, "")
-
-
-def glass_of(path: str | Path, line: int, surface: int, name: str, vendors: Sequence[str]) -> Medium:
-    """A glass of these vendors, or of any; UnreadableLens if it is unknown: a guessed index makes another lens."""
-    listed = in_catalogue(name, vendors)
-    if isinstance(listed, Medium):
-        return listed
-    shown = f"{name} of {', '.join(vendors)}" if vendors else name
-    hint = listed.hint or "write nd and Vd into the file, as a model or fictitious glass"
-    reason = f"surface {surface}: the file gives no index of glass {shown}, and {listed.what}"
-    raise UnreadableLens(path, reason, line=line, hint=hint)
-
-
-def in_catalogue(name: str, vendors: Sequence[str]) -> Medium | PipelineError:
-    """A glass of the shipped catalogue, or the error with similar names: the only access of lens files to it."""
-    error = PipelineError(f"the catalogue knows no index of {name} at the d line")
-    # With vendors stated, the same name at another vendor would be another glass.
-    for full in [f"{vendor.casefold()}:{name}" for vendor in vendors] or [name]:
-        try:
-            glass = catalogue.find(_spelt(full))
-        except PipelineError as unknown:
-            error = unknown
-            continue
-        if glass.nd is not None:
-            return Medium(glass.nd, glass.vd, glass.label)
-    return error
-
-
-def _spelt(full: str) -> str:
-    """A name without its hyphens, as in NSSK2 of CODE V, with those of the only matching glass."""
-    vendor, _, bare = full.rpartition(":")
-    entries = [entry for entry in catalogue.catalogue() if vendor in ("", entry.vendor)]
-    if any(entry.name.casefold() == bare.casefold() for entry in entries):
-        return full
-    plain = bare.replace("-", "").casefold()
-    same = {entry.label for entry in entries if entry.name.replace("-", "").casefold() == plain}
-    return same.pop() if len(same) == 1 else full
