@@ -1,7 +1,7 @@
 """Claim: a public lens file is read with the focal length of an independent reader, or refused for a reason.
 
 `LENS_FILES=folder pytest -m heavy -s tests/published/test_public_lenses.py` reads all files of a folder, and prints how
-they fare. A naive reader and its y-nu table judge, with indices of the glasses that we name, from optiland's data or from
+they fare. A naive reader and its y-nu table judge, with indices of the glasses that we name, from optiland's data or
 makers' catalogues (.agf) in the folder. zmxtools opens .zar archives for it where it is installed.
 """
 
@@ -18,7 +18,7 @@ from files.on_the_spot import stage_prescription
 from naive import lens_files as naive
 from tolerances import FOCAL_LENGTH_REL
 
-from pipeline.app.stages import import_lens
+from pipeline.app.stages import import_lens, write_stage
 from pipeline.errors import PipelineError
 from pipeline.files.lenses.read import read_lens
 from pipeline.optics.first_order import first_order
@@ -34,6 +34,7 @@ KINDS = (
     ("glass unknown", "glass"),
     ("afocal", "afocal"),
     ("light goes back to the scene", "leads back"),
+    ("surfaces cross", "cross"),
     ("semi-diameters unknown", "no semi-diameter"),
 )
 """Reasons by what messages say."""
@@ -68,7 +69,7 @@ class Indices:
 
 
 def judged(path: Path, lens: PrintedLens, indices: Indices) -> tuple[float, float | None]:
-    """Focal lengths [mm]: with the glasses that we name, and with those that the file names where catalogues know all."""
+    """Focal lengths [mm]: with the glasses that we name, and with those of the file where catalogues know all."""
     raw, name = path.read_bytes(), path.name
     if path.suffix.lower() == ".zar":
         zar = pytest.importorskip("zmxtools.zar")
@@ -104,7 +105,8 @@ def _ours(row: naive.Row, glass: str, index: float, indices: Indices, um: float)
 
 
 def reason(message: str) -> str:
-    return next((kind for kind, words in KINDS if re.search(words, message)), "others: " + message.split("\n")[0][-70:])
+    first = message.split("\n")[0]
+    return "refused: " + next((kind for kind, words in KINDS if re.search(words, first)), first[-50:])
 
 
 @pytest.mark.heavy
@@ -116,17 +118,18 @@ def test_each_file_of_a_folder_is_read_rightly_or_refused(tmp_path: Path) -> Non
             files.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
     wrong, stands_for, unjudged = [], [], []
     for number, path in enumerate(files.values()):
+        stage = tmp_path / f"{number}.usda"
         try:
-            text, lens = import_lens(path).text, read_lens(path)
+            errors = [problem.message for problem in write_stage(import_lens(path).text, stage) if problem.is_error]
+            why = f"check says {errors[0]}" if errors else ""
         except PipelineError as error:
-            kind = f"refused: {reason(f'{error}'.replace(str(path), path.name))}"
-            counts[kind] += 1
-            examples.setdefault(kind, str(error).replace(f"{path.parent}/", "").replace("\n", " "))
+            why = f"{error}".replace(str(path), path.name)
+        if why:
+            counts[reason(why)] += 1
+            examples.setdefault(reason(why), why.replace("\n", " "))
             continue
         counts["read"] += 1
-        stage = tmp_path / f"{number}.usda"
-        stage.write_text(text, encoding="utf-8")
-        efl_mm = first_order(stage_prescription(stage)).efl_mm
+        lens, efl_mm = read_lens(path), first_order(stage_prescription(stage)).efl_mm
         try:
             named_mm, own_mm = judged(path, lens, indices)
         except (KeyError, AssertionError) as error:
