@@ -333,7 +333,7 @@ def test_blender_takes_the_second_of_two_air_rows_for_the_stop(tmp_path: Path) -
 
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
-    assert "known are .zmx" in refused(tmp_path, "a.zar", "x")
+    assert "known are .zmx" in refused(tmp_path, "a.zip", "x")
     assert "a camera of libpleno" in refused(tmp_path, "camera.js", "{}")
     assert "a camera of the add-on" in refused(tmp_path, "a.csv", "prop_wavelength;587.6\n")
     assert refused(tmp_path, "a.zmx", b"PK\0\1").startswith("a.zmx: is no text")

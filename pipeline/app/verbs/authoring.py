@@ -178,8 +178,8 @@ def import_lens(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Zemax .zmx, CODE V .seq, pbrt .dat, FlareSim .lens; a text of the Optical Bench; a table .csv, .tsv,"
-            " .txt, also of the Blender add-on.",
+            help="Zemax .zmx, .zar; CODE V .seq; pbrt .dat; FlareSim .lens; a text of the Optical Bench; a table .csv,"
+            " .tsv, .txt, also of the Blender add-on.",
         ),
     ],
     out: StageOrStdout = None,

@@ -27,8 +27,9 @@ _FAR = 1e8
 """Distance from which it counts as infinite, in the unit of the file."""
 _DISPLACED = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 _REFUSED = {
-    **dict.fromkeys(("CUF", "CUX", "RDX"), "a Fresnel lens or a surface that is not of revolution"),
-    **dict.fromkeys(("XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface that is not of revolution"),
+    **dict.fromkeys(
+        ("CUF", "CUX", "RDX", "XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface of another kind"
+    ),
     **dict.fromkeys(("DEL", "INS", "COP", "FLY", "SCA"), "a list of surfaces that is edited or scaled"),
 }
 _SOLVE = "a solve; values are taken as written"
@@ -138,10 +139,9 @@ class _Sequence:
         elif name in _NAMED:
             if not is_zero and (name, *values) not in (("TEM", "20"), ("TEM", "20.0")):
                 self.lose(line, f"{name}: {_NAMED[name]}")
-        elif name in _REFUSED:
-            if not is_zero:
-                raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
-        elif name not in _SILENT.split() or (name == "LEN" and len(self.rows) > 1):
+        elif name in _REFUSED and not is_zero:
+            raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
+        elif name not in (*_REFUSED, *_SILENT.split()) or (name == "LEN" and len(self.rows) > 1):
             hint = "keep what WRL of CODE V writes, one lens alone, without analysis, macros and formulas"
             raise UnreadableLens(self.path, f"{name} may change the lens, and is not read", line=line, hint=hint)
 
@@ -182,10 +182,8 @@ class _Sequence:
             self._assign(line, row, name, number(self.path, line, " ".join(rest), name))
 
     def _assign(self, line: int, row: _Row, name: str, value: float) -> None:
-        if name == "THI":
-            row.thickness = value
-        elif name == "K":
-            row.conic = value
+        if name in ("THI", "K"):
+            setattr(row, "conic" if name == "K" else "thickness", value)
         elif name in _COEFFICIENTS:
             row.coefficients[_COEFFICIENTS[name]] = value
         elif name in ("RDY", "CUY"):
@@ -370,21 +368,11 @@ def _private(sequence: _Sequence, place: int, glass: str) -> Named:
         hint = "write its indices at a PWL of 656.3 587.6 486.1"
         raise UnreadableLens(sequence.path, f"private glass {glass}: {words[0]} is not read", line=line, hint=hint)
     table = dict(zip(wavelengths, sequence.numbers(line, glass, words), strict=False))
-    nd, blue, red = (
-        next((n for w, n in table.items() if abs(w - 587.6) < 0.1), None),
-        _at(table, 486.1),
-        _at(table, 656.3),
-    )
+    nd = next((n for wavelength, n in table.items() if abs(wavelength - 587.6) < 0.1), None)
     if nd is None:
         raise UnreadableLens(sequence.path, f"private glass {glass} has no index at 587.6 nm", line=line)
-    vd = (nd - 1) / (blue - red) if blue > red else None
-    said = f"its table has n_d {nd:g} and V_d {vd:.4g}" if vd else f"its table has n_d {nd:g}, no dispersion"
-    sequence.glasses.remark(line, place, f"private glass {glass}: {said}")
+    # The lines F and C, or between wavelengths that are listed.
+    blue, red = np.interp((486.1**-2, 656.3**-2), *np.transpose(sorted((w**-2, n) for w, n in table.items())))
+    vd = float((nd - 1) / (blue - red)) if blue > red and min(table) < 486.5 and max(table) > 656 else None
+    sequence.glasses.remark(line, place, f"private glass {glass} is n_d {nd:g}, V_d {vd and round(vd, 2)}")
     return sequence.glasses.model(line, place, (nd, vd), "" if vd else f"constant({nd!r})")
-
-
-def _at(table: dict[float, float], line_nm: float) -> float:
-    """The index of a table at a line, or between its wavelengths, straight in their inverse square; else NaN."""
-    near = [n for wavelength, n in table.items() if abs(wavelength - line_nm) < 0.1]
-    x, y = np.transpose(sorted((wavelength**-2, n) for wavelength, n in table.items() if wavelength) or [(0.0, 0.0)])
-    return near[0] if near else float(np.interp(line_nm**-2, x, y, math.nan, math.nan))

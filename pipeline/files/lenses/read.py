@@ -15,17 +15,20 @@ from pipeline.files.lenses.pbrt import read_pbrt
 from pipeline.files.lenses.sizing import Beam, sized
 from pipeline.files.lenses.table import read_table
 from pipeline.files.lenses.text import UnreadableLens, computing, read_lines
+from pipeline.files.lenses.zar import read_zar
 from pipeline.files.lenses.zemax import read_zemax
 from pipeline.optics.printed import PrintedLens
 
 _READERS: dict[str, tuple[str, Callable[..., PrintedLens]]] = {
     ".zmx": ("a Zemax lens file", read_zemax),
+    ".zar": ("a Zemax archive", read_zar),
     ".seq": ("a CODE V sequence", read_codev),
     ".dat": ("a lens table of pbrt", read_pbrt),
     ".lens": ("a lens of FlareSim", read_flaresim),
 }
 _TABLES = (".csv", ".tsv", ".txt")
 _TABLE, _BENCH = "table", "optical bench"
+_NAMED = (".zmx", ".zar", ".seq")
 
 
 def read_lens(
@@ -53,7 +56,7 @@ def read_lens(
         ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
         ("--scenario is for texts of the Optical Bench", scenario, (_BENCH,)),
         ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", given, (_TABLE,)),
-        ("--glass and --glasses are for Zemax, CODE V and tables", glasses, (".zmx", ".seq", _TABLE)),
+        ("--glass and --glasses are for Zemax, CODE V and tables", glasses, (*_NAMED, _TABLE)),
     ):
         if value is not None and kind not in only:
             raise UnreadableLens(path, words)
@@ -65,7 +68,7 @@ def read_lens(
             what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
         else:
             what, reader = _READERS[kind]
-            choices = {".dat": spacing, ".lens": apertures, ".zmx": named, ".seq": named}
+            choices = {".dat": spacing, ".lens": apertures, **dict.fromkeys(_NAMED, named)}
             lens = reader(path, choices[kind]) if kind in choices else reader(path)
     origin = f"Imported from {Path(path).name}, {what}."
     return replace(lens, provenance=(origin, *lens.provenance))

@@ -31,10 +31,10 @@ def computing(path: str | Path) -> Iterator[None]:
         raise UnreadableLens(path, f"holds numbers from which no lens can be computed ({error})") from error
 
 
-def read_lines(path: str | Path) -> list[str]:
+def read_lines(path: str | Path, raw: bytes | None = None) -> list[str]:
     """Lines of a text in UTF-16 with a byte-order mark, in UTF-8, or in latin-1; UnreadableLens if it is no text."""
     try:
-        raw = Path(path).read_bytes()
+        raw = Path(path).read_bytes() if raw is None else raw
     except OSError as error:
         raise UnreadableLens(path, error.strerror or "cannot be read") from None
     encoding = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), None)
@@ -45,7 +45,7 @@ def read_lines(path: str | Path) -> list[str]:
             raise UnreadableLens(path, f"is not the {encoding} text that its first bytes announce: {error}") from None
         text = raw.decode("latin-1")
     if "\0" in text:
-        raise UnreadableLens(path, "is no text", hint="an archive (.zar) must be unpacked; UTF-16 needs its mark")
+        raise UnreadableLens(path, "is no text", hint="archives end in .zar; UTF-16 needs its mark")
     return text.splitlines()
 
 

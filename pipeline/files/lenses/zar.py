@@ -1,66 +1,77 @@
-"""Archives of Zemax (`.zar`): the lens with the glass catalogues that it needs, one member behind the other.
+"""Archives of Zemax (`.zar`): a lens, glass catalogues and more, one behind the other, or in a zip.
 
-Each has a header with its length and its name; a name that ends in .LZW is packed. Nobody has published the layout: it is
-that which zmxtools (T. Vettenburg) found, and that of archives which Thorlabs distributes.
+Nobody has published the layout: it is what zmxtools (T. Vettenburg) found in archives that Thorlabs distributes.
 """
 
 import struct
+import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
+from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.text import UnreadableLens
+from pipeline.files.lenses.zemax import read_zemax
+from pipeline.optics.printed import PrintedLens
 
-_HEADERS = {0xEA: ("<12xI16x", 0x14C, "latin-1"), 0xEC: ("<16xQ24x", 0x288, "utf-16-le")}
-"""By the first byte, which tells the version: where a header has the member's length, and behind it the name; its own
-length in bytes; the encoding of the name.
-"""
-_MOST_BYTES = 64 * 2**20
-"""Largest unpacked member: a lens of a thousand surfaces has 1 MiB, a maker's catalogue 2; packed, 64 KiB may hold 2 GiB."""
-
-
-def members(path: str | Path, endings: tuple[str, ...]) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the members with these endings; UnreadableLens if the archive is damaged."""
-    with Path(path).open("rb") as stream:
-        for name, size in _headers(path, stream):
-            plain = name.removesuffix(".LZW").removesuffix(".lzw")
-            if not plain.lower().endswith(endings):
-                stream.seek(size, 1)
-            else:
-                raw = stream.read(min(size, _MOST_BYTES + 1))
-                yield plain, raw if plain == name else _unpacked(path, plain, raw)
+_HEADERS = {0xEA: (0x14C, "<I", 0x0C, 0x20, "latin-1"), 0xEC: (0x288, "<Q", 0x10, 0x30, "utf-16-le")}
+"""By its first byte: length of a header, layout and place of its member's length, place and encoding of the name."""
+_MOST_BYTES = 16 * 2**20
+"""Largest lens that is read: one of a thousand surfaces has 1 MiB, and a file of 20 kB can be packed to hold 16."""
+_DAMAGES = (OSError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
-def _headers(path: str | Path, stream: BinaryIO) -> Iterator[tuple[str, int]]:
-    length = Path(path).stat().st_size
-    while first := stream.read(1):
-        layout, own, encoding = _HEADERS.get(first[0], ("", 0, ""))
-        header = first + stream.read(max(own - 1, 0))
-        if not layout or len(header) < own:
-            raise UnreadableLens(path, "is no archive of Zemax, or is damaged", hint="let OpticStudio open and save it")
-        (size,) = struct.unpack_from(layout, header)
-        name = header[struct.calcsize(layout) :].decode(encoding, "replace").partition("\0")[0]
-        if size > length - stream.tell():
-            raise UnreadableLens(path, f"is cut off within {name!r}")
-        yield name, size
+def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
+    """The lens of an archive."""
+    try:
+        found = [(name, raw) for (name, raw), _ in zip(_lenses(Path(path)), range(2), strict=False)]
+    except _DAMAGES as error:
+        said = getattr(error, "strerror", None) or error
+        raise UnreadableLens(path, f"cannot be read as an archive of Zemax: {said}") from None
+    if len(found) != 1 or len(found[0][1]) >= _MOST_BYTES:
+        said = "several lenses" if found[1:] else "a lens of 16 MiB and more" if found else "no lens (.zmx)"
+        raise UnreadableLens(path, f"holds {said}", hint="unpack it, and import one of its files")
+    ((name, raw),) = found
+    return read_zemax(f"{path}/{''.join(filter(str.isprintable, name))}", glasses, raw)
 
 
-def _unpacked(path: str | Path, name: str, packed: bytes) -> bytes:
-    """Welch's algorithm: codes of 9 bits and more, the first bit first; the table grows without end."""
-    words = [bytes([value]) for value in range(256)]
-    unpacked, before, width, bits, count = bytearray(), b"", 8, 0, 0
+def _lenses(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of lens files, cut off at the largest size; an error if the archive is damaged."""
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            for name in (name for name in archive.namelist() if name.lower().endswith(".zmx")):
+                with archive.open(name) as member:
+                    yield name, member.read(_MOST_BYTES)
+        return
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        while first := stream.read(1):
+            if first[0] not in _HEADERS:
+                raise EOFError("a header begins with no version")
+            length, layout, place, name_at, encoding = _HEADERS[first[0]]
+            header = first + stream.read(length - 1)
+            if len(header) < length or stream.tell() + (packed := struct.unpack_from(layout, header, place)[0]) > size:
+                raise EOFError("it is cut off")
+            name, behind = header[name_at:].decode(encoding, "replace").partition("\0")[0], stream.tell() + packed
+            if name.lower().endswith((".zmx", ".zmx.lzw")):
+                raw = stream.read(min(packed, _MOST_BYTES))
+                yield (name, raw) if name.lower().endswith("x") else (name[:-4], _unpacked(raw))
+            stream.seek(behind)
+
+
+def _unpacked(packed: bytes) -> bytes:
+    """Welch's algorithm: codes of 9 bits and more, highest bit first, in a table that grows without end."""
+    words, unpacked, before, width, bits, count = [bytes([value]) for value in range(256)], bytearray(), b"", 8, 0, 0
     for byte in packed:
         width += len(words) >= 1 << width
         bits, count = bits << 8 | byte, count + 8
-        if count < width:
-            continue
-        count -= width
-        code, bits = bits >> count, bits & (1 << count) - 1
-        if code > len(words) - (not before) or len(unpacked) > _MOST_BYTES:
-            raise UnreadableLens(path, f"its member {name!r} is damaged or too large")
-        word = words[code] if code < len(words) else before + before[:1]
-        unpacked += word
-        if before:
-            words.append(before + word[:1])
-        before = word
-    return bytes(unpacked)
+        if count >= width:
+            count -= width
+            code, bits = bits >> count, bits & (1 << count) - 1
+            word = words[code] if code < len(words) else words[code - 1] and before + before[:1]
+            words += [before + word[:1]] * bool(before)
+            unpacked += word
+            before = word
+        if len(unpacked) >= _MOST_BYTES:
+            break
+    return bytes(unpacked[:_MOST_BYTES])

@@ -191,10 +191,10 @@ class _System:
             row.is_automatic = len(words) < 2 or number(self.path, line, words[1], keyword) == 0
 
 
-def read_zemax(path: str | Path, glasses: Glasses) -> PrintedLens:
-    """A lens from a `.zmx` file."""
+def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> PrintedLens:
+    """A lens from a `.zmx` file, or from its bytes where it is none of its own."""
     system = _System(path, glasses)
-    for line, row in enumerate(read_lines(path), 1):
+    for line, row in enumerate(read_lines(path, raw), 1):
         system.obey(line, row)
     if system.unit_mm is None:
         raise UnreadableLens(path, "does not say its unit", hint="add a line UNIT MM")
