@@ -215,7 +215,7 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
         name=system.name or Path(path).stem,
         surfaces=surfaces,
         wavelength_nm=nm or D_LINE_NM,
-        lost=(*_lost(system, image, nm), *glasses.finish()),
+        lost=(*glasses.finish(), *_lost(system, image, nm)),
     )
     lens = sized(path, lens, system.beam, system.unit_mm)
     if not system.opens_stop:
