@@ -177,7 +177,7 @@ def verify(
     """Check a finished folder, and a sample of its ground truth with another seed; exit with 6 if it disagrees.
 
     Only the folder is needed. Every file is compared with the manifest and opened; the manifest lists what a build of
-    the folder's stage writes; tables have the columns and labels that the stage asks for. 64 rows of each camera
+    the folder's stage writes; tables have the columns and labels that the stage asks for. 135 rows of each camera
     are judged by the certificate with another seed. All other columns and files are compared by digest only. Nothing
     is signed: this finds accidents and mistakes, not forgery.
     """

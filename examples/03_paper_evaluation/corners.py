@@ -83,7 +83,7 @@ class Corners:
     def judged(self, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
         """What random rays move the positions by, and their own standard error, (n, 2) each."""
         rows = Rows(Pairs.still(self.plane), self.cell, self.x_px, np.ones(len(self), bool))
-        return differences(self.rig, rows, claim_px)
+        return differences(self.rig, rows, claim_px)[:2]
 
 
 def camera_and_boards() -> tuple[Camera, int, list[np.ndarray], np.ndarray]:

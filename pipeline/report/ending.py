@@ -30,6 +30,8 @@ def certificate_lines(cameras: dict[str, Json]) -> list[str]:
 def lines_of_verdict(verdict: Json) -> list[str]:
     """Certificates, what speaks against the build, and the verdict, from what `verify --json` prints."""
     agreement = "agrees" if verdict["agrees"] else "DISAGREES"
+    open_ = [name for name, judged in verdict["cameras"].items() if str(judged["reason"]).startswith("undecided")]
+    agreement += f"; positions of {', '.join(open_)} are undecided" if open_ else ""
     return [*certificate_lines(verdict["cameras"]), *verdict["problems"], agreement]
 
 
@@ -44,7 +46,11 @@ def _distance(part: Json) -> str:
 
 
 def _kept(part: Json) -> str:
-    return "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
+    if part["within_claim"] is None:
+        return ""
+    within, beyond = part["within_claim"], part["beyond_claim"]
+    rest = ((beyond, "beyond"), (part["rows"] - within - beyond, "undecided"))
+    return f", {within} within the claim" + "".join(f", {count} {word}" for count, word in rest if count)
 
 
 def failed(cameras: dict[str, Json] | None) -> bool:

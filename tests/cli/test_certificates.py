@@ -30,10 +30,11 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
 
 def test_figures_are_said_once_and_what_they_are() -> None:
     edge = {"from_px": 4, "to_px": None, "rows": 64, **FIGURES}
-    kind = {"kind": "direct", "of": 100, "within_claim": 64, **edge}
+    kind = {"kind": "direct", "of": 100, "within_claim": 62, "beyond_claim": 0, **edge}
     for parts, count in (([edge], 3), ([{**edge, "to_px": 5}, edge], 5)):
         text = certificate_lines({"c": {**certificate(True), "by_kind": [kind], "by_distance_from_cell_edge": parts}})
         assert len(text) == count and "between the table and another rule of integration" in text[1]
+        assert "by direct, 62 within the claim, 2 undecided" in text[2]
 
 
 def certificate(passed: bool | None) -> dict[str, Any]:

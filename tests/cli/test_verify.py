@@ -172,7 +172,7 @@ def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path,
 def test_figures_that_are_not_known_are_printed_as_such():
     """Rows without light have no differences, and their judge no error: once a TypeError after the delivery."""
     dark = dict.fromkeys(("mean_px", "rms_px", "max_px", "own_sigma_px", "claim_px", "passed"))
-    kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, **dark}
+    kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, "beyond_claim": None, **dark}
     whole = {**dark, "rows": 2, "of": 2, "reason": "the method makes no claim", "by_kind": [kind]}
     assert certificate_lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith(
         "certificate of c: no verdict"
