@@ -82,18 +82,18 @@ def test_a_lens_is_the_same_in_whatever_way_it_is_written(way: str, tmp_path: Pa
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("SCA 2", "SCA: a list of surfaces that is edited or scaled"),
-        ("DEL S1", "DEL: a list of surfaces"),
-        ("INS S1", "INS: a list of surfaces"),
+        ("SCA 2", "SCA may change the lens, and is not read"),
+        ("DEL S1", "DEL may change the lens, and is not read"),
+        ("INS S1", "INS may change the lens, and is not read"),
         ("XDE S1 0.1", "XDE: a decentred or tilted surface"),
         ("RDX S1 30", "RDX: a surface of another kind"),
         ("AUT", "AUT may change the lens, and is not read"),
         ("^x == 3", "^X may change the lens"),
         ("EVA (EFL)", "EVA may change the lens"),
         ("LEN NEW", "LEN may change the lens"),
-        ("THI S9 5", "THI S9: there is no such surface yet"),
-        ("THI S1..2 5", "THI S1..2: there is no such surface yet"),
-        ("THI SA 5", "THI SA: there is no such surface yet"),
+        ("THI S9 5", "THI S9: there is no surface of that name yet"),
+        ("THI S1..2 5", "THI S1..2: there is no surface of that name yet"),
+        ("THI SA 5", "THI SA: there is no surface of that name yet"),
         ("THI S1 5 6", 'THI must be a number, not "5 6"'),
         ("THI S1 (THI S2)*2", "THI must be a number"),
         ("S2 30 5", "S2 stands where S4 is due"),
@@ -108,7 +108,7 @@ def test_what_may_change_a_lens_is_obeyed_or_refused(line: str, said: str, tmp_p
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("SO 0.0", "K 1\nSO 0.0", "a.seq:7: K 1: there is no such surface yet"),
+        ("SO 0.0", "K 1\nSO 0.0", "a.seq:7: K 1: there is no surface of that name yet"),
         ("0.1e14", "0.1e14 WATER", "a.seq:7: the object is in WATER; a lens begins in air"),
         ("1.6:50.0", "1.6 50 3", "a.seq: surface 1, line 8: no glass"),
         ("20.0\n", "1e13\n", "a.seq:10: surface 2 is infinitely far"),

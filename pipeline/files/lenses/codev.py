@@ -26,12 +26,7 @@ _EDGES = ("CIR", "REX", "REY", "ARO")
 _FAR = 1e8
 """Distance from which it counts as infinite, in the unit of the file."""
 _DISPLACED = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
-_REFUSED = {
-    **dict.fromkeys(
-        ("CUF", "CUX", "RDX", "XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface of another kind"
-    ),
-    **dict.fromkeys(("DEL", "INS", "COP", "FLY", "SCA"), "a list of surfaces that is edited or scaled"),
-}
+_REFUSED = ("CUF", "CUX", "RDX", "XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF")
 _SOLVE = "a solve; values are taken as written"
 _NAMED = {
     **dict.fromkeys(("VUX", "VLX"), "vignetting factors; only semi-diameters block rays"),
@@ -77,10 +72,10 @@ class _Sequence:
         self.is_radius: bool | None = None
         self.unit_mm: float | None = None
         self.wavelengths: list[float] = []
-        self.reference = 1
+        self.reference = [1.0]
         self.beam = Beam()
         self.lists = {"WL": self.wavelengths, "YAN": self.beam.fields, "XAN": self.beam.others}
-        self.lists |= {"VUY": self.beam.upper, "VLY": self.beam.lower}
+        self.lists |= {"VUY": self.beam.upper, "VLY": self.beam.lower, "REF": self.reference}
         self.rows = [_Row(thickness=math.inf)]  # the object first
         self.image = self.current = _Row()
         self.positions = 1
@@ -93,22 +88,22 @@ class _Sequence:
         name = name[:3] if name.isalpha() else name  # TITLE and STOP are TIT and STO
         positions = [int(word[1:]) for word in words[1:] if re.fullmatch(r"[Zz]\d{1,4}", word)]
         values = [word for word in words[1:] if word not in ("Z1", "z1")]
-        if self.private_wavelengths is not None:
-            self._of_private(line, words)
-        elif name == "TIT":
-            self.title = self.title or " ".join(values)
+        if self.private_wavelengths is not None and words[0].upper() not in ("PWL", "END"):
+            self.private[words[0].upper()] = line, self.private_wavelengths, words[1:]
+        elif name in ("PRV", "PWL"):
+            self.private_wavelengths = self.numbers(line, name, values) if values else []
+        elif name == "END":
+            self.private_wavelengths = None
         elif max(positions, default=1) > 1:
             self.positions = max(self.positions, *positions)
+        elif name == "TIT":
+            self.title = self.title or " ".join(values)
         elif name == "RDM":
             self.is_radius = not "".join(values).upper().startswith("N")
         elif name == "DIM":
             self.unit_mm = _UNITS_MM.get(values[0].upper()[:1]) if values else None
             if self.unit_mm is None:
                 raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
-        elif name == "REF":
-            self.reference = int(number(self.path, line, " ".join(values), name))
-        elif name == "PRV":
-            self.private_wavelengths = []
         elif name == "ZOO":
             self._zoom(line, values)
         elif re.fullmatch(r"S(O|I|\d*)", name):
@@ -140,7 +135,7 @@ class _Sequence:
             if not is_zero and (name, *values) not in (("TEM", "20"), ("TEM", "20.0")):
                 self.lose(line, f"{name}: {_NAMED[name]}")
         elif name in _REFUSED and not is_zero:
-            raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
+            raise UnreadableLens(self.path, f"{name}: a surface of another kind cannot be represented", line=line)
         elif name not in (*_REFUSED, *_SILENT.split()) or (name == "LEN" and len(self.rows) > 1):
             hint = "keep what WRL of CODE V writes, one lens alone, without analysis, macros and formulas"
             raise UnreadableLens(self.path, f"{name} may change the lens, and is not read", line=line, hint=hint)
@@ -189,8 +184,7 @@ class _Sequence:
         elif name in ("RDY", "CUY"):
             row.shape, row.is_radius = value, name == "RDY"
         elif value and row is not self.image:
-            reason = f"{name}: a decentred or tilted surface cannot be represented"
-            raise UnreadableLens(self.path, reason, line=line)
+            raise UnreadableLens(self.path, f"{name}: a decentred or tilted surface cannot be represented", line=line)
         elif value:
             self.lose(line, f"{name} of the image: the camera says where the sensor is")
 
@@ -226,16 +220,8 @@ class _Sequence:
         else:
             row = _Row()
         if not row.line:
-            hint = "write ranges and labels surface by surface"
-            raise UnreadableLens(self.path, f"{name} {word}: there is no such surface yet", line=line, hint=hint)
+            raise UnreadableLens(self.path, f"{name} {word}: there is no surface of that name yet", line=line)
         return row, rest
-
-    def _of_private(self, line: int, words: list[str]) -> None:
-        name, wavelengths = words[0].upper(), self.private_wavelengths or []
-        if name in ("END", "PWL"):
-            self.private_wavelengths = self.numbers(line, name, words[1:]) if name == "PWL" else None
-        else:
-            self.private[name] = line, wavelengths, words[1:]
 
 
 def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
@@ -266,7 +252,7 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
         sequence.lose(None, "no DIM: lengths are millimetres, CODE V's default")
     rows, wavelengths = list(enumerate(sequence.rows[1:], 1)), dict(enumerate(sequence.wavelengths, 1))
     media = [_medium(sequence, place, row) for place, row in rows]
-    nm = glasses.wavelength_nm(media, wavelengths.get(sequence.reference))
+    nm = glasses.wavelength_nm(media, wavelengths.get(int(sequence.reference[0])))
     for (place, row), one in zip(rows, media, strict=True):
         row.medium = glasses.printed(row.line, place, one, nm)
     sequence.lost += [*other_wavelengths(sequence.wavelengths, nm), *glasses.finish()]
@@ -274,10 +260,7 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
 
 
 def _decided(sequence: _Sequence) -> PrintedLens:
-    """The lens; without RDM of curvatures, CODE V's default, or, as other programs mean it, of radii.
-
-    Numbers are radii where curvatures make surfaces that cross within their semi-diameters.
-    """
+    """The lens; without RDM of curvatures, CODE V's default, or where these make surfaces that cross, of radii."""
     if all(row.is_radius is not None for row in sequence.rows[1:] if row.shape):
         return _lens(sequence, is_radius=True)
     for is_radius, said in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
@@ -292,8 +275,7 @@ def _lens(sequence: _Sequence, is_radius: bool) -> PrintedLens:
     """The lens with all semi-diameters; `is_radius`: the meaning of numbers that the file leaves open."""
     path, unit_mm = sequence.path, sequence.unit_mm or 1.0
     surfaces = tuple(_printed(sequence, i, row, is_radius) for i, row in enumerate(sequence.rows[1:], 1))
-    lost = tuple(dict.fromkeys(sequence.lost))
-    lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=lost)
+    lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
     lens = sized(path, lens, sequence.beam, unit_mm)
     return opened(path, lens, sequence.beam, unit_mm, has_ring=True)  # CIR blocks rays
 

@@ -18,14 +18,13 @@ _HEADERS = {0xEA: (0x14C, "<I", 0x0C, 0x20, "latin-1"), 0xEC: (0x288, "<Q", 0x10
 """By its first byte: length of a header, layout and place of its member's length, place and encoding of the name."""
 _MOST_BYTES = 16 * 2**20
 """Largest lens that is read: one of a thousand surfaces has 1 MiB, and a file of 20 kB can be packed to hold 16."""
-_DAMAGES = (OSError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
     """The lens of an archive."""
     try:
         found = [(name, raw) for (name, raw), _ in zip(_lenses(Path(path)), range(2), strict=False)]
-    except _DAMAGES as error:
+    except (OSError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         said = getattr(error, "strerror", None) or error
         raise UnreadableLens(path, f"cannot be read as an archive of Zemax: {said}") from None
     if len(found) != 1 or len(found[0][1]) >= _MOST_BYTES:
@@ -40,8 +39,7 @@ def _lenses(path: Path) -> Iterator[tuple[str, bytes]]:
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             for name in (name for name in archive.namelist() if name.lower().endswith(".zmx")):
-                with archive.open(name) as member:
-                    yield name, member.read(_MOST_BYTES)
+                yield name, archive.open(name).read(_MOST_BYTES)
         return
     size = path.stat().st_size
     with path.open("rb") as stream:
