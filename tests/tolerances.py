@@ -310,3 +310,6 @@ edge average out over a blur of 0.1 mm and less."""
 FOCAL_LENGTH_REL = 1e-6
 """Focal length of a lens file against that of a naive reader [relative]: the goal of imports; indices of one formula at
 587.56 and 587.5618 nm differ by 1e-7."""
+
+PRINTED_INDEX = 1e-5
+"""Index that a file or the formula of a maker has for a name [1], against that which is taken: five decimals."""

@@ -50,11 +50,15 @@ def codev(text: str, is_radius: bool) -> list[Row]:
     unit = {"M": 1.0, "C": 10.0, "I": 25.4}[(re.search(r"(?i)\bDIM\s+(\w)", body) or ["", "M"])[1].upper()]
     if mode := re.search(r"(?im)(?:^|;)\s*RDM *(N?)", body):
         is_radius = not mode[1]
+    # A private glass of a table is its index at the d line.
+    private = re.search(r"(?is)PRV\s*PWL(.*?)END", re.sub(r"&\s*\n", " ", body))
+    tables = [line.split() for line in private[1].splitlines() if line.strip()] if private else [[]]
+    lines = {name: dict(zip(tables[0], n, strict=False)).get("587.6", name) for name, *n in tables[1:]}
     rows = []
     for shape, thickness, glass in re.findall(r"(?im)^\s*S\s+(\S+)\s+(?:&\s*)?(\S+) *([^\s;&]*)", body):
         value = float(shape)
         curvature = (1 / value if is_radius else value) if value else 0.0
-        rows.append(Row(curvature / unit, float(thickness) * unit, [glass] if glass else []))
+        rows.append(Row(curvature / unit, float(thickness) * unit, [lines.get(glass, glass)] if glass else []))
     return rows
 
 
