@@ -223,6 +223,11 @@ class Surface:
         return (self.index - index_in_front) * (self.curvature_per_mm + 2 * sum(self.even_coefficients[:1]))
 
     @property
+    def is_before_glass(self) -> bool:
+        """Whether the medium behind it is more than a gas."""
+        return self.index > 1 + GAS
+
+    @property
     def curvature_per_mm(self) -> float:
         """1 / radius, 0 for a plane."""
         return 0.0 if math.isinf(self.radius_mm) else 1.0 / self.radius_mm

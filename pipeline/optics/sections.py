@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.optics.glass.medium import GAS
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import displacements
 
@@ -29,7 +28,7 @@ def elements(prescription: Prescription) -> list[Section]:
     placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
     outlines = []
     for (front, ahead), (_, behind) in pairwise(placed):
-        if abs(front.index - 1) > GAS:
+        if front.is_before_glass:
             upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
             top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
             bottom = [(behind[0][0], lower), (ahead[0][0], lower)]

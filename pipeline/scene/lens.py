@@ -14,7 +14,7 @@ from pxr import Sdf, Usd
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass import row
-from pipeline.optics.glass.medium import GAS, GlassError, Medium, Melt
+from pipeline.optics.glass.medium import GlassError, Medium, Melt
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Relief, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.temperature import expanded, temperatures_c, warmed
@@ -293,7 +293,7 @@ def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surfac
             f" {gap:.4g} mm at {height:g} mm from it"
         )
         yield problem(thickness, "surfaces-cross", message, hint=hint)
-    if gap < -_TOUCH_MM or abs(first.index - 1) <= GAS:
+    if gap < -_TOUCH_MM or not first.is_before_glass:
         return
     widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
     # Outside its clear aperture a surface may continue or be ground flat, whichever leaves more glass.

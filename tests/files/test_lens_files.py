@@ -135,6 +135,16 @@ def test_a_lens_of_germanium_has_its_indices_at_the_primary_wavelength(tmp_path:
     assert "material:GERMANIUM is known from 2500 to 12000 nm, not at 587" in refused(tmp_path, "a.zmx", text)
 
 
+def test_a_gap_of_gas_is_traced_and_is_no_element(tmp_path: Path) -> None:
+    """Thick-lens formula with the gas behind; glass of that thickness would be warned of."""
+    text = zmx().replace("1.5 60", "1.5168 64.2").replace("DISZ 2", "DISZ 0.05\n  GLAS ___BLANK 1 0 0.999712 0")
+    (tmp_path / "a.zmx").write_text(text.replace("  CURV 0\n  DISZ 0.05", "  CURV -5e-4\n  DISZ 0.05"))
+    assert write_stage(import_lens(tmp_path / "a.zmx").text, tmp_path / "a.usda") == []
+    front, rear = 0.5168 * 0.02, (0.999712 - 1.5168) * -5e-4
+    efl_mm = 1 / (front + rear - 4 / 1.5168 * front * rear)
+    assert first_order(stage_prescription(tmp_path / "a.usda")).efl_mm == pytest.approx(efl_mm, rel=1e-12)
+
+
 def test_configurations_surroundings_and_what_is_of_no_concern_are_said_rightly(tmp_path: Path) -> None:
     text = "ENVD 2.0E+1 1 0\n" + zmx("  COAT AR", "  LUID 23") + "MNUM 3 2\n"
     (many, rest) = (one.what for one in read(tmp_path, "a.zmx", text).lost)

@@ -92,7 +92,7 @@ def _gaps(prescription: Prescription, names: tuple[str, ...]) -> Iterator[tuple[
     for i, (here, behind) in enumerate(pairwise(moving)):
         if here == behind:
             continue
-        if prescription.surfaces[i].index != 1:
+        if prescription.surfaces[i].is_before_glass:
             raise CameraError(f"between surfaces {i + 1} and {i + 2} there is glass, and only one of them would move")
         yield i, -1.0 if here else 1.0
 

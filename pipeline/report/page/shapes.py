@@ -37,7 +37,7 @@ def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
             SurfaceShape(
                 height_mm=tuple(heights),
                 z_mm=tuple(-(vertex + float(surface.sag_mm(height))) for height in heights),
-                has_glass_behind=surface.index != 1.0,
+                has_glass_behind=surface.is_before_glass,
                 is_stop=surface.is_stop,
                 moved=matrix(moved),
             )
