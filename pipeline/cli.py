@@ -164,9 +164,11 @@ def print_target(
         require_suffix(path, suffix)
     shown = artwork(stage, target, tuple(allow_root or ()))
     note(*shown.warnings)
-    say("\n".join(shown.page()))
-    for path in filter(None, (svg, pdf)):
-        note(f"wrote {path}: {shown.write(path)}")
+    try:  # before whoever reads the page may leave
+        papers = [f"wrote {path}: {shown.write(path)}" for path in (svg, pdf) if path]
+    finally:
+        say("\n".join(shown.page()))
+    note(*papers)
 
 
 def verify(

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 from tifffile import DATATYPE, PHOTOMETRIC, TIFF
 
 from pipeline.channel_names import COLOURS, colour_of
@@ -39,6 +40,8 @@ _VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
 _MAKER = "plenoptic-pipeline"
 _LIGHTS, _OTHER_LIGHT = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}, 255
 """Illuminants that Exif numbers, and the number of all others."""
+_TO_EXIF, _EXIF_VERSION = 34665, 36864
+"""Tags of the place of the directory of Exif, and of its version, here 2.3, without which it is none."""
 _LARGEST = 2**31 - 1
 """Numerator and denominator of a fraction at most [1], also of one with a sign."""
 
@@ -55,16 +58,19 @@ def write_tiff(
     about: Json,
     photometric: int = PHOTOMETRIC.MINISBLACK,
     more: Sequence[Tag] = (),
+    exif: Mapping[int, float] | None = None,
 ) -> None:
     """Write a plane of digital numbers band by band; the same pixels, the same bytes.
 
     `shape`: height and width [px].
     `rows`: called for one band after the other, from the top.
+    `exif`: positive fractions by their tags, of a directory of Exif behind the pixels.
     `about`: meaning of the numbers as plain values: the description.
     """
     height, width = shape
     if 2 * height * width > _LARGEST_BYTES:
         raise ValueError(f"{path}: {height} x {width} pixels are more than a TIFF file holds")
+    directory: list[Tag] = [(_TO_EXIF - 1, DATATYPE.LONG, 1, 0, True)] if exif else []  # tifffile writes no ExifTag
     with tifffile.TiffWriter(path, byteorder="<") as file:
         placed = file.write(
             shape=shape,
@@ -75,7 +81,7 @@ def write_tiff(
             metadata=None,
             software=False,
             subfiletype=0,
-            extratags=[(274, DATATYPE.SHORT, 1, 1, True), *more],
+            extratags=[(274, DATATYPE.SHORT, 1, 1, True), *more, *directory],
             returnoffset=True,
         )
     assert placed is not None, "a plane that is not compressed is in one place"
@@ -90,10 +96,25 @@ def write_tiff(
                 raise ValueError(f"{path}: rows {first} to {end} are {pixels.shape}")
             crc = zlib.crc32(pixels.data, crc)
             stream.write(pixels.data)
+        directory_at = stream.tell()
+        if exif:
+            stream.write(_directory(exif).tobytes(directory_at))
     with tifffile.TiffFile(path, mode="r+") as file:
         tags = file.pages.first.tags
+        if exif:
+            to_exif = tags[_TO_EXIF - 1].overwrite(directory_at)
+            file.filehandle.seek(to_exif.offset)
+            file.filehandle.write(_TO_EXIF.to_bytes(2, "little"))
         tags["ImageDescription"].overwrite(_text({**about, CRC: f"{crc:08x}"}))
         tags["PhotometricInterpretation"].overwrite(photometric)  # tifffile writes no linear raw of one plane
+
+
+def _directory(fractions: Mapping[int, float]) -> ImageFileDirectory_v2:
+    directory = ImageFileDirectory_v2(b"II*\0\0\0\0\0")
+    for tag, value in sorted(fractions.items()):
+        directory[tag] = IFDRational(*_fraction(value))
+    directory[_EXIF_VERSION], directory.tagtype[_EXIF_VERSION] = b"0230", DATATYPE.UNDEFINED
+    return directory
 
 
 def _text(about: Json) -> str:
@@ -110,7 +131,8 @@ def read_tiff(path: str | Path) -> tuple[np.ndarray, Json]:
         crc = about.pop(CRC)
     except Exception as error:  # a damaged tag may lead tifffile anywhere
         raise DamagedFile(path, f"not a readable TIFF file of this program ({error})") from error
-    pixels, described = memoryview(data)[start:], zlib.crc32(_text(about).encode())
+    pixels = memoryview(data)[start : start + 2 * shape[0] * shape[1]]
+    described = zlib.crc32(_text(about).encode())
     if len(pixels) != 2 * shape[0] * shape[1] or f"{zlib.crc32(pixels, described):08x}" != crc:
         raise DamagedFile(path, "the content does not match its checksum")
     return np.frombuffer(pixels, "<u2").reshape(shape).astype(np.uint16), about
@@ -132,7 +154,10 @@ class Negative:
     white_dn: int  # value of saturation
     # Names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters
     filters: tuple[str, ...] = ("mono",)
-    exposure_time_s: float = 0.0  # 0: it is not stated
+    # Of its exposure and its lens; 0: not stated
+    exposure_time_s: float = 0.0
+    f_number: float = 0.0
+    focal_length_mm: float = 0.0
     neutral: tuple[float, ...] = ()  # what red, green and blue count of white, over the most; empty: unknown
     # Three rows each, what they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights: that of the
     # scene, and another
@@ -154,8 +179,14 @@ def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json,
         *_of_filters(negative.filters),
         *_of_light(negative),
     ]
+    facts = {
+        "ExposureTime": negative.exposure_time_s,
+        "FNumber": negative.f_number,
+        "FocalLength": negative.focal_length_mm,
+    }
+    exif = {TIFF.EXIF_TAGS[name]: value for name, value in facts.items() if 0 < value < math.inf}
     has_mosaic = len(set(negative.filters)) > 1
-    write_tiff(path, shape, rows, about, PHOTOMETRIC.CFA if has_mosaic else PHOTOMETRIC.LINEAR_RAW, tags)
+    write_tiff(path, shape, rows, about, PHOTOMETRIC.CFA if has_mosaic else PHOTOMETRIC.LINEAR_RAW, tags, exif)
 
 
 def _tag(name: str, kind: DATATYPE, values: str | bytes | tuple[int, ...]) -> Tag:
@@ -164,16 +195,15 @@ def _tag(name: str, kind: DATATYPE, values: str | bytes | tuple[int, ...]) -> Ta
 
 def _fractions(name: str, kind: DATATYPE, values: Iterable[float]) -> Tag:
     """A tag of numbers as fractions, each as near to its number as TIFF can write it."""
-    ratios = [
-        Fraction(value).limit_denominator(max(1, int(_LARGEST / max(1.0, abs(value))))).as_integer_ratio()
-        for value in values
-    ]
+    ratios = [_fraction(value) for value in values]
     return TIFF.TAGS[name], kind, len(ratios), tuple(number for ratio in ratios for number in ratio), True
 
 
+def _fraction(value: float) -> tuple[int, int]:
+    return Fraction(value).limit_denominator(max(1, int(_LARGEST / max(1.0, abs(value))))).as_integer_ratio()
+
+
 def _of_light(negative: Negative) -> Iterator[Tag]:
-    if negative.exposure_time_s > 0:
-        yield _fractions("ExposureTime", DATATYPE.RATIONAL, (negative.exposure_time_s,))
     if negative.neutral:
         yield _fractions("AsShotNeutral", DATATYPE.RATIONAL, negative.neutral)
     for number, (light, rows) in enumerate(negative.from_xyz.items(), start=1):

@@ -233,7 +233,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     if response is None or irradiation is None:
         return
     kind = "colour_image" if entry.channels else "image"
-    of_cameras = {"camera": seen_through(graph, entry)} if irradiation.radiance else {}
+    of_cameras = {"camera": seen_through(graph, entry)}
     seen = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
     channels = [radiance.channel for radiance in irradiation.channels]
     of_cameras |= {f"camera_{channel}": seen_through(graph, seen[channel]) for channel in channels if channel}

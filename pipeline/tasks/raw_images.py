@@ -12,6 +12,7 @@ from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
 from pipeline.files.tiff import Negative, mapped, write_dng, write_tiff
+from pipeline.optics.first_order import first_order
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.render.radiometry import FieldTransmission, field_transmission, photon_rate
 from pipeline.render.sensor import read_out
@@ -53,7 +54,7 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
     about = _about(params, at_one)
     write_tiff(out / TIFF, shape, rows, about)
     numbers = mapped(out / TIFF)
-    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, _negative(params, at_one))
+    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, _negative(params, inputs, at_one))
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
 
 
@@ -71,15 +72,17 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
 
 
-def _negative(params: Expose, photons_at_one: dict[str, float]) -> Negative:
+def _negative(params: Expose, inputs: Inputs, photons_at_one: dict[str, float]) -> Negative:
     """Facts for raw converters; colours of a mosaic of red, green and blue alone."""
-    known, response = params.colorimetry, params.response
+    known, response, lens = params.colorimetry, params.response, first_order(focused_camera(inputs).prescription)
     negative = Negative(
         model=params.camera,
         black_dn=response.black_level_dn,
         white_dn=response.white_dn,
         filters=response.filters,
         exposure_time_s=params.irradiation.exposure_time_s,
+        f_number=lens.f_number,
+        focal_length_mm=lens.efl_mm,
     )
     efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
     electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}

@@ -1,6 +1,9 @@
 """`pipeline target`: what a target is, as words and as a print."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,3 +63,22 @@ def test_a_target_of_a_dataset_is_found_by_its_name(run):
 def test_what_cannot_be_printed_is_refused(run, arguments, message):
     code, _, log = run("target", *arguments)
     assert code == 2 and message in log
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file"),
+    [
+        (("target", TARGETS / "charuco_8x5.usda", "--pdf"), "print.pdf"),
+        pytest.param(("fit", TINY, "-o"), "fitted.usda", marks=pytest.mark.heavy),
+        pytest.param(("plan", TINY, "--specs"), "specs", marks=pytest.mark.heavy),
+    ],
+)
+def test_a_file_that_was_asked_for_is_written_although_nobody_reads_the_page(tmp_path, arguments, file):
+    """As before `| head -1`: the reader has gone before the first line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "pipeline", *map(str, arguments), file]
+    places = {"PIPELINE_CACHE": str(tmp_path / "store"), "PYTHONPATH": str(ROOT)}
+    subprocess.run(command, cwd=tmp_path, stdout=writer, env={**os.environ, **places}, check=False)
+    os.close(writer)
+    assert (tmp_path / file).exists()

@@ -1,5 +1,8 @@
 """Raw images as TIFF and DNG: other programs read what we write, bit for bit, and damage is known."""
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 import rawpy
@@ -82,6 +85,8 @@ def test_the_tags_of_a_negative_are_those_of_the_specification(tmp_path):
         white_dn=60123,
         filters=("red", "green", "green", "blue"),
         exposure_time_s=0.0125,
+        f_number=2.8,
+        focal_length_mm=12.5,
         neutral=(0.5, 1.0, 0.75),
         from_xyz={"D65": [[1.25, -0.5, 0.0]], "the lamp": [[1.0, 0.0, 0.0]]},
     )
@@ -90,9 +95,21 @@ def test_the_tags_of_a_negative_are_those_of_the_specification(tmp_path):
         tags = {tag.code: tag.value for tag in file.pages.first.tags}
     expected = {
         254: 0, 259: 1, 262: 32803, 271: "plenoptic-pipeline", 272: "A", 274: 1, 33421: (2, 2), 33422: b"\0\1\1\2",
-        33434: (1, 80), 50706: b"\1\4\0\0", 50707: b"\1\1\0\0", 50708: "plenoptic-pipeline A", 50710: b"\0\1\2",
+        50706: b"\1\4\0\0", 50707: b"\1\1\0\0", 50708: "plenoptic-pipeline A", 50710: b"\0\1\2",
         50711: 1, 50713: (1, 1), 50714: (257, 4), 50717: 60123, 50721: (5, 4, -1, 2, 0, 1), 50722: (1, 1, 0, 1, 0, 1),
         50728: (1, 2, 1, 1, 3, 4), 50778: 21, 50779: 255,
     }  # fmt: skip
     assert {code: tags[code] for code in expected} == expected
-    assert not {305, 306, 50827} & tags.keys()
+    assert not {305, 306, 33434, 50827} & tags.keys()
+    # Exif 2.3: what belongs to its own directory stands there, and the pixels are as before.
+    exif = {"ExposureTime": (1, 80), "FNumber": (14, 5), "FocalLength": (25, 2), "ExifVersion": "0230"}
+    assert tags[34665] == exif
+    np.testing.assert_array_equal(read_tiff(tmp_path / "raw.dng")[0], NUMBERS)
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="needs exiftool (Debian: libimage-exiftool-perl)")
+def test_exiftool_finds_nothing_wrong_in_a_negative(tmp_path):
+    negative = Negative(model="A", black_dn=64, white_dn=4000, exposure_time_s=0.02, f_number=2.8, focal_length_mm=12.5)
+    write_dng(tmp_path / "raw.dng", NUMBERS.shape, rows, ABOUT, negative)
+    command = ["exiftool", "-validate", "-warning", "-a", "-n", "-s3", str(tmp_path / "raw.dng")]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "0 0 0\n"

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rawpy
+from laws import rigs
 from laws.rigs import facing
 from naive import polar
 from stage_text import edited, exposed, stage_in, tiny_text
@@ -23,6 +24,7 @@ from pipeline.render.radiometry import FieldTransmission
 from pipeline.render.sensor.read_out import Shot, digital_numbers, fixed_pattern
 from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.scene.load import load
+from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose
 
@@ -126,6 +128,12 @@ def test_a_flat_white_target_has_the_noise_of_its_sensor_and_no_pattern_of_rays(
     np.testing.assert_allclose([white[row, column] for column, row in corners], np.array(weights) / axis, rtol=1e-4)
 
 
+def camera_in(folder):
+    """The input of a camera, whose lens a negative states."""
+    write_json(folder / FOCUSED, to_plain(rigs.conventional()))
+    return {"camera": {FOCUSED: folder / FOCUSED}}
+
+
 def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
     """Neither does the crosstalk from one band into the next."""
     light = np.random.default_rng(2).uniform(0, 1.2, (61, 23))
@@ -134,7 +142,7 @@ def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
     for name, band_px in (("whole", 1 << 20), ("bands", 5 * 23), ("rows", 1)):
         (tmp_path / name).mkdir()
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
-        expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path / name)
+        expose(params, {"image": {"image.exr": tmp_path / "image.exr"}, **camera_in(tmp_path)}, tmp_path / name)
     for file in RAW:
         assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
         assert (tmp_path / "rows" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
@@ -165,7 +173,7 @@ def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeyp
     inputs = {
         name: {f"{name}.{end}": tmp_path / f"{name}.{end}"}
         for name, end in (("image", "exr"), ("transmission", "json"))
-    }
+    } | camera_in(tmp_path)
     for band_px in (1 << 20, 1):
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
         expose(params, inputs, tmp_path)

@@ -150,13 +150,15 @@ def fit(
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     camera_fit = fitted(place, camera, names, tuple(allow_root or ()))
     fits = camera_fit.camera
+    written = [
+        (path, write) for path, write in ((plot, camera_fit.plot), (layer, camera_fit.layer)) if path is not None
+    ]
+    for path, write in written:
+        write(path)  # before whoever reads the page may leave
     say(json_bytes(document(fits)).decode().rstrip("\n") if as_json else "\n".join(page(fits)))
     if camera_fit.left_out is not None:
         note(f"no thin lens before pinholes: {camera_fit.left_out}")
-    for path, write in ((plot, camera_fit.plot), (layer, camera_fit.layer)):
-        if path is not None:
-            write(path)
-            note(f"wrote {path}")
+    note(*(f"wrote {path}" for path, _ in files if path is not None))
 
 
 def inform(
@@ -190,12 +192,11 @@ def inform(
 
     require_suffix(plot, ".svg")  # before anything is computed
     known = informed(out, camera, model, noise, tuple(allow_root or ()))
-    say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
     if plot is not None:
         stages.draw(drawing(known), plot)
-        note(f"wrote {plot}")
-    if to_report:
-        note(f"wrote {written(out, warn=note, informed={known.camera: part(known)})}")
+    report = written(out, warn=note, informed={known.camera: part(known)}) if to_report else None
+    say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
+    note(*(f"wrote {file}" for file in (plot, report) if file is not None))
 
 
 def report(

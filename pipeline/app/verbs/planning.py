@@ -148,6 +148,10 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
     to_come = forecast_of(project, tasks, size, assumed_cost)
+    written = None
+    if specs is not None:
+        with chosen_place("write", specs):
+            written = write_specs(tasks, specs)
     if as_json:
         rows = [task.to_dict() for task in tasks]
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
@@ -155,9 +159,8 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
         say_json({**head, **counts, "forecast": to_come.to_dict(), "tasks": rows})
     else:
         say(*describe(tasks, to_come))
-    if specs is not None:
-        with chosen_place("write", specs):
-            note(f"{len(write_specs(tasks, specs))} specs in {specs}")
+    if written is not None:
+        note(f"{len(written)} specs in {specs}")
     return any(task.state != "cached" for task in tasks)
 
 
