@@ -163,6 +163,28 @@ def test_the_link_of_the_section_that_is_read_says_so(tab):
         assert tab.run(current) == [[f"#{name}", "location"]]
 
 
+def test_a_link_lands_at_its_section_n_works_at_once_and_all_is_there_without_scrolling(program, page):
+    """Of a page that was just opened; links used to land where a section had been before others were filled."""
+    with chromium.browser(program) as tab:
+        for link in ("build", "residuals"):
+            tab.look_as(800, 900)
+            tab.open(page[1])
+            tab.run(f"document.querySelector('nav a[href=\"#{link}\"]').click()")
+            tab.wait("!document.querySelector('[aria-busy]') && document.querySelector('#build svg')")
+            tab.settle("window.scrollY + document.body.scrollHeight")
+            end = "window.scrollY + window.innerHeight > document.body.scrollHeight - 2"
+            top = tab.run(f"document.querySelector('#{link}').getBoundingClientRect().top")
+            assert 90 < top < 130 or tab.run(end), link
+        tab.press("n")
+        tab.wait("document.querySelector('[data-column=x_px]')")
+        assert tab.run("document.querySelectorAll('.card, .bar-fill, .spot circle, .u-over').length") > 50
+        assert (
+            tab.run("[...new Set([...document.querySelectorAll('.spot svg')].map(one => one.clientWidth))].length") == 1
+        )
+        assert "all points in" in tab.run("document.querySelector('#overview').textContent")
+        assert tab.errors == []
+
+
 def test_the_view_in_space_comes_closer_by_keys_and_histograms_have_their_values(tab):
     tab.run("document.querySelector('#residuals').scrollIntoView()")
     tab.wait("document.querySelector('#residuals details')")

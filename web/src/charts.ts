@@ -17,7 +17,7 @@ export function chartOf(chart: Chart): HTMLElement {
     values: (_: uPlot, values: number[]) => values.map((value) => (value === null ? "" : figure(value, 6))),
   });
   const options = (width: number): uPlot.Options => ({
-    width, height: 250, legend: { show: true, live: true }, cursor: { points: { size: 6 } }, scales: { x: { time: false } },
+    width, height: 250, legend: { show: true, live: true }, cursor: { points: { size: 6 } }, scales: { x: { time: false }, ...(chart.y_range ? { y: { range: chart.y_range as [number, number] } } : {}) },
     axes: [axis(chart.x_name, 34), axis(chart.y_name, 62)],
     series: [
       { label: chart.x_name, value: (_, value) => (value === null ? "" : figure(value, 4)) },

@@ -81,14 +81,27 @@ export function colour(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-/** Runs when an element first comes near the screen. */
-export function whenSeen(element: Element, run: () => void): void {
-  const watcher = new IntersectionObserver((entries) => {
-    if (!entries.some((entry) => entry.isIntersecting)) return;
+const waiting = new Set<() => void>();
+const running = new Set<Promise<void>>();
+
+/** Runs once: when an element first comes near the screen, or with `fillAll`. */
+export function whenSeen(element: Element, run: () => void | Promise<void>): void {
+  const once = () => {
+    if (!waiting.delete(once)) return;
     watcher.disconnect();
-    run();
+    running.add(Promise.resolve(run()));
+  };
+  const watcher = new IntersectionObserver((entries) => {
+    if (entries.some((entry) => entry.isIntersecting)) once();
   }, { rootMargin: "300px" });
+  waiting.add(once);
   watcher.observe(element);
+}
+
+/** Fills all that waits to be seen: who prints the page, or follows a link past it, needs its heights. */
+export async function fillAll(): Promise<void> {
+  for (const run of [...waiting]) run();
+  await Promise.allSettled([...running]);
 }
 
 /** A button that stays pressed. */

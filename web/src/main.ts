@@ -1,7 +1,7 @@
 // The page: header, sections, keys.
 
 import { load } from "./data";
-import { h } from "./dom";
+import { fillAll, h } from "./dom";
 import type { Page } from "./records";
 import { SceneView } from "./scene3d";
 import { history, information, lens, logo, optics, overview, residuals, verdictOf, VERDICTS } from "./sections";
@@ -106,8 +106,12 @@ async function begin(): Promise<void> {
     h("footer", {}, "Written by plenoptic-pipeline. three.js, OpenSeadragon and uPlot: see ", h("a", { href: "LICENSES.txt" }, "LICENSES.txt"), "."), dialog);
   keys(state, viewer, theme, () => dialog.showModal());
   follow(links);
-  if (location.hash) document.querySelector(location.hash)?.scrollIntoView();
+  const land = () => { if (location.hash) document.querySelector(location.hash)?.scrollIntoView(); };
+  addEventListener("hashchange", () => void fillAll().then(land));
+  addEventListener("beforeprint", () => void fillAll());
+  land();
   document.documentElement.dataset.ready = "yes";
+  setTimeout(() => void fillAll().then(land), 200); // what is on the screen comes first
 }
 
 begin().catch((error: Error) => document.body.replaceChildren(h("p", { class: "failed-to-load", role: "alert" }, `The report cannot be shown: ${error.message}`)));

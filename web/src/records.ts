@@ -101,6 +101,7 @@ export interface Chart {
   y_name: string;
   x: (number | null)[];
   lines: Line[];
+  y_range: [number, number] | null;
 }
 
 /** A surface of the lens for the 3-D view, vision frame. */

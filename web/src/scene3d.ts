@@ -42,7 +42,7 @@ export class SceneView {
       h("div", { class: "bar" }, h("div", { class: "zoom", role: "group", "aria-label": "Point of view" }, ...looks),
         h("div", { class: "toggles", role: "group", "aria-label": "Parts of the scene" }, ...layers)),
       this.box, this.note);
-    whenSeen(this.element, () => void this.begin());
+    whenSeen(this.element, () => this.begin());
     state.on(["camera", "frame", "theme"], () => void this.build());
   }
 

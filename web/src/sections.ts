@@ -78,7 +78,10 @@ function seen(page: Page): HTMLElement {
     const share = view && view.of ? view.seen / view.of : 0;
     return h("td", { class: "seen", style: `--share:${share}` }, h("span", {}, view ? `${view.seen} of ${view.of}` : "–"), h("small", {}, view ? `${count(view.rows)} rows` : ""));
   })));
-  const head = h("tr", {}, h("th", { scope: "col" }, "frame"), ...page.cameras.map((camera) => h("th", { scope: "col" }, camera.name)));
+  const head = h("tr", {}, h("th", { scope: "col" }, "frame"), ...page.cameras.map((camera) => {
+    const complete = camera.views.filter((view) => view.seen === view.of).length;
+    return h("th", { scope: "col" }, camera.name, h("small", {}, `all points in ${complete} of ${camera.views.length} frames`));
+  }));
   return h("div", { class: "panel" }, h("h3", {}, "Points seen"), h("div", { class: "scroll tall" }, h("table", {}, h("thead", {}, head), h("tbody", {}, ...rows))));
 }
 
@@ -93,7 +96,7 @@ function ofOptics(state: State, fill: (optics: Optics, camera: CameraPart) => No
     place.replaceChildren(...nodes);
     place.removeAttribute("aria-busy");
   };
-  whenSeen(place, () => { begun = true; void show(); });
+  whenSeen(place, () => { begun = true; return show(); });
   state.on(["camera", "theme"], () => { if (begun) void show(); });
   return place;
 }
@@ -140,7 +143,7 @@ export function information(state: State): HTMLElement {
     const nodes = camera.information ? informed(await load<InformationPart>(camera.information)) : [h("p", { class: "muted" }, `Nothing has been asked of ${camera.name}: pipeline inform OUT ${camera.name} --report`)];
     if (camera === state.camera) place.replaceChildren(...nodes);
   };
-  whenSeen(place, () => void show());
+  whenSeen(place, show);
   state.on(["camera"], () => void show());
   return place;
 }
@@ -153,7 +156,7 @@ function informed(found: InformationPart): Node[] {
 
 export function history(state: State): HTMLElement {
   const place = h("div", {});
-  whenSeen(place, () => void load<History>(state.page.history).then((found) => {
+  whenSeen(place, () => load<History>(state.page.history).then((found) => {
     place.replaceChildren(...timelineOf(found),
       ...(found.graph ? [h("div", { class: "panel" }, h("h3", {}, "Graph of tasks"), h("p", { class: "muted" }, "Frames and tiles are one box; orange ran in the last build, green was in the store."), h("div", { class: "drawing scroll", role: "img", "aria-label": "graph of tasks" }, svg(found.graph)))] : []),
       versions(state.page));

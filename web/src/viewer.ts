@@ -52,11 +52,16 @@ export class ImageViewer {
     this.stage.addEventListener("keydown", (event) => this.key(event));
     state.on(["camera"], () => void this.show());
     state.on(["frame"], () => void this.show(true));
-    whenSeen(this.element, () => { this.begin(); void this.show(); });
+    whenSeen(this.element, () => { this.begin(); return this.show(); });
   }
 
-  /** Presses the button of an overlay. */
+  /** Presses the button of an overlay, or goes to the next point or to that before. */
   press(key: string): boolean {
+    if (key === "n" || key === "p") {
+      this.element.scrollIntoView({ block: "nearest" });
+      this.next(key === "n" ? 1 : -1);
+      return true;
+    }
     this.buttons.get(key)?.click();
     return this.buttons.has(key);
   }
@@ -147,14 +152,18 @@ export class ImageViewer {
       ArrowUp: () => viewport.panBy(new OpenSeadragon.Point(0, -step)),
       ArrowDown: () => viewport.panBy(new OpenSeadragon.Point(0, step)),
       "+": () => this.zoom(1.5), "=": () => this.zoom(1.5), "-": () => this.zoom(1 / 1.5), "0": () => this.zoom(-1),
-      n: () => this.goTo(((this.chosen ?? -1) + 1) % (this.rows?.length || 1)),
-      p: () => this.goTo(((this.chosen ?? 0) - 1 + (this.rows?.length || 1)) % (this.rows?.length || 1)),
+      n: () => this.next(1), p: () => this.next(-1),
     };
     if (!moves[event.key]) return;
     moves[event.key]();
     viewport.applyConstraints();
     event.preventDefault();
     event.stopPropagation();
+  }
+
+  private next(by: number): void {
+    const many = this.rows?.length || 1;
+    this.goTo(((this.chosen ?? (by > 0 ? -1 : 0)) + by + many) % many);
   }
 
   /** Moves to a row, and says it. */

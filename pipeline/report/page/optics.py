@@ -95,6 +95,7 @@ def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
         y_name="contrast",
         x=drawn(frequency),
         lines=tuple(lines),
+        y_range=(0.0, 1.0),
     )
 
 

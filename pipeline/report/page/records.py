@@ -116,6 +116,7 @@ class Chart:
     y_name: str
     x: Numbers
     lines: tuple[Line, ...]
+    y_range: tuple[float, float] | None = None  # ends of the axis; None: those of the lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
