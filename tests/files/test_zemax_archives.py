@@ -1,6 +1,7 @@
 """A lens in an archive of Zemax is the lens of its file, and no archive asks for more than it holds."""
 
 import io
+import tracemalloc
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -99,3 +100,16 @@ def test_a_spoilt_archive_is_refused(made: bytes, said: str, tmp_path: Path, mon
     monkeypatch.setattr(zar, "_MOST_BYTES", 4000)
     assert refused(tmp_path, "a.zar", made).startswith(said)
     assert [path.name for path in tmp_path.iterdir()] == ["a.zar"]
+
+
+def test_a_packed_lens_takes_no_more_memory_than_the_largest_that_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each code is the word that the one before it completes, so that 4 kB unpack to 4 MB."""
+    codes = [10, *range(256, 3000)]
+    bits = "".join(f"{code:0{max(9, (255 + place).bit_length())}b}" for place, code in enumerate(codes))
+    packed = int(bits.ljust(-(-len(bits) // 8) * 8, "0"), 2).to_bytes(-(-len(bits) // 8), "big")
+    assert zar._unpacked(packed) == b"\n" * sum(range(1, len(codes) + 1))
+    monkeypatch.setattr(zar, "_MOST_BYTES", 4000)
+    tracemalloc.start()
+    assert zar._unpacked(packed) == b"\n" * 4000
+    assert tracemalloc.get_traced_memory()[1] < 100_000
+    tracemalloc.stop()
