@@ -155,6 +155,7 @@ def print_target(
     ] = None,
     svg: Annotated[Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw it in true size, as SVG.")] = None,
     pdf: Annotated[Path | None, option(OUTPUT, metavar="FILE.pdf", help="Draw it in true size, as PDF.")] = None,
+    as_json: Json = False,
     allow_root: Roots = None,
 ) -> None:
     """Describe a target, its points and ids; print it in true size."""
@@ -164,10 +165,12 @@ def print_target(
         require_suffix(path, suffix)
     shown = artwork(stage, target, tuple(allow_root or ()))
     note(*shown.warnings)
+    points = shown.entry.target.points()
+    facts = {"name": shown.entry.name, "kinds": list(points.kinds), "points_mm": points.position_mm.tolist()}
     try:  # before whoever reads the page may leave
         papers = [f"wrote {path}: {shown.write(path)}" for path in (svg, pdf) if path]
     finally:
-        say("\n".join(shown.page()))
+        say_json(facts) if as_json else say("\n".join(shown.page()))
     note(*papers)
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import os
 import subprocess
 from collections.abc import Callable, Iterable, Mapping
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -134,12 +135,18 @@ def build(
     UsageError
         An argument has the wrong type or is out of range, or an option is unknown.
     """
-    known = [field.name for field in dataclasses.fields(BuildOptions)]
+    known = list(signature(BuildOptions).parameters)
     for name in options.keys() - set(known):
         near = nearest(name, known)
         hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
         raise UsageError(f"build has no option {name!r}", hint=hint)
     return build_with(path, out, BuildOptions(**options), on_event or silent)
+
+
+_before = list(signature(build).parameters.values())[:-1]
+build.__signature__ = signature(build).replace(  # type: ignore[attr-defined]  # what notebooks complete
+    parameters=[*_before, *signature(BuildOptions).parameters.values()]
+)
 
 
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:

@@ -11,7 +11,7 @@ from pipeline.exports.conversion import write_format
 from pipeline.exports.gathering import POSITIONS, chosen, gather
 from pipeline.exports.material import Material
 from pipeline.exports.noise import Noise, with_noise
-from pipeline.formats import EXACT, Cameras, ExportError, Format, folder_of, format_of, loadable
+from pipeline.formats import EXACT, SIDE_CAR, Cameras, ExportError, Format, folder_of, format_of, loadable
 from pipeline.results.answers import SeenScene
 from pipeline.results.output import Output
 from pipeline.spelling import did_you_mean
@@ -31,6 +31,7 @@ class Request:
     only: tuple[str, ...] = ()
     position: str = EXACT
     noise: Noise = field(default_factory=Noise)
+    replace: bool = False  # folders of ours that are there
 
     def __post_init__(self) -> None:
         if self.position not in POSITIONS:
@@ -56,7 +57,7 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     """Write a build in several formats, each into a folder of its name, which are returned; all or nothing of a format.
 
     `formats`: names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
-    Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there.
+    Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there and not to be replaced.
     """
     asked = _asked(formats, folder, request or Request())
     # Formats share them, but not with another call: the folder may have been built again
@@ -68,8 +69,11 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     }
     for place, (name, wish) in asked.items():
         _require_kind(name, format_of(name), materials[wish])
-        if place.exists():
-            raise ExportError(f"{place} exists", hint="remove it, or choose another folder with -o")
+        if place.exists() and not (wish.replace and (place / SIDE_CAR).exists()):
+            what = f"{place} exists{', and is no export' if wish.replace else ''}"
+            raise ExportError(
+                what, hint="remove it, replace an export with --replace, or choose another folder with -o"
+            )
     for place, (name, wish) in asked.items():
         _write(name, materials[wish], place, wish)
     return list(asked)
@@ -93,6 +97,8 @@ def _write(name: str, material: Material, place: Path, request: Request) -> None
     try:
         aside.chmod(0o755)
         write_format(name, material, aside, request.position, request.noise)
+        if place.exists():  # it is to be replaced
+            shutil.rmtree(place)
         aside.rename(place)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

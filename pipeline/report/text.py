@@ -248,7 +248,7 @@ def _curves(curves: FieldCurves) -> Iterator[str]:
     yield f"real rays of the main lens, without microlenses; distortion for objects at {_mm(curves.object_mm, 1)}"
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
-    rows = [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", "-" if math.isnan(d) else f"{d + 0.0:.4f}") for h, a, e, d in values]
+    rows = [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", "-" if math.isnan(d) else f"{d:z.4f}") for h, a, e, d in values]
     yield from table(columns, rows)
     if curves.is_dark_in_the_corner:
         ends = f"light ends {_mm(curves.height_mm[-1])} from the axis, the image circle"
@@ -267,7 +267,7 @@ def _line(row: Figure) -> str:
 
 
 def _mm(value: float, digits: int = 3) -> str:
-    return "infinity" if math.isinf(value) else f"{value:.{digits}f} mm"
+    return "infinity" if math.isinf(value) else f"{value:z.{digits}f} mm"
 
 
 def _range(near: float, far: float) -> str:

@@ -46,6 +46,9 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
         settings = TruthSettings()
         rig = Rig.of(Tracer(source))
         return ReadyCamera(name="", rig=rig, min_hit_fraction=settings.min_hit_fraction, accuracy_px=settings.aim_px)
+    if not isinstance(source, str | Path):
+        hint = "give its `path`" if hasattr(source, "path") else "give a path, or a Camera"
+        raise UsageError(f"a {type(source).__name__} is no stage, no folder of a build and no Camera", hint=hint)
     return opened(Path(source), name, allow_roots).ready()
 
 

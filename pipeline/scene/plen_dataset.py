@@ -31,7 +31,6 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, metadata_problem, not_drawn, problem, shortened, warning
 from pipeline.scene.usd.values import Sources, need, read, target_paths, targets
-from pipeline.scene.windows import WINDOWS
 from pipeline.spelling import frames_in_words
 
 LONGEST_NAME = 200
@@ -241,7 +240,7 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
-    """One warning per window, and per type of prim that viewers show, without effect on images of a dataset."""
+    """One warning per type of prim that viewers show, without effect on images of a dataset."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     relationships = [
@@ -255,10 +254,6 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         for attribute in prim.GetAuthoredAttributes():
             if instead := _unheard(attribute):
                 unheard.setdefault(instead, []).append(attribute)
-        if prim.IsA("PlenWindow") and prim.GetPath() not in named:
-            message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
-            hint = f"name it in rel {WINDOWS} of each camera that it stands before"
-            yield warning(prim, "unused-window", message, hint=hint)
         if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
             continue
         if not is_drawn(prim):

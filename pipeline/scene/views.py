@@ -288,7 +288,7 @@ def _picture(camera: Camera) -> str:
     """The picture in which blur is counted, where that is not the image."""
     if not camera.microlenses:
         return ""
-    return " in a micro-image" if view_of(camera) is camera else " in a view, which has a pixel per microlens"
+    return " in a micro-image" if view_of(camera) is camera else " in a view of a pixel per microlens"
 
 
 def _listed(missed: dict[int, int]) -> str:
@@ -317,9 +317,10 @@ def _hint(camera: Camera, view: _View, missed: dict[int, int]) -> str:
         return f"in frame {number}, {z:.4g} mm before the stop, points are {apart} and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, wide = np.median(view.outlook.blur_px[index]), widest_blur_px(view_of(camera))
+        of = _picture(camera).removeprefix(" in ") or "the image"
         return (
             f"in frame {number} it is {z:.4g} mm before the stop, and the focus at {middle_focus(camera):.4g} mm: its"
-            f" points blur to {blur:.3g} px of {wide:.3g} px{_picture(camera) or ' in the image'}"
+            f" points blur to {blur:.3g} px, and {of} is {wide:.3g} px wide"
         )
     width, height = covered_mm(camera, float(z))
     across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")

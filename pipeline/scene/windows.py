@@ -248,6 +248,16 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
         return  # reported where the window is checked
 
 
+def check_unnamed_windows(prims: Sequence[Usd.Prim], cameras: Sequence[Usd.Prim]) -> Iterator[Problem]:
+    """One warning per window that no camera of a stage looks through; none in a stage without cameras."""
+    named = {prim for camera in cameras for prim in _windows(camera)}
+    for prim in prims if cameras else ():
+        if prim.IsA("PlenWindow") and prim not in named:
+            message = f"no camera looks through <{prim.GetPath()}>: it bends no light"
+            hint = f"name it in rel {WINDOWS} of each camera that it stands before"
+            yield warning(prim, "unused-window", message, hint=hint)
+
+
 def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, number: float) -> str | None:
     """The first of windows, given from the lens outwards, that is not before what follows it, or not turned to it.
 

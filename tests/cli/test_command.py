@@ -105,13 +105,22 @@ def test_plan_explain_and_status_agree(pipeline, stage):
     assert "params.samples: 8 -> 9" in pipeline("explain", "s.json", "cameras/cam/near.bin")[1]
     assert pipeline("explain", "s.json")[1].count("params.samples: 8 -> 9") == 1
     assert pipeline("status", "s.json")[1].splitlines()[:2] == [
-        "frames: 2 stale; other files: 1 built, 3 stale",
-        "stale    frames 0-1",
+        "frames: 2 maybe; other files: 1 built, 1 maybe, 2 stale",
+        "maybe    frames 0-1",
     ]
     pipeline("build", "s.json", "frames/0001", "-j1")
     head, *lines = pipeline("status", "s.json")[1].splitlines()
-    assert head.startswith("frames: 1 built, 1 stale; other files: 1 built, 3 stale; no manifest")
+    assert head.startswith("frames: 1 built, 1 stale; other files: 1 built, 1 maybe, 2 stale; no manifest")
     assert lines[:2] == ["built    frame 1", "stale    frame 0"]
+
+
+def test_every_verb_that_answers_does_so_in_json(run, conventional_build):
+    asked = [("cache", "path"), ("target", "targets/charuco_8x5.usda"), ("report", str(conventional_build), "-o", "r")]
+    answers = [json.loads(run(*words, "--json")[1]) for words in asked]
+    assert answers[1]["kinds"] == ["corner"] * len(answers[1]["points_mm"]) and len(answers[1]["kinds"]) == 28
+    assert Path(answers[0]["store"]).is_absolute() and Path(answers[2]["report"]).is_file()
+    stage = str(Path(conventional_build) / "dataset.usda")
+    assert json.loads(run("graph", stage, "--json")[1])["groups"]
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,7 @@ def test_a_lens_that_nobody_knows_is_a_thin_one(run):
     assert shown["sensor_distance_mm"] == pytest.approx(1 / (1 / 12 - 1 / 500), rel=1e-12)
     assert shown["lens"]["stop_diameter_mm"] == pytest.approx(6.0)
     assert "usdview" not in run("check", "r.usda")[2]
+    assert not re.search(r"-0\.0+\b", run("show", "r.usda")[1])
 
 
 def test_a_rig_keeps_all_digits_of_what_was_asked(run):

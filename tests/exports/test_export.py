@@ -61,6 +61,17 @@ def test_a_folder_that_is_there_is_left_alone(command, out, tmp_path):
     code, _, told = command("npz,opencv", out)
     assert code == 2 and "exports/out/opencv exists" in told
     assert [path.name for path in (tmp_path / "exports/out").iterdir()] == ["opencv"]
+    assert "is no export" in command("npz,opencv", out, "--replace")[2]
+
+
+def test_exports_are_replaced_on_demand_and_answer_in_json(command, out, tmp_path):
+    folders = [str(tmp_path / "here" / name) for name in ("npz", "opencv")]
+    assert json.loads(command("npz", out, "-o", tmp_path / "here", "--json")[1]) == {"folders": folders[:1]}
+    (tmp_path / "here/npz/old.txt").touch()
+    assert command("npz,opencv", out, "-o", tmp_path / "here")[0] == 2 and not (tmp_path / "here/opencv").exists()
+    again = command("npz,opencv", out, "-o", tmp_path / "here", "--replace", "--json")
+    assert json.loads(again[1]) == {"folders": folders}
+    assert not (tmp_path / "here/npz/old.txt").exists()
 
 
 def test_a_format_that_fails_leaves_nothing_behind(out, tmp_path):
@@ -142,6 +153,8 @@ def test_a_rig_of_which_one_sensor_is_tilted_has_as_many_coefficients_of_each_ca
 def test_the_list_has_a_line_per_format():
     shown = CliRunner().invoke(cli.app, ["export", "--list"]).output
     assert [line.split()[0] for line in shown.splitlines()] == names()
+    for words in (["--list", "--json"], ["--json", "--list"]):
+        assert list(json.loads(CliRunner().invoke(cli.app, ["export", *words]).output)) == names()
 
 
 def test_a_grid_is_found_only_where_ids_count_it_from_the_top():

@@ -1,6 +1,7 @@
 """`camera.project` and `camera.rays` answer as the ground truth does, and each is the other's inverse."""
 
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
@@ -181,3 +182,12 @@ def test_wrong_cameras_are_named(plenoptic_build, tmp_path):
         pipeline.ready(tmp_path)
     with pytest.raises(CameraError, match="accuracy_px"):
         pipeline.ready(plenoptic_build).project([[0, 0, 400]], accuracy_px=-1)
+    with pytest.raises(UsageError, match="a Output is no stage") as refused:
+        pipeline.ready(pipeline.open_output(plenoptic_build))
+    assert "path" in refused.value.hint
+
+
+def test_completion_sees_what_is_there_and_nothing_else():
+    assert {"jobs", "preview", "keep_going"} <= set(inspect.signature(pipeline.build).parameters)
+    assert "options" not in inspect.signature(pipeline.build).parameters
+    assert dir(pipeline) == sorted(pipeline.__all__)

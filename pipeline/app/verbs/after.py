@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note, option, require_suffix, say
+from pipeline.app.verbs.terminal import OUTPUT, Json, Roots, library_file, note, option, require_suffix, say, say_json
 from pipeline.errors import UsageError
 
 BuiltFolder = Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")]
@@ -20,19 +20,22 @@ def _formats(incomplete: str) -> list[str]:
     return [f"{before}{comma}{name}" for name in names() if name.startswith(begun)]
 
 
-def _print_formats(wanted: bool) -> None:
+def _print_formats(context: typer.Context, wanted: bool) -> None:
     if not wanted:
         return
     from pipeline.formats import ExportError, format_of, names
 
-    width = max(map(len, names()), default=0)
+    listed = dict[str, str]()
     for name in names():
         try:
             record = format_of(name)
+            listed[name] = f"{record.consumer}: {', '.join(record.files)} [cameras: {record.cameras}]"
         except ExportError as error:
-            say(f"{name:{width}}  {error.what}")
-            continue
-        say(f"{name:{width}}  {record.consumer}: {', '.join(record.files)} [cameras: {record.cameras}]")
+            listed[name] = error.what
+    if context.params["as_json"]:
+        say_json(listed)
+    else:
+        say(*(f"{name:{max(map(len, listed))}}  {told}" for name, told in listed.items()))
     raise typer.Exit
 
 
@@ -67,9 +70,10 @@ def export(
             help="Add Gaussian noise, outliers and missed points; every file says so.",
         ),
     ] = None,
+    replace: Annotated[bool, option(OUTPUT, "--replace", help="Replace folders of formats that are there.")] = False,
+    as_json: Annotated[bool, option(OUTPUT, "--json", is_eager=True, help="Print one JSON object.")] = False,
     listed: Annotated[
-        bool,
-        typer.Option("--list", is_eager=True, callback=_print_formats, help="Say which formats there are, and end."),
+        bool, typer.Option("--list", callback=_print_formats, help="Say which formats there are, and end.")
     ] = False,
 ) -> None:
     """Write the exact positions, cameras and poses of a build as files that other programs read.
@@ -84,10 +88,10 @@ def export(
 
     output = open_output(out)
     place = folder or Path("exports") / out.absolute().name
-    request = Request(only=tuple(only or ()), noise=noise_of(noise) if noise else Noise())
+    request = Request(only=tuple(only or ()), noise=noise_of(noise) if noise else Noise(), replace=replace)
     with chosen_place("write", place):
-        for path in written(output, formats.split(","), place, request):
-            say(path)
+        folders = [str(path) for path in written(output, formats.split(","), place, request)]
+    say_json({"folders": folders}) if as_json else say("\n".join(folders))
 
 
 def _print_models(wanted: bool) -> None:
@@ -206,6 +210,7 @@ def report(
         option(OUTPUT, "--out", "-o", metavar="FOLDER", help="Folder of the report; by default OUT.report."),
     ] = None,
     show: Annotated[bool, option(OUTPUT, "--open", help="Open the page in the browser of this desktop.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Write one page about a build: certificate, images with their truth, scene, lens, spots, residuals, tasks.
 
@@ -216,6 +221,6 @@ def report(
 
     with chosen_place("write", folder or out):
         page = written(out, folder, warn=note)
-    say(page)
+    say_json({"report": str(page)}) if as_json else say(page)
     if show:
         typer.launch(page.absolute().as_uri())

@@ -14,11 +14,12 @@ cache = new_family(help="Inspect and clean the store of results, $PIPELINE_CACHE
 
 
 @cache.command(cls=Verb)
-def path() -> None:
+def path(as_json: Json = False) -> None:
     """Print the folder of the store."""
     from pipeline.engine.store.store import default_root
 
-    say(str(default_root().absolute()))
+    store = str(default_root().absolute())
+    say_json({"store": store}) if as_json else say(store)
 
 
 @cache.command(cls=Verb)

@@ -34,7 +34,7 @@ Specs = Annotated[
 Target = Annotated[
     str, typer.Argument(metavar="TARGET", help="A task, or a file or folder of OUT.", autocompletion=names_of)
 ]
-_STATES = "built", "stale", "missing"
+_STATES = "built", "maybe", "stale", "missing"
 """States of files, best first."""
 
 
@@ -89,7 +89,7 @@ def explain(
 
 def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
     """Print by frame which files of the output folder a build of the stage, as it is now, would leave as they are:
-    built, stale or missing.
+    built, stale or missing; maybe stale, where that depends on a task that has to run.
     """
     from pipeline.engine.running.session import status_of
 
@@ -175,6 +175,7 @@ def graph(
     every: Annotated[
         bool, option(OUTPUT, "--all", help="Show every task, instead of one node for all frames.")
     ] = False,
+    as_json: Json = False,
     out: Out = None,
     allow_root: Roots = None,
 ) -> None:
@@ -193,7 +194,7 @@ def graph(
         with chosen_place("write", picture):
             write_drawing(picture, svg(groups, str(project.head.get("stage"))))
         note(f"wrote {picture}")
-    elif form == "json":
+    elif as_json or form == "json":
         say_json({"groups": [group.to_dict() for group in groups]})
     else:
         say("\n".join(as_mermaid(groups) if form == "mermaid" else as_dot(groups)))

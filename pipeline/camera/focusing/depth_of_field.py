@@ -8,9 +8,8 @@ Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a
 "Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.
 """
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.camera.focusing.focus_request import FocusRequest, solved, with_stop
 from pipeline.camera.parts.camera import Camera
@@ -43,22 +42,17 @@ def view_of(camera: Camera) -> Camera:
     pupil, film_mm = first_order(camera.prescription).exit_pupil, camera.sensor_distance_mm - ahead_mm
     seen_mm = sensor.pitch_mm * (pupil.z_mm + film_mm) / behind_mm
     width, height = (max(1, round(size_mm / array.pitch_mm)) for size_mm in sensor.size_mm)
-    view = dataclasses.replace(
-        camera,
-        microlenses=None,
-        sensor=dataclasses.replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm),
-        sensor_distance_mm=film_mm,
-    )
+    few = replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm)
+    view = replace(camera, microlenses=None, sensor=few, sensor_distance_mm=film_mm)
     return with_stop(view, 2 * camera.prescription.stop.semi_diameter_mm * min(1.0, seen_mm / pupil.diameter_mm))
 
 
 def foci(camera: Camera) -> tuple[Focus, ...]:
     """One focus per microlens type, all alike in an unfocused camera, or the single one of a conventional camera."""
-    view = view_of(camera)
+    types, view = foci_on_sensor(camera), view_of(camera)
     if view is camera:
-        return foci_on_sensor(camera)
-    (focus,), types = foci_on_sensor(view), foci_on_sensor(camera)
-    return tuple(dataclasses.replace(focus, virtual_depth=kind.virtual_depth) for kind in types)
+        return types
+    return tuple(replace(foci(view)[0], virtual_depth=kind.virtual_depth) for kind in types)
 
 
 def foci_on_sensor(camera: Camera) -> tuple[Focus, ...]:
@@ -137,7 +131,7 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     near = min(min(f.depth_of_field_mm[0] for f in each), (1 - _LEAST_SPAN) * middle)
     far = max(max(f.depth_of_field_mm[1] for f in each), (1 + _LEAST_SPAN) * middle)
     near, far = max(near, (front + middle) / 2), min(far, _FARTHEST * middle)
-    return dataclasses.replace(
+    return replace(
         camera,
         near_mm=near if camera.near_mm is None else camera.near_mm,
         far_mm=far if camera.far_mm is None else camera.far_mm,

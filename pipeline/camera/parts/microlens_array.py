@@ -309,10 +309,7 @@ class MicrolensArray:
         )
 
     def is_unfocused(self, pixel_mm: float) -> bool:
-        """Whether every type spreads infinity over at most a pixel of that pitch.
-
-        Micro-images then show the exit pupil and no scene: people look at views, one pixel of each.
-        """
+        """Whether every type spreads infinity over at most such a pixel: micro-images show the pupil, and no scene."""
         focal = zip(self.focal_lengths_mm, self.principal_mm, strict=True)
         return all(abs(1 - behind_mm / f) * self.aperture_mm <= pixel_mm for f, (behind_mm, _) in focal)
 

@@ -217,7 +217,9 @@ class Status:
 
 
 def status_of(project: Project) -> Status:
-    """States of the files of the output folder: built, if they are as a build of the present stage would leave them."""
+    """States of files of the output folder: built, if they are as a build of the present stage would leave them, and
+    maybe, if that depends on results that are still to come.
+    """
     store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
@@ -233,8 +235,9 @@ def status_of(project: Project) -> Status:
         return there.files[path].sha256 if is_same and path in there.files else None
 
     def state(path: str, source: Source) -> str:
-        digest = ours.digest(path)
-        return "missing" if digest is None else "built" if digest == wanted(path, source) else "stale"
+        digest, is_open = ours.digest(path), not isinstance(source, bytes) and tasks[source[0]].state == "maybe"
+        other = "maybe" if is_open else "stale"
+        return "missing" if digest is None else "built" if digest == wanted(path, source) else other
 
     states = {path: state(path, source) for path, source in sorted(project.files.items())}
     return Status(files=states, has_manifest=there.data is not None)

@@ -264,7 +264,9 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
     if wrong := [spec for spec in specs(attribute) if spec.typeName.type != wanted.type]:
         for spec in wrong:
             message = f'"{name}" must be written as {wanted}, not {spec.typeName}'
-            yield at_opinion(spec, problem(attribute, "wrong-type", message))
+            is_duration = name.startswith("plen:shutter:") and wanted == Sdf.ValueTypeNames.Double2
+            hint = "seconds as a fraction: (1, 1000) is a millisecond" if is_duration else None
+            yield at_opinion(spec, problem(attribute, "wrong-type", message, hint=hint))
         return  # values of a wrong type would confuse the further checks
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples or a spline')

@@ -41,7 +41,7 @@ from pipeline.scene.usd.problems import (
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.values import FOR_NO_IMAGE, Range, UnreadableValue, at_code
-from pipeline.scene.windows import check_medium, check_window
+from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
@@ -112,6 +112,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
             with at_code(code):
                 problems += _check_whole(prim, wrong)
+    problems += check_unnamed_windows(_parts(prims), list(filter(is_camera, _parts(prims))))
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
         problems += others.settled(check_dataset(root, wrong))
