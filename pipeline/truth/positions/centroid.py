@@ -22,9 +22,9 @@ from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map
 
-_ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
+_ROUGH, _FINE = (4, 6, 48, 3, 12), (5, 8, 96, 4, 16)
 """Numbers for each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
-directions of the disc.
+directions of the disc. Rings matter most: of an f/2 lens four err by 4e-3 px, all discs the same way, eight by 6e-5.
 """
 _LOOK_PX = 0.5
 """Half the size of the first traced box [px]: a pixel is enough for derivatives that give the approximate size of

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.boundary import unit_nodes
 from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.jit.decorators import inline, kernel
@@ -95,17 +96,18 @@ _DIFFERENCE_PX = 0.05
 """Half the step of difference quotients for the Hessian [px]: the image of a corner, integrated over a pixel, bends
 little over it.
 """
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-"""Gauss-Legendre nodes on [-1, 1] along each part of a pixel's side, and their weights: exact to the seventh degree."""
 _SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
 """Ends of the right, left, lower and upper side of a pixel."""
 
 
 class CornerImage:
-    """The image of a corner as seen by every `step`-th node of a map; `ratio` is (white + black) / (white - black)."""
+    """The image of a corner as seen by every `step`-th node of a map; `ratio` is (white + black) / (white - black).
 
-    def __init__(self, around: BundleMap, ratio: float, step: int = 1) -> None:
-        self.around, self.ratio = around, ratio
+    `along`: Gauss-Legendre nodes along each part of a pixel's side.
+    """
+
+    def __init__(self, around: BundleMap, ratio: float, step: int = 1, along: int = 4) -> None:
+        self.around, self.ratio, self.along = around, ratio, unit_nodes(along)
         self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
         self.angle = around.angle.reshape(-1, step).sum(axis=1)
         self.nodes = np.empty(self.fields.shape[1:])
@@ -129,10 +131,10 @@ class CornerImage:
         cuts = np.sort(np.concatenate([[0.0, 1.0], cut[(cut > 0) & (cut < 1)]]))
         total = 0.0
         for low, high in itertools.pairwise(cuts):
-            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-                t = (low + high) / 2 + (high - low) / 2 * node
+            for node, weight in zip(*self.along, strict=True):
+                t = low + (high - low) * node
                 light = corner_light(self._at(ends[0] + t * (ends[1] - ends[0])), self.angle, self.ratio)
-                total += (high - low) / 2 * weight * light
+                total += (high - low) * weight * light
         return total
 
     def _extremes(self, x_px: np.ndarray) -> np.ndarray:
@@ -141,10 +143,10 @@ class CornerImage:
 
 
 def gradient_of(
-    around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1
+    around: Sequence[tuple[float, BundleMap]], ratio: float, step: int, along: int
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Gradient of the sum of a corner's images in the wavelengths of a camera's light, each with its share."""
-    images = [(share, CornerImage(bundle, ratio, step)) for share, bundle in around]
+    images = [(share, CornerImage(bundle, ratio, step, along)) for share, bundle in around]
     return lambda x_px: np.sum([share * image.gradient(x_px) for share, image in images], axis=0)
 
 
@@ -162,6 +164,10 @@ _GOOD_PX = 5e-4
 _ORDERS = (3, 5, 9)
 """Numbers of positions along an axis for the polynomials, each with those before: bundles change nearly linearly over a
 pixel, but for those that another rim begins to cut there.
+"""
+_ALONG = (4, 8, 16, 32)
+"""Numbers of nodes along each part of a pixel's side. Where an edge passes a corner of the bundle, or a caustic within
+it, light bends: the error falls with the third power of the number.
 """
 _CENTRED_PX = 0.25
 """Distance of the saddle from the middle of the traced positions up to which it is accepted [px], because the
@@ -193,8 +199,8 @@ _ROUGH = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Position of the saddle of a corner's image, and its error: the differences of two sizes of triangles and of two
-    degrees of polynomials; NaN if none was found.
+    """Position of the saddle of a corner's image, and its error: the differences of two sizes of triangles, degrees of
+    polynomials and numbers of nodes along a pixel's side; NaN if none was found.
     """
 
     x_px: Float64[np.ndarray, "2"]
@@ -215,8 +221,9 @@ def saddle(
     lost, start = Saddle(np.full(2, np.nan), np.nan), _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
-    (x_px, spread_px), moved, apart, bent, hessian = start, np.inf, *np.full((2, 2), np.nan), np.full((2, 2), np.nan)
-    level = degree = 0
+    (x_px, spread_px), moved, off, hessian = start, np.inf, np.full((3, 2), np.nan), np.full((2, 2), np.nan)
+    level, degree, along = 0, 0, 1
+    most = len(_LEVELS) - 1, len(_ORDERS) - 1, len(_ALONG) - 1
     while True:
         for _ in range(_ROUNDS):
             rings, directions = _LEVELS[level]
@@ -225,8 +232,8 @@ def saddle(
             around = bundle_maps(tracer, microlens, plane, grid, nodes)
             if around is None:
                 return lost
-            gradient = gradient_of(around, ratio)
-            hessian = hessian if level or degree else hessian_of(gradient, x_px)
+            gradient = gradient_of(around, ratio, 1, _ALONG[along])
+            hessian = hessian_of(gradient, x_px) if np.isnan(hessian).any() else hessian
             solution, hessian = _newton(gradient, x_px, hessian)
             moved, x_px = np.hypot(*(solution - x_px)), solution
             if not moved > _CENTRED_PX:
@@ -234,18 +241,18 @@ def saddle(
         if not moved <= _CENTRED_PX:
             break
         assert around is not None
-        coarse = _newton(gradient_of(around, ratio, 2), x_px, hessian)[0]
         straighter = [(share, bundle.coarser()) for share, bundle in around]
-        apart, bent = (x_px - coarse) / 3, coarse - _newton(gradient_of(straighter, ratio, 2), x_px, hessian)[0]
-        finer = not np.hypot(*apart) < _GOOD_PX and level + 1 < len(_LEVELS)
-        bendier = not np.hypot(*bent) < _GOOD_PX and degree + 1 < len(_ORDERS)
-        if not (finer or bendier):
+        rougher = ((around, _ALONG[along]), (straighter, _ALONG[along]), (around, _ALONG[along - 1]))
+        coarse, *others = (_newton(gradient_of(of, ratio, 2, nodes), x_px, hessian)[0] for of, nodes in rougher)
+        off = np.array([(x_px - coarse) / 3, *(coarse - other for other in others)])
+        more = ~(np.hypot(*off.T) < _GOOD_PX) & (np.array([level, degree, along]) < most)
+        if not more.any():
             break
-        level, degree = level + finer, degree + bendier
+        level, degree, along = np.array([level, degree, along]) + more
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
         return lost
-    return Saddle(x_px + apart, float(3 * np.hypot(*apart) + np.hypot(*bent)))
+    return Saddle(x_px + off[0], float(np.hypot(*off.T) @ [3, 1, 1]))
 
 
 def _start(
