@@ -163,7 +163,11 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         for column, values in rows.items():
             columns[column].extend(values)
         away, sag = int(np.sum(~faces_camera(planes[some]))), largest_sag_mm(truth, points)
-        notes.append(TargetNote(target=name, counts=truth.counts, away=away, sag_mm=sag, sets=tuple(sets)))
+        pairs, axes = truth.unsolved, slice(2 if rig.images else 0)
+        names = tuple(map(tuple, np.column_stack([pairs[:, 0], rig.axial[pairs[:, 1], axes]]).tolist()))
+        notes.append(
+            TargetNote(target=name, counts=truth.counts, away=away, sag_mm=sag, sets=tuple(sets), unsolved=names)
+        )
     return notes, columns
 
 

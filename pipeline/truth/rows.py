@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -49,6 +49,8 @@ class Correspondences:
     rho_px: Float64[np.ndarray, "n"]
     counts: dict[str, int]  # numbers of solutions found, rejected and dropped, by reason
     method: Shaped[np.ndarray, "n"]  # that by which each row was found
+    # Points and cells of candidates that may have rows, which no search found
+    unsolved: Int64[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":
         """The rows selected by a mask or by indices; counts are not changed."""
@@ -62,7 +64,8 @@ class Correspondences:
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
         }
-        return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), **columns)
+        unsolved = np.concatenate([self.unsolved, other.unsolved])
+        return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), unsolved=unsolved, **columns)
 
     def recounted(self, **counts: int) -> "Correspondences":
         """The same rows with further counts, behind which that of the rows comes anew."""

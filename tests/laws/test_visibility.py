@@ -18,6 +18,8 @@ from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
+from pipeline.optics.rays import traced
+from pipeline.optics.table import VERTEX
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.render.surroundings import Surroundings
@@ -382,6 +384,38 @@ def test_behind_microlenses_the_share_is_that_of_textbook_rays() -> None:
         spread = math.sqrt(expected * (1 - expected) / len(weight))
         ratio.append((share[row] - expected) / np.hypot(spread, sigma[row]))
     assert np.abs(ratio).max() < SIGMAS
+
+
+def test_small_bundles_behind_obstructions_are_seen_by_as_many_rays_as_it_takes() -> None:
+    """A large obstruction and three blades leave slivers of the bundles, before which a card stands, against uniform
+    rays over all of the rear surface. None that has light is unknown, and none that light reaches is hidden.
+    """
+    shapes = {5: {"blades": 3, "aperture_rotation_deg": 20.0}, 0: {"inner_semi_diameter_mm": 16.0}}
+    camera = rigs.reshaped(rigs.conventional(12.0, 400, 300, 0.02), shapes)
+    rig, pose, card_mm = rig_of(camera), rigs.facing(440.0, 25.0), 330.0
+    rows, planes = solved_rows(rig, Target(Checkerboard(columns=4, rows=3, square_mm=5.0, white=1.0)), pose)
+    x_px, on = rows.solutions.xy_px, planes[rows.solutions.point]
+    around = Surroundings([(Target(BOARD), pose)], [(half_plane(0.0, 0.3, card_mm), HERE)])
+    share, _ = visibility(rig, around, 0, np.full(len(x_px), -1), x_px, on)
+    assert len(x_px) == 12 and not np.isnan(share).any()
+    rear, expected = camera.prescription.surfaces[-1].semi_diameter_mm, np.empty((2, len(x_px)))
+    points = np.random.default_rng(4).uniform(-rear, rear, (1 << 18, 2))
+    for number, start in enumerate(rig.tracer.positions_mm(*x_px.T)):
+        way = np.column_stack(
+            [points - start, np.full(len(points), rig.tracer.table[0, VERTEX] - rig.tracer.sensor_z_mm)]
+        )
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        begin = np.tile([*start, rig.tracer.sensor_z_mm], (len(points), 1))
+        position, direction, passes = traced(rig.tracer.table, begin, way)
+        position, direction, weight = position[passes], direction[passes], way[passes, 2] ** 4
+        hit = position + direction * ((card_mm - position[:, 2]) / direction[:, 2])[:, None]
+        free = hit[:, 0] * math.cos(0.3) + hit[:, 1] * math.sin(0.3) < 0.0
+        expected[:, number] = np.sum(weight * free) / np.sum(weight), len(weight)
+    likely, count = expected[0], np.minimum(expected[1], 256)
+    # Of nothing that arrives neither trace knows more than one ray in all.
+    spread = np.sqrt(2 * np.maximum(likely * (1 - likely), 1 / count) / count)
+    assert (np.abs(share - likely) < SIGMAS * spread).all()
+    assert np.any((likely > 0.01) & (likely < 0.2) & (share > 0)) and expected[1].min() < 1000
 
 
 def test_more_rays_go_where_a_row_is_partly_hidden() -> None:

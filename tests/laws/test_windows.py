@@ -92,6 +92,23 @@ def test_a_flat_port_bends_chief_rays_by_snells_law(tmp_path, common_store):
         assert np.abs(expected - [x, y]).max() < 1e-9
 
 
+def test_the_focus_through_a_port_is_that_of_the_port_upright(tmp_path):
+    """A plane at z in the medium seems to stand where each layer counts its thickness over its index; a tilt of the
+    port, whose two foci lie apart, changes nothing of this figure of the centred lens.
+    """
+
+    def sensor_mm(name: str, focus_mm: float, pane: str = "", dataset: str = "") -> float:
+        camera = f"double plen:camera:focusDistance = {focus_mm!r}\n"
+        return focused(
+            open_dataset(stage(tmp_path, name, pane, camera=camera, dataset=dataset)).cameras[0].camera
+        ).sensor_distance_mm
+
+    tilted = sensor_mm("tilted", 530.0, window(-PORT_MM, turn="(4, -3, 0)"), WATER)
+    upright = sensor_mm("upright", 530.0, window(-PORT_MM), WATER)
+    seeming_mm = PORT_MM - _GLASS_MM + _GLASS_MM / _GLASS + (530.0 - PORT_MM) / _MEDIUM
+    assert tilted == upright == pytest.approx(sensor_mm("air", seeming_mm), rel=1e-12)
+
+
 def reached(sine: float, media: tuple[tuple[float, float], ...], across_mm: float) -> float:
     """How far beyond a height a ray comes that has this sine in air."""
     return sum(mm * (sine / n) / np.sqrt(1 - (sine / n) ** 2) for mm, n in media) - across_mm

@@ -131,7 +131,8 @@ class TargetNote:
     """Counts and remarks about the points of a target, or about some of them.
 
     Counts are numbers of rows by reason, None if the camera sees the back of the target; `away` is the number of points
-    that face away; `sag_mm` is the largest distance of the surface from its tangent plane over the blur of a row.
+    that face away; `sag_mm` is the largest distance of the surface from its tangent plane over the blur of a row;
+    `unsolved` names the points that a search should have found, with k and l of the microlens.
     """
 
     target: str
@@ -139,6 +140,7 @@ class TargetNote:
     away: int = 0
     sag_mm: float = 0.0
     sets: tuple[SetNote, ...] = ()
+    unsolved: tuple[tuple[int, ...], ...] = ()
 
     @property
     def text(self) -> str:
@@ -146,6 +148,9 @@ class TargetNote:
         if self.counts is None:
             return f"{self.target}: no rows, because the camera sees its back"
         remarks = [f"{name} {count}" for name, count in self.counts.items()]
+        if self.unsolved:
+            names = (f"point {point}" + (f" behind {tuple(at)}" if at else "") for point, *at in self.unsolved)
+            remarks.append(f"unsolved are {', '.join(names)}")
         if self.away:
             remarks.append(f"points_facing_away {self.away}")
         if self.sag_mm:
@@ -162,6 +167,7 @@ class TargetNote:
             away=self.away + other.away,
             sag_mm=max(self.sag_mm, other.sag_mm),
             sets=tuple(mine.joined(theirs) for mine, theirs in zip(self.sets, other.sets, strict=True)),
+            unsolved=self.unsolved + other.unsolved,
         )
 
 

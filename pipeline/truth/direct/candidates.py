@@ -27,7 +27,7 @@ from pipeline.frames import inverse as inverse_transform
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.rays import traced
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, motion_of, towards_sensor, unbounded
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, enclosing, motion_of, towards_sensor, unbounded
 from pipeline.records.shapes import Float64, Int64
 
 _FLIP = np.array([1.0, -1.0, -1.0])
@@ -38,12 +38,17 @@ surface, of which the pupil may be a small part.
 """
 _PUPIL_SLACK = 1.3
 """Radius of the fan over that of the paraxial entrance pupil [1]: off the axis the real pupil moves and grows."""
+_RIM, _ENOUGH, _FOLLOWED = 2 / 15, 12, 8
+"""Of a fan: its outermost ring of rays, over its radius [1]; rays that show the outline of what passes; how often
+another follows. A pupil that a tilted window before another medium moves by its own width is found by the second.
+"""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
 """Search radius around a guess [px], and its part that grows with the width of the blur [1]: observed errors of
 guesses were up to 1.5 px behind microlenses, and a tenth of the blur's width without them.
 """
 _CELL_SLACK = 0.3
-"""A guess may be this many pitches farther from the centre of its own micro-image than from the nearest one."""
+"""A guess may be this many pitches farther from the centre of its own micro-image than from the nearest one, or as far
+as the rim of its microlens blurs the point."""
 _STEPS = 20
 """Most steps: the derivative is kept, so each step reduces the error by the same large factor."""
 _DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
@@ -75,7 +80,8 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else Nearby(tracer.vertices_mm)
-    table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
+    # Blades and obstructions may leave slivers between the rays of a fan: whose circles pass light is looked at.
+    table, fans = enclosing(towards_sensor(tracer.camera.prescription)), _fans(tracer)
     steep, pupil = is_steep(tracer.camera.prescription, points_mm), pupil_fan(tracer.camera.prescription)
     for number, p in enumerate(points_mm):
         aims = [pupil.aims(p) * _FLIP] if steep[number] else fans
@@ -119,21 +125,54 @@ def _footprint(
     """Crossings with the plane of the sensor or array, slopes there, film frame, (n, 2) each, and the rays traced.
 
     Rays of the first fan of which any ray passes; where none does, of one towards the stop as the point sees it.
-    They leave the point forwards, or if it is steep towards their aims. Further fans count where they find light.
+    Further fans count where they find light. What passes a fan at its rim, or hardly, is followed by others.
     """
     rays, further = 0, () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
-    for number, aim in enumerate(itertools.chain(fans, further)):
-        position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
-        direction = aim - position
-        ahead = 1.0 if is_steep else np.sign(direction[:, 2:])
-        direction *= ahead / np.linalg.norm(direction, axis=1, keepdims=True)
-        alive = np.ones(len(aim))
-        trace_rays(table, position, direction, alive)
-        passed = alive > 0
+    for number, fan in enumerate(itertools.chain(fans, further)):
+        aim, (position, direction, passed) = fan, _sent(table, point_mm, fan, is_steep=is_steep)
         rays += len(aim) if number < len(fans) or passed.any() else 0
+        for _ in range(_FOLLOWED if passed.any() else 0):
+            about = _about(aim, passed)
+            if about is None:
+                break
+            sent = _sent(table, point_mm, about, is_steep=is_steep)
+            rays += len(about)
+            if not sent[2].any():
+                break
+            aim, (position, direction, passed) = about, sent
         if passed.any():
             return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
+
+
+def _sent(
+    table: np.ndarray, point_mm: np.ndarray, aim: np.ndarray, *, is_steep: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays from a point towards aims, behind the lens, (n, 3) each, lens frame, and which pass, (n,) bool.
+
+    They leave the point forwards, or if it is steep towards their aims.
+    """
+    position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
+    direction = aim - position
+    ahead = 1.0 if is_steep else np.sign(direction[:, 2:])
+    direction *= ahead / np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(len(aim))
+    trace_rays(table, position, direction, alive)
+    return position, direction, alive > 0
+
+
+def _about(aim: np.ndarray, passed: np.ndarray) -> np.ndarray | None:
+    """The fan about what passes of another, of the same shape; None: the rim of that is dark, and enough rays pass."""
+    offset, lit = aim - aim.mean(axis=0), np.flatnonzero(passed)
+    # Over a disc of radius 1 the variance along any axis is 1/4; fans are discs, or such stretched.
+    to_disc = np.linalg.pinv(offset.T @ offset / len(aim)) / 4
+    middle = aim[lit].mean(axis=0)
+    from_centre, from_middle = (
+        np.sqrt(np.einsum("ni,ij,nj->n", part, to_disc, part)).max() for part in (offset[lit], aim[lit] - middle)
+    )
+    if from_centre < 1 - _RIM and len(lit) >= _ENOUGH:
+        return None
+    return np.asarray(middle + (_PUPIL_SLACK * from_middle + _RIM) * offset)
 
 
 def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
@@ -166,7 +205,7 @@ def _through_microlenses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Microlenses lit by a footprint, and positions where the rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
-    assert array is not None
+    assert array is not None and tracer.lattice is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
     reached = vertices.within(crossing, array.pitch_mm + spacing)[1]
     seen = np.unique(reached[reached != NOBODY])
@@ -177,7 +216,11 @@ def _through_microlenses(
     vertex = tracer.vertices_mm[seen]
     x = vertex - array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
     farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.nearby.nearest(x)[0][:, 0]
-    near = farther <= _CELL_SLACK * array.pitch_mm
+    # Out of focus, where a rim cuts the bundle, all light may come through the microlens at its own rim.
+    focal_mm = np.array(array.focal_lengths_mm)[tracer.lattice.type[seen], None, None]
+    spread = np.eye(2) * (1 - array.distance_mm / focal_mm) - array.distance_mm * along
+    blur_mm = np.hypot(*tracer.arrays.aperture.T).max() * np.linalg.norm(spread, ord=2, axis=(1, 2))
+    near = farther <= np.maximum(_CELL_SLACK * array.pitch_mm, blur_mm)
     return seen[near], x[near]
 
 

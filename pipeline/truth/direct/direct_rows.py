@@ -174,18 +174,25 @@ def solve(
     near = known & may_exist(somewhere, np.arange(len(known)), NEARLY_PX)
     search.refine(np.flatnonzero(near), accuracy_px)
     rows = np.flatnonzero(near & np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1))
-    counts = {"candidates": len(known), "unsolved": int(np.sum(~known)) + int(near.sum()) - len(rows)}
+    missed = ~known | near
+    missed[rows] = False
+    # Steps lead from too little light into none where a rim hides the point: no row, however near the search came.
+    is_dark = missed & ~(rig.hit_fraction(search.lit) >= min_hit_fraction)
+    unsolved = np.flatnonzero(missed & ~is_dark)
+    counts = {"candidates": len(known), "unsolved": len(unsolved)}
     x_px, moments = search.x_px[rows], search.moments[rows]
     kept, dropped = which_exist(
         rig, x_px, guess.cell[rows], lambda some: rig.hit_fraction(moments[some]) >= min_hit_fraction
     )
     rows, counts = rows[kept], {**counts, **dropped}
     search.sharpen(rows, accuracy_px)
+    counts["dropped_hit_fraction"] += int(is_dark.sum())
     beside = known & ~near & ~rig.in_image(somewhere, NEARLY_PX)
     counts["dropped_outside_image"] += int(beside.sum())
     counts["dropped_outside_cell"] += int(np.sum(known & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
-    return _with_blur(rig, search, guess, rows, of_points, {**counts, "rows": len(rows), "rays": search.rays})
+    found = _with_blur(rig, search, guess, rows, of_points, {**counts, "rows": len(rows), "rays": search.rays})
+    return dataclasses.replace(found, unsolved=np.stack([guess.point[unsolved], guess.cell[unsolved]], axis=1))
 
 
 def _with_blur(

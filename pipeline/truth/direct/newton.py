@@ -5,6 +5,7 @@ from differences, and Newton's method with Broyden's updates converges in a few 
 """
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pool
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, WEIGHT
+from pipeline.optics.table import INNER_SQUARED
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
@@ -24,6 +26,14 @@ _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
 _RETREATS = 8
 """Most halvings of a step that leads to a position without light: down to 1/256 of it."""
+_AROUND_PX = np.array(
+    [
+        2**i * np.array([math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)])
+        for i in np.arange(-2, 6.5, 0.5)
+        for k in range(16)
+    ]
+)
+"""Places around a guess where light is looked for (n, 2) [px]: on rings, as far as across a micro-image of 64 px."""
 _DIFFERENCES_PX = 0.25, 1 / 32, 1 / 256
 """Half the steps of difference quotients [px]: large beside the errors of a rough integral, small beside a micro-image.
 The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut; the last one
@@ -52,7 +62,8 @@ noisy; then the latter alone counts.
 
 GRACE_PX, NEARLY_PX = 1.0, 0.25
 """Distance outside a cell or the image [px] up to which a search goes on, because its next step may lead back: on the
-way, and once steps are shorter than `_ROUGH_PX`, when five more would have to add up.
+way, where it also counts for where the next step leads, and once steps are shorter than `_ROUGH_PX`, when five more
+would have to add up.
 """
 
 
@@ -138,6 +149,7 @@ class Search:
         where it was given.
     `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
     `moments`: of the bundle at the solution, on the tangent plane.
+    `lit`: moments of the last bundle with light on the way; NaN if none had any.
     `is_random`, `reached`: whether random rays replaced the quadrature; whether the accuracy was reached.
     `anchor_px`: positions whose random numbers serve neighbouring positions, too: with others J would jump.
     `left_over`: part of a step that remained after it, as last measured; infinite before.
@@ -163,6 +175,7 @@ class Search:
         self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
         self.bend = np.full(n, np.inf)
         self.moments, self.left_over = np.full((n, COLUMNS), np.nan), np.full(n, np.inf)
+        self.lit = self.moments.copy()
         self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
@@ -170,11 +183,13 @@ class Search:
 
         It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
         """
-        rows = self._leave_the_dark()
+        rows = self._leave_the_dark(may_exist)
         planes = self.planes(rows, self.x_px[rows]).planes[:, 0, 0]
         self.jacobian[rows] = chief_jacobian(self.tracer_in(0), self.microlens[rows], self.x_px[rows], planes)
         self.inverse[rows] = inverse(self.jacobian[rows])
-        self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
+        # Obstructions cut bundles in their middle: their means then move otherwise than chief rays.
+        is_hollow = self.tracer_in(0).table[:, INNER_SQUARED].any()
+        self._derive(rows[is_hollow | np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         self._step_nearer(rows, may_exist)
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
         rows = rows[may_exist(self.x_px[rows], rows, NEARLY_PX)]
@@ -260,15 +275,27 @@ class Search:
         trusted = np.where(np.isfinite(share), share, _TRUST) * np.abs(step)
         return np.where(self.is_random[rows, None], share * np.hypot(*step.T)[:, None], trusted)
 
-    def _leave_the_dark(self) -> np.ndarray:
-        """Compute J at the first guesses, moving those without light towards `home_px`; returns the rows with light."""
-        dark = np.arange(len(self.x_px))
+    def _leave_the_dark(self, may_exist: MayExist) -> np.ndarray:
+        """Compute J at the first guesses, moving those without light towards `home_px`, or, where an obstruction hides
+        all of that way, to the place around from which J misses least; returns the rows with light.
+        """
+        dark, guess = np.arange(len(self.x_px)), self.x_px.copy()
         for _ in range(_RETREATS):
             self.residual[dark] = self._j(dark, self.x_px[dark])
             dark = dark[np.isnan(self.residual[dark, 0])]
             if not len(dark):
                 break
             self.x_px[dark] = (self.x_px[dark] + self.home_px[dark]) / 2
+        least_mm = np.full(len(self.x_px), np.inf)
+        for offset in _AROUND_PX if len(dark) else ():
+            x_px = guess[dark] + offset
+            may = may_exist(x_px, dark, 0.0)
+            j = np.full(x_px.shape, np.nan)
+            j[may] = self._j(dark[may], x_px[may])
+            miss = np.hypot(*j.T)
+            nearer = miss < least_mm[dark]
+            rows = dark[nearer]
+            self.x_px[rows], self.residual[rows], least_mm[rows] = x_px[nearer], j[nearer], miss[nearer]
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
     def _derive(self, rows: np.ndarray, level: int = 0) -> None:
@@ -316,8 +343,9 @@ class Search:
             self._update(done, step[done], j[~is_dark])
             steps[done] += 1
             done = done[(np.hypot(*step[done].T) > _ROUGH_PX) & (steps[done] < _STEPS)]
-            done = done[may_exist(self.x_px[done], done, GRACE_PX)]
             step[done], retreats[done] = self._next_step(done), 0
+            may = may_exist(self.x_px[done], done, GRACE_PX)
+            done = done[may | may_exist(self.x_px[done] + step[done], done, GRACE_PX)]
             rows = np.sort(np.concatenate([dark, done]))
 
     def _next_step(self, rows: np.ndarray) -> np.ndarray:
@@ -347,6 +375,8 @@ class Search:
 
         integral = over_exposure(self.planes(rows, x_px), integrate)
         self.rays += integral.rays
+        has_light = ~np.isnan(integral.moments[:, 0])
+        self.lit[rows[has_light]] = integral.moments[has_light]
         self.is_random[rows] = integral.is_random
         self.random_mm[rows] = np.where(integral.is_random[:, None], integral.error_mm, np.nan)
         return integral
