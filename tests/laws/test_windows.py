@@ -98,7 +98,7 @@ def test_the_focus_through_a_port_is_that_of_the_port_upright(tmp_path):
     """
 
     def sensor_mm(name: str, focus_mm: float, pane: str = "", dataset: str = "") -> float:
-        camera = f"double plen:camera:focusDistance = {focus_mm!r}\n"
+        camera = f"double plen:camera:sensorDistance = None\ndouble plen:camera:focusDistance = {focus_mm!r}\n"
         return focused(
             open_dataset(stage(tmp_path, name, pane, camera=camera, dataset=dataset)).cameras[0].camera
         ).sensor_distance_mm
