@@ -57,6 +57,18 @@ def save(example: Example) -> None:
         Path(name[1]).write_text(str(example.parsed), encoding="utf-8")
 
 
+def test_pages_write_files_of_their_own_names():
+    """Who reads them in one folder meets no file of another page, which `new` would refuse to replace."""
+    written = {
+        page: set(
+            re.findall(r"^\$ pipeline (?:new|design) \w+ (\S+)|(?:as `| -o )(\S+usda)`?", page.read_text("utf-8"), re.M)
+        )
+        for page in (ROOT / "README.md", *HOW_TOS)
+    }
+    names = [(a or b).strip("`") for found in written.values() for a, b in found]
+    assert sorted(set(names)) == sorted(names)
+
+
 def commands(text: str) -> list[list[str]]:
     """Words of each command: of the lines behind `$ ` where there are such, else of all."""
     lines = [line.strip() for line in re.sub(r"\s*\\\n\s*", " ", text).split("\n") if line.strip()]
