@@ -12,16 +12,16 @@ Specification, Version 1.4.0.0, Adobe 2012.
 import io
 import json
 import math
+import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tifffile
-from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 from tifffile import DATATYPE, PHOTOMETRIC, TIFF
 
 from pipeline.channel_names import COLOURS, colour_of
@@ -51,23 +51,29 @@ Tag = tuple[int, int, int, Any, bool]
 """A tag as tifffile takes it: number, type, count, values, and True."""
 
 
+class Tags(NamedTuple):
+    """What makes a negative of a TIFF file."""
+
+    photometric: int
+    more: Sequence[Tag]
+    exif: Mapping[int, float]  # positive fractions by their tags, of a directory of Exif behind the pixels
+
+
 def write_tiff(
     path: str | Path,
     shape: tuple[int, int],
     rows: Rows,
     about: Json,
-    photometric: int = PHOTOMETRIC.MINISBLACK,
-    more: Sequence[Tag] = (),
-    exif: Mapping[int, float] | None = None,
+    of_negative: Tags | None = None,
 ) -> None:
     """Write a plane of digital numbers band by band; the same pixels, the same bytes.
 
     `shape`: height and width [px].
     `rows`: called for one band after the other, from the top.
-    `exif`: positive fractions by their tags, of a directory of Exif behind the pixels.
     `about`: meaning of the numbers as plain values: the description.
     """
     height, width = shape
+    photometric, more, exif = of_negative or Tags(PHOTOMETRIC.MINISBLACK, (), {})
     if 2 * height * width > _LARGEST_BYTES:
         raise ValueError(f"{path}: {height} x {width} pixels are more than a TIFF file holds")
     directory: list[Tag] = [(_TO_EXIF - 1, DATATYPE.LONG, 1, 0, True)] if exif else []  # tifffile writes no ExifTag
@@ -98,7 +104,7 @@ def write_tiff(
             stream.write(pixels.data)
         directory_at = stream.tell()
         if exif:
-            stream.write(_directory(exif).tobytes(directory_at))
+            stream.write(_directory(exif, directory_at))
     with tifffile.TiffFile(path, mode="r+") as file:
         tags = file.pages.first.tags
         if exif:
@@ -109,12 +115,14 @@ def write_tiff(
         tags["PhotometricInterpretation"].overwrite(photometric)  # tifffile writes no linear raw of one plane
 
 
-def _directory(fractions: Mapping[int, float]) -> ImageFileDirectory_v2:
-    directory = ImageFileDirectory_v2(b"II*\0\0\0\0\0")
-    for tag, value in sorted(fractions.items()):
-        directory[tag] = IFDRational(*_fraction(value))
-    directory[_EXIF_VERSION], directory.tagtype[_EXIF_VERSION] = b"0230", DATATYPE.UNDEFINED
-    return directory
+def _directory(fractions: Mapping[int, float], at: int) -> bytes:
+    """A directory of Exif at a place of the file, and its fractions behind it."""
+    entries = {_EXIF_VERSION: struct.pack("<HHI4s", _EXIF_VERSION, DATATYPE.UNDEFINED, 4, b"0230")}
+    behind = at + 2 + 12 * (len(fractions) + 1) + 4
+    for number, tag in enumerate(fractions):
+        entries[tag] = struct.pack("<HHII", tag, DATATYPE.RATIONAL, 1, behind + 8 * number)
+    values = (struct.pack("<II", *_fraction(value)) for value in fractions.values())
+    return b"".join([struct.pack("<H", len(entries)), *(entries[tag] for tag in sorted(entries)), bytes(4), *values])
 
 
 def _text(about: Json) -> str:
@@ -186,7 +194,8 @@ def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json,
     }
     exif = {TIFF.EXIF_TAGS[name]: value for name, value in facts.items() if 0 < value < math.inf}
     has_mosaic = len(set(negative.filters)) > 1
-    write_tiff(path, shape, rows, about, PHOTOMETRIC.CFA if has_mosaic else PHOTOMETRIC.LINEAR_RAW, tags, exif)
+    kind = PHOTOMETRIC.CFA if has_mosaic else PHOTOMETRIC.LINEAR_RAW
+    write_tiff(path, shape, rows, about, Tags(kind, tags, exif))
 
 
 def _tag(name: str, kind: DATATYPE, values: str | bytes | tuple[int, ...]) -> Tag:

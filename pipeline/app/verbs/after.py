@@ -154,11 +154,10 @@ def fit(
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     camera_fit = fitted(place, camera, names, tuple(allow_root or ()))
     fits = camera_fit.camera
-    written = [
-        (path, write) for path, write in ((plot, camera_fit.plot), (layer, camera_fit.layer)) if path is not None
-    ]
-    for path, write in written:
-        write(path)  # before whoever reads the page may leave
+    files = ((plot, camera_fit.plot), (layer, camera_fit.layer))
+    for path, write in files:  # before whoever reads the page may leave
+        if path is not None:
+            write(path)
     say(json_bytes(document(fits)).decode().rstrip("\n") if as_json else "\n".join(page(fits)))
     if camera_fit.left_out is not None:
         note(f"no thin lens before pinholes: {camera_fit.left_out}")
