@@ -38,7 +38,6 @@ from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.folders import share
 from pipeline.machine.process import require_room
 from pipeline.machine.processor import pin
-from pipeline.spelling import printable
 
 app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
@@ -99,7 +98,7 @@ def check(
             note(*cost_lines(loaded.dataset, loaded.cameras))
     for path in stages if not errors else ():
         if advice := note_on_viewers(path, write=fix):
-            note(printable(advice))  # it names the file of the stage, which may have any name
+            note(advice)
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 

@@ -1,4 +1,4 @@
-"""Folders: of the data that ships with the package, of a user's results, and why a chosen path cannot be used."""
+"""Folders: of the data that ships with the package, of a user's results; files put into them, and paths of no use."""
 
 import contextlib
 import os
@@ -58,3 +58,16 @@ def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
     if len(os.fsencode(whole)) + len(longest) + _ASIDE > path_max:
         return f"is longer than {path_max} bytes with all that comes below it"
     return None
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a file aside and put it into place, unless it is there already; where that fails all is as it was."""
+    if path.is_file() and path.read_bytes() == content:
+        return
+    aside = path.with_name(f".{os.getpid()}.new")
+    try:
+        aside.write_bytes(content)
+        aside.replace(path)
+    except BaseException:
+        aside.unlink(missing_ok=True)
+        raise

@@ -9,6 +9,8 @@ _LONGEST = 200
 """Longest name that is compared: the time grows with the square of the length."""
 _ALIKE = 0.75
 """Least share of letters that two similar names have in common, in order [1]: a slip in four letters."""
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that steer a terminal or turn the direction of its text, but for tabs and line breaks."""
 _RUNS = 12
 """Number of runs in a text: about a line of a terminal."""
 
@@ -37,6 +39,11 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
 def printable(text: str) -> str:
     """A text with escapes for control characters, including line breaks."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def for_terminals(text: str) -> str:
+    """A text of any lines with escapes for all that would steer a terminal."""
+    return _CONTROL.sub(lambda found: printable(found[0]), text)
 
 
 def ranges(numbers: Iterable[int]) -> str:

@@ -27,6 +27,7 @@ from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.scene.usd.roots import real_path
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
 from pipeline.tasks.params.cameras import CONVENTIONS
@@ -53,7 +54,7 @@ _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillo
 
 def default_out(stage: Path) -> Path:
     """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`; UsageError if that is no name."""
-    stage = stage.resolve()
+    stage = real_path(stage)
     name = stage.parent.name if stage.stem == "dataset" else stage.stem
     if name in ("", ".", ".."):  # `...usda` would name the working directory itself
         raise UsageError(f"no output folder can be named after {stage}", hint="name one with -o")

@@ -24,7 +24,7 @@ from pipeline.results.spread import Figures, figures, rows
 from pipeline.scene.load import require_dataset
 from pipeline.scene.tolerances import DrawnNumber, drawn
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
-from pipeline.scene.usd.roots import allowed_roots
+from pipeline.scene.usd.roots import allowed_roots, real_path
 
 NOMINAL = "nominal"
 """Folder of the build of the dataset itself."""
@@ -133,7 +133,7 @@ def ensemble(
 
 def _no_tolerance(stage: Path) -> StageError:
     hint = "add a PlenTolerance: docs/as_built.md"
-    file = shown_path(stage.resolve())
+    file = shown_path(real_path(stage))
     return StageError(
         [Problem(code="no-tolerance", message="the stage has no tolerance", file=file, line=1, hint=hint)]
     )

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pipeline.engine.events import Begun, Done, Event, Retried, Started, Warned
 from pipeline.engine.records import TaskResult
 from pipeline.engine.running.result import Ended, Result
+from pipeline.machine.process import Stderr
+from pipeline.spelling import for_terminals
 
 
 def display(verbosity: int) -> "Lines":
@@ -95,7 +97,7 @@ class Bar(Lines):
         super().__init__(verbosity=-1)
         self._news = ""
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        console = Console(file=self._stream)
+        console = Console(file=Stderr(draws=True) if isinstance(self._stream, Stderr) else self._stream)
         self._progress = Progress(
             *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
@@ -113,11 +115,11 @@ class Bar(Lines):
         name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""
         left = self._seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
-        text = f"{self._tally()} {name}{eta}{self._news}"
+        text = for_terminals(f"{self._tally()} {name}{eta}{self._news}")
         self._progress.update(self._bar, total=self._total, completed=self._counts.total(), description=text)
 
     def _say(self, text: str) -> None:
-        self._progress.console.print(text, markup=False, highlight=False)
+        self._progress.console.print(for_terminals(text), markup=False, highlight=False)
 
 
 class Ending:

@@ -16,7 +16,7 @@ from pipeline.files.drawings import write_drawing
 from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.read import read_camera_file, read_lens
 from pipeline.files.lenses.text import UnreadableLens
-from pipeline.folders import share
+from pipeline.folders import put, share
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
 from pipeline.scene.load import Loaded, load
@@ -82,10 +82,10 @@ def existing(path: Path) -> UsageError:
 
 def write_new(text: str, path: Path) -> None:
     """Write a new text file: UsageError, if there is one of that name, EnvironmentFault, if it cannot be written."""
-    if path.exists():
+    if os.path.lexists(path):
         raise existing(path)
-    with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
-        stream.write(text)
+    with chosen_place("write", path):
+        put(path, text.encode())
 
 
 def draw(drawing: str | bytes, path: Path) -> None:
@@ -136,7 +136,7 @@ def require_free(out: Path) -> None:
     """UsageError where no new stage can be written: another suffix, something is there, or there is no such folder."""
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
-    if out.exists():
+    if os.path.lexists(out):
         raise existing(out)
     if not out.parent.is_dir():
         raise UsageError(f"{out} cannot be written: there is no folder {out.parent}", hint=f"mkdir -p {out.parent}")
@@ -151,10 +151,15 @@ def write_stage(text: str, out: Path) -> list[Problem]:
 
 def write_whole(text: str, out: Path) -> Loaded:
     """Write a new stage with the lines that viewers need, and read it; one with errors, StageError, is not kept."""
-    if errors := [problem for problem in write_stage(text, out) if problem.is_error]:
-        out.unlink()
-        raise StageError(unwritten(errors, out, out))
-    fix(out)
+    require_free(out)
+    try:
+        if errors := [problem for problem in write_stage(text, out) if problem.is_error]:
+            raise StageError(unwritten(errors, out, out))
+        with chosen_place("write", out):
+            fix(out)
+    except BaseException:
+        out.unlink(missing_ok=True)
+        raise
     return load(out, look=True)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.errors import UsageError
+from pipeline.folders import put
 
 SAYS = "drawn by pipeline"
 """Text in a comment of every drawing, by which it is recognised as replaceable."""
@@ -21,7 +22,7 @@ def write_drawing(path: Path, drawing: str | bytes) -> None:
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:
         raise UsageError(f"{path} is there and is no drawing of ours", hint="choose another name, or remove it")
-    path.write_bytes(drawing if isinstance(drawing, bytes) else f"{drawing.rstrip()}\n<!-- {SAYS} -->\n".encode())
+    put(path, drawing if isinstance(drawing, bytes) else f"{drawing.rstrip()}\n<!-- {SAYS} -->\n".encode())
 
 
 def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:

@@ -6,6 +6,7 @@ import resource
 import sys
 
 from pipeline.errors import EnvironmentFault
+from pipeline.spelling import for_terminals
 
 FILES = 64
 """Open files: a driver with two workers takes about half of them."""
@@ -14,11 +15,19 @@ ADDRESSES = 1_500_000_000
 
 
 class Stderr(io.TextIOWrapper):
-    """A stream of messages for people. Writing to it never fails; what cannot be written is lost."""
+    """A stream of messages for people. Writing to it never fails; what cannot be written is lost.
+
+    It shows what would steer a terminal, but for a stream that draws and shows such texts itself.
+    """
+
+    def __init__(self, *, draws: bool = False) -> None:
+        raw = os.fdopen(2, "wb", buffering=0, closefd=False)
+        super().__init__(raw, errors="backslashreplace", write_through=True)  # type: ignore[type-var]
+        self._draws = draws
 
     def write(self, text: str) -> int:
         try:
-            return super().write(text)
+            return super().write(text if self._draws else for_terminals(text))
         except OSError:
             return len(text)
 
@@ -47,8 +56,7 @@ def mend_streams() -> None:
         sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="surrogateescape")  # a path is printed as it was typed
-    raw = os.fdopen(2, "wb", buffering=0, closefd=False)
-    sys.stderr = Stderr(raw, errors="backslashreplace", write_through=True)  # type: ignore[type-var]
+    sys.stderr = Stderr()
 
 
 def require_room() -> None:

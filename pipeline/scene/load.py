@@ -12,7 +12,7 @@ from pipeline.files.jsonfile import Json
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.check.budgets import check_rays
-from pipeline.scene.check.stage import check
+from pipeline.scene.check.stage import check, check_numbers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
 from pipeline.scene.edits import Written, written_on
 from pipeline.scene.lamps import check_shone
@@ -75,8 +75,8 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         stage, problems = open_stage(path)
-        if ignored := check_instances(stage):
-            return _refused(problems + ignored)
+        if wrong := list(check_numbers(stage)) or check_instances(stage):
+            return _refused(problems + wrong)
         if root := find_dataset(stage):
             problems += write_out(stage, frame_numbers(root))
         roots = allowed_roots(Path(path), allow_roots)

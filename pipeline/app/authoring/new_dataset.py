@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from pipeline.app.authoring.poses import (
 )
 from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_whole
 from pipeline.camera.focusing.depth_of_field import view_of
+from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.records.declared import attributes_of
@@ -214,14 +214,13 @@ def _read(out: Path, plan: _DatasetText) -> Dataset:
     """The records of a stage that is not written yet, as if it lay where it will; its target is far away."""
     away = np.eye(4)
     away[2, 3] = -_FAR_MM
-    handle, name = tempfile.mkstemp(prefix=".", suffix=".usda", dir=out.resolve().parent)
-    path = Path(name)
+    path = out.with_name(f".{os.getpid()}.usda")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(plan.text([(away, "")]))
+        with chosen_place("write", out):
+            path.write_text(plan.text([(away, "")]), encoding="utf-8")
         loaded = load(path)
     finally:
-        path.unlink()
+        path.unlink(missing_ok=True)
     if loaded.dataset is None:
         raise StageError(unwritten(loaded.problems, path, out))
     return loaded.dataset

@@ -13,6 +13,7 @@ import typer.core
 
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
+from pipeline.spelling import for_terminals, printable
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of `--help`."""
@@ -93,13 +94,19 @@ class _PlainFlags:
 
 
 class Verb(_PlainFlags, typer.core.TyperCommand):
-    """A verb of the command. No argument of it may be empty: as a path that would be the working directory."""
+    """A verb of the command. No argument may be empty, as a path that would be the working directory, or unusable."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse arguments; those that are left."""
         if not ctx.resilient_parsing and any(not arg or (arg[:2] == "--" and arg[-1] == "=") for arg in args):
             hint = "a variable that is not set leaves an empty one"
             raise UsageError(f"an argument is empty: {ctx.command_path} {shlex.join(args)}", hint=hint)
+        for arg in args if not ctx.resilient_parsing else ():
+            flaw = flaw_of(Path(arg.partition("=")[2] if arg.startswith("--") else arg))
+            if not flaw and ("\n" in arg or arg != for_terminals(arg)):
+                flaw = "holds a line break or another control character"
+            if flaw:
+                raise UsageError(f"an argument {flaw}: {printable(arg[:60])}", hint="give it another name")
         return super().parse_args(ctx, args)
 
 
@@ -123,7 +130,7 @@ def say(*lines: object) -> None:
     """Print data to stdout: ReaderGone, or EnvironmentFault where they cannot be written, as on a full disk."""
     for line in lines:
         with _writing():
-            print(line)
+            print(for_terminals(str(line)))
 
 
 def written() -> None:

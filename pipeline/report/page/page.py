@@ -13,8 +13,9 @@ from typing import Any
 
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
+from pipeline.folders import put
 from pipeline.report.page.optics import optics
-from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, replace, target_part
+from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, InformationPart, Page
 from pipeline.results.output import open_output
 from pipeline.results.records import finished_folder
@@ -74,7 +75,7 @@ def write_page(
     state = state_of(out)
     for name in ("data", "images"):
         (report / name).mkdir(parents=True, exist_ok=True)
-    replace(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
+    put(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
     (report / "made_of").unlink(missing_ok=True)
     manifest, scripts = read_json(out / "manifest.json"), Scripts(report)
     information = {}
@@ -101,9 +102,9 @@ def write_page(
     page = _page(source, manifest, cameras, _targets(source, loaded), kept or "")
     scripts.write("page", page)
     for name in ASSETS:
-        replace(report / name, _asset(name))
+        put(report / name, _asset(name))
     scripts.remove_others()
-    replace(report / "made_of", state.encode())
+    put(report / "made_of", state.encode())
     return report / INDEX
 
 

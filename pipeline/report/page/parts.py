@@ -17,6 +17,7 @@ import numpy as np
 
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.files.png import png_size, read_png, write_png
+from pipeline.folders import put
 from pipeline.frames import apply
 from pipeline.records.plain import to_plain
 from pipeline.report.page.records import (
@@ -65,7 +66,7 @@ class Scripts:
         """Write a record; returns the path of its script below the report."""
         place = f"data/{name}.js"
         text = json.dumps(to_plain(record), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-        replace(self.report / place, f"{_FUNCTION}({json.dumps(name)},{text});\n".encode())
+        put(self.report / place, f"{_FUNCTION}({json.dumps(name)},{text});\n".encode())
         self.written.add(place)
         return place
 
@@ -81,15 +82,6 @@ class Scripts:
         for path in (self.report / "data").glob("*.js"):
             if f"data/{path.name}" not in self.written:
                 path.unlink()
-
-
-def replace(path: Path, content: bytes) -> None:
-    """Write a file aside and put it into place, unless it is there already."""
-    if path.is_file() and path.read_bytes() == content:
-        return
-    aside = path.with_name(f"{path.name}.new")
-    aside.write_bytes(content)
-    aside.replace(path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

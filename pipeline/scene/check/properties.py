@@ -270,6 +270,10 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
         return  # values of a wrong type would confuse the further checks
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples or a spline')
+    if name.startswith("plen:") and any(spec.HasInfo("allowedTokens") for spec in specs(attribute)):
+        yield problem(
+            attribute, "own-tokens", f'"{name}" has the allowedTokens of its schema alone', hint="remove them"
+        )
     rule = rule_of(attribute.GetPrim(), name)
     for time, value in _authored_values(attribute):
         bad = list(_check_value(attribute, value, time, rule)) or list(_check_tokens(attribute, value, time))
@@ -306,7 +310,8 @@ def _authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, A
 
 
 def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
-    allowed = list(attribute.GetMetadata("allowedTokens") or [])
+    schema = attribute.GetPrim().GetPrimDefinition()
+    allowed = list(schema.GetPropertyMetadata(attribute.GetName(), "allowedTokens") or [])
     wrong = dict.fromkeys([value] if isinstance(value, str) else value) if allowed else {}
     for token in [token for token in wrong if token not in allowed][:_NAMED]:
         choices = f"allowed: {', '.join(allowed)}"

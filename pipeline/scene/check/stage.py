@@ -4,6 +4,7 @@ USD silently composes a stage with a typing error in every attribute. So the che
 tokens and ranges, and then ask whether the parts can be built.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from pipeline.scene.sensor import check_sensor
 from pipeline.scene.states import changes, check_in_time, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.tolerances import check_tolerance
-from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.others import Others, layers_of_others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
@@ -70,6 +71,7 @@ _NUMBERS = {
     "startTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
     "endTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
     "timeCodesPerSecond": Range(low=1e-6, high=1e9),
+    "framesPerSecond": Range(low=1e-6, high=1e9),
 }
 
 _LINKS = {
@@ -236,7 +238,7 @@ def _check_layers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
     """Problems of the layers themselves, of others aside."""
     layers = [layer for layer in used_layers(stage) if layer not in others.layers]
     yield from _check_root(stage)
-    yield from list(_check_numbers(layers)) or _check_alike(layers)
+    yield from _check_alike(layers)
     for layer in layers:
         file = shown_path(layer.realPath)
         for code, path, message, hint, line in text_map(layer.realPath).flaws:
@@ -256,12 +258,13 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
-def _check_numbers(layers: list[Sdf.Layer]) -> Iterator[Problem]:
-    for layer in layers:
-        for key, span in _NUMBERS.items():
-            value = _info(layer, key, None)
-            if value is not None and not span.holds(value):
-                yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
+def check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
+    """Problems of units and times of layers; of others only rates: by one of NaN USD scales samples without end."""
+    others = layers_of_others(stage)
+    for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
+        value = _info(layer, key, None) if layer not in others or key.endswith("PerSecond") else None
+        if value is not None and not span.holds(value):
+            yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
 
 
 def _check_alike(layers: list[Sdf.Layer]) -> Iterator[Problem]:

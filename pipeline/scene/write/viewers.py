@@ -19,6 +19,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError, UsageError
+from pipeline.folders import put
 from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.pictures import named_by
@@ -245,7 +246,7 @@ def fix(path: Path) -> int:
     if not _states(text, stage.GetRootLayer(), wanted):
         hint = "write them by hand:\n" + "\n".join(f"        {line}" for line in lines)
         raise UsageError(f"{shown_path(path)}: no place was found for {len(lines)} lines", hint=hint)
-    path.write_bytes(text.encode("utf-8"))
+    put(path, text.encode("utf-8"))
     return len(lines)
 
 
