@@ -1,9 +1,12 @@
 """Standard streams in any state, limits and the working directory of this process."""
 
+import contextlib
 import io
 import os
 import resource
 import sys
+import warnings
+from collections.abc import Iterator
 
 from pipeline.errors import EnvironmentFault
 from pipeline.spelling import for_terminals
@@ -37,6 +40,21 @@ class Stderr(io.TextIOWrapper):
             super().flush()
         except OSError:
             return
+
+
+@contextlib.contextmanager
+def hushed() -> Iterator[None]:
+    """Context in which nothing reaches stderr: libraries write there by themselves, and quote files as they are."""
+    saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nothing)
 
 
 def mend_streams() -> None:

@@ -13,6 +13,7 @@ from pxr import Ar, Sdf, Usd, UsdLux, UsdShade
 
 from pipeline.errors import PipelineError
 from pipeline.limits import how_to_raise, limits
+from pipeline.machine.process import hushed
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.targets import is_in_preview
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside
@@ -137,4 +138,5 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile:
         content = bytes(packed.GetBuffer()) if packed else Path(file).read_bytes()
     except OSError as error:
         raise PipelineError(f"cannot be read: {error.strerror}", code="unreadable") from None
-    return PictureFile(content, suffix, *ends_of(content, suffix))
+    with hushed():
+        return PictureFile(content, suffix, *ends_of(content, suffix))

@@ -5,7 +5,7 @@ Elements keep their shapes, larger or smaller. A surface goes with the glass beh
 what has none goes with the mount, and so do gaps of air, from vertex to vertex.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from pxr import Usd
@@ -16,10 +16,25 @@ from pipeline.optics.glass.fluids import AIR, VACUUM
 from pipeline.optics.glass.medium import GlassError
 from pipeline.optics.glass.thermal import Thermal, thermal
 from pipeline.optics.prescription import Relief, Surface
-from pipeline.scene.usd.values import UnreadableValue, need, read
+from pipeline.scene.usd.problems import Problem, warning
+from pipeline.scene.usd.values import UnreadableValue, need, read, target
 
+_NAMES = ("plen:expansion", "plen:indexSlope", "plen:mountExpansion")
+"""Attributes of lenses, surfaces, sensors and microlenses that count where the lens has a temperature."""
 _PER_K = 1e-6
 """Unit of expansions and slopes in stages [1/K]."""
+
+
+def check_cold(prim: Usd.Prim) -> Iterator[Problem]:
+    """Warnings of what a lens, or a camera beside it, says of warmth while the lens has no temperature."""
+    lens, parts = prim, list(Usd.PrimRange(prim))
+    if not prim.IsA("PlenLens"):
+        links = ("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray")
+        lens, *parts = (target(prim, f"plen:camera:{name}", kind) for name, kind in links)
+    for part in filter(None, parts if lens and read(lens, "plen:temperature") is None else ()):
+        for given in (part.GetAttribute(name) for name in _NAMES if part.GetAttribute(name).HasAuthoredValue()):
+            message = f'"{given.GetName()}" has no effect without "plen:temperature" of <{lens.GetPath()}>'
+            yield warning(given, "unused-value", message, hint="write the temperature, or leave this out")
 
 
 def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float) -> float:

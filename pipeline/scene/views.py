@@ -56,6 +56,7 @@ points can be distinguished: a disc as wide as that takes all contrast from the 
 a wider one leaves an eighth of it at most, with black for white (2 J1(x) / x at x = pi 1.72 / sqrt(2)).
 """
 _ORIGIN = np.zeros((1, 3))
+"""The point of shapes and lamps at whose motion is looked [mm]."""
 _INSTANTS = 33
 """Instants of a frame at which something that moves is looked at [1]."""
 _WIDEST_IN_VIEW = 0.65

@@ -106,7 +106,8 @@ class Verb(_PlainFlags, typer.core.TyperCommand):
             if not flaw and ("\n" in arg or arg != for_terminals(arg)):
                 flaw = "holds a line break or another control character"
             if flaw:
-                raise UsageError(f"an argument {flaw}: {printable(arg[:60])}", hint="give it another name")
+                hint = "give it another name; an output folder is named with -o"
+                raise UsageError(f"an argument {flaw}: {printable(arg[:60])}", hint=hint)
         return super().parse_args(ctx, args)
 
 

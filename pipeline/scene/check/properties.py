@@ -268,7 +268,8 @@ def _check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -
             hint = "seconds as a fraction: (1, 1000) is a millisecond" if is_duration else None
             yield at_opinion(spec, problem(attribute, "wrong-type", message, hint=hint))
         return  # values of a wrong type would confuse the further checks
-    if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
+    is_sampled = attribute.GetNumTimeSamples() or attribute.HasSpline()
+    if schema.GetVariability() == Sdf.VariabilityUniform and is_sampled:
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples or a spline')
     if name.startswith("plen:") and any(spec.HasInfo("allowedTokens") for spec in specs(attribute)):
         yield problem(

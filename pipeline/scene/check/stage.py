@@ -25,6 +25,7 @@ from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.states import changes, check_in_time, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
+from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.others import Others, layers_of_others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
@@ -48,6 +49,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
+    ("PlenLens", check_cold),
     ("PlenLensGroup", check_group_place),
     ("PlenWindow", check_window),
     ("PlenChannel", check_channel),
@@ -149,7 +151,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
-    return problems + ([*check_camera(prim), *check_in_time(prim)] if is_camera(prim) else [])
+    return problems + ([*check_camera(prim), *check_in_time(prim), *check_cold(prim)] if is_camera(prim) else [])
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:
