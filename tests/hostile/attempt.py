@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from hostile.pictures import lay_pictures
+from hostile.scenes import SCENES
 from hostile.values import Attempt
 
 from pipeline.app.build import project_from
@@ -35,6 +36,10 @@ def write(attempt: Attempt, folder: Path) -> Path:
     """The stage of an attempt, as a file."""
     path = folder / "dataset.usda"
     lay_pictures(folder)
+    if attempt.type_name == "above":
+        (folder / "whole.usda").write_text(
+            SCENES[attempt.scene].stage().GetRootLayer().ExportToString(), encoding="utf-8"
+        )
     path.write_bytes(attempt.text().encode("utf-8", "surrogatepass"))
     return path
 

@@ -210,6 +210,7 @@ SCENES: dict[str, Scene] = {
     ),
     "known camera": Scene(_SINGLET | plen("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
     "raw images": Scene(_RAW, responds=True),
+    "shutter": Scene(plen("Camera", shutter__exposure=Gf.Vec2d(1, 100), truth__method="direct")),
     "lit": Scene(
         plen("Board", coat__roughness=0.2, coat__ior=1.4)
         | plen("Board", ink__wavelengths=[500.0, 600.0], ink__reflectance=[0.1, 0.2])

@@ -43,6 +43,23 @@ ORDERS = (
     [LONG],
     ["a"] * 1000,
 )
+SPLINES = (
+    "{ 1: %s; post linear, 2: -1 }",
+    "{ 1: 1e308; post linear, 2: -1e308 }",
+    "{ bezier, 1: %s; post curve (0.5, 1e9), 2: %s }",
+    "{ bezier, pre: linear, post: linear, 1: %s; post curve (1, 0), 1.0000001: 9; pre (1, 0); post linear }",
+    "{ post: loop repeat, 1: %s; post linear, 1.000001: 1; post linear }",
+    "{ 0: %s; post none, 5: 1 }",
+    "{ 1: %s & 1e9; post held }",
+    "{}",
+)
+"""Splines of a scalar, with its usual value in place of %s."""
+ARRAYS = ("edit [minsize 100000]", "edit [write 1 to [999]]", "edit [erase [0]]", "AnimationBlock")
+"""Values of an array that change that of a weaker file, where there is one."""
+METADATA = ('allowedTokens = ["x"]', 'colorSpace = "\\x1b[31m"')
+"""Metadata of a property."""
+RATES = ("nan", "inf", "0", "-1", "1e-320", "1e308")
+"""Numbers of a stage that stands above another one."""
 WRITTEN = {
     str: lambda: [_quoted(text) for text in TEXTS],
     float: lambda: [*(repr(number) for number in FLOATS), "2000000000", "1.5", '"text"', "None"],
@@ -66,6 +83,11 @@ class Attempt:
 
     def text(self) -> str:
         stage = SCENES[self.scene].stage()
+        if self.type_name == "above":
+            lines = f'defaultPrim = "Scene"\n{self.name} = {self.value}\nsubLayers = [@./whole.usda@]'
+            return f"#usda 1.0\n(\n{lines}\n)\n"
+        if self.type_name == "line":
+            return _with_line(stage, path_of(stage, self.at), self.name, self.value)
         if self.type_name == "metadata":
             return _with_metadata(stage, self.name, self.value)
         self.put(stage)
@@ -105,6 +127,14 @@ def attempts() -> tuple[Attempt, ...]:
         operations = xform_ops(every=at == "Board")
         found += [Attempt("conventional", at, name, kind, v) for name, kind in operations.items() for v in values(kind)]
         found += [Attempt("conventional", at, "xformOpOrder", "token[]", order) for order in ORDERS]
+        found += [
+            Attempt(scene, at, name, "line", line)
+            for scene in ("conventional", "shutter")[: 1 + (at != "Screen")]
+            for name, kind in operations.items()
+            for line in _lines(kind, name)
+        ]
+    keys = ("metersPerUnit", "timeCodesPerSecond", "framesPerSecond", "startTimeCode", "endTimeCode")
+    found += [Attempt(scene, "", key, "above", rate) for scene in ("shutter", "lit") for key in keys for rate in RATES]
     for key, usual in metadata().items():
         kind = next((kind for kind in WRITTEN if isinstance(usual, kind)), float)
         found += [Attempt("conventional", "", key, "metadata", text) for text in WRITTEN[kind]()]
@@ -133,6 +163,7 @@ def _of_scene(scene: str) -> Iterator[Attempt]:
         for value in [*values(kind, doc, usual), *_tokens(kind, tokens)]:
             yield Attempt(scene, at, name, kind, value)
         yield Attempt(scene, at, name, "wrong", "a text")
+        yield from (Attempt(scene, at, name, "line", line) for line in _lines(kind, name))
 
 
 def values(kind: str, doc: str = "", usual: Any = None) -> list[Any]:
@@ -149,6 +180,25 @@ def values(kind: str, doc: str = "", usual: Any = None) -> list[Any]:
     lists = [[good] * length for length in LENGTHS]
     lists += [[*list(usual)[1:], item] if usual else [item] for item in items]
     return [_type(kind).type.pythonClass(found) for found in lists]
+
+
+def _lines(kind: str, name: str) -> Iterator[str]:
+    """Statements about a property beside a plain value."""
+    if kind in ("double", "float", "half"):
+        yield from (f"{kind} {name}.spline = {spline.replace('%s', '2.5')}" for spline in SPLINES)
+    yield from (f"{kind} {name} = {edit}" for edit in (ARRAYS if kind.endswith("[]") else ARRAYS[-1:]))
+    yield from (f"{kind} {name} (\n{entry}\n)" for entry in METADATA)
+
+
+def _with_line(stage: Usd.Stage, prim: Usd.Prim, name: str, line: str) -> str:
+    """The stage with a property as text: there is no other way to write some."""
+    spec = stage.GetRootLayer().GetPrimAtPath(prim.GetPath())
+    if name in spec.properties:
+        del spec.properties[name]
+    Sdf.AttributeSpec(spec, "marker", Sdf.ValueTypeNames.Bool)
+    if name.startswith("xformOp:"):
+        prim.GetAttribute("xformOpOrder").Set(["xformOp:translate", *{name} - {"xformOp:translate"}])
+    return stage.GetRootLayer().ExportToString().replace("bool marker", line)
 
 
 def _numbers(scalar: str) -> tuple[Any, ...]:

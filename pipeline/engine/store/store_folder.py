@@ -54,16 +54,15 @@ class StoreFolder:
         self.root, self.warn, self.say_waiting = root, warn, warn
         if flaw := flaw_of(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
-        if self.root.exists() and not self.root.is_dir():
-            raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
-        with chosen_place("make the store", self.root):
+        self._workspace: Path | None = None  # made when first needed, removed with this object, or swept later
+        with chosen_place("make or use the store", self.root):  # of which another user may let nobody see anything
+            if self.root.exists() and not self.root.is_dir():
+                raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             _require_store(self.root)
-        self._workspace: Path | None = None  # made when first needed, removed with this object, or swept later
-        self.displaced = self._mend()
-        if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
-            with chosen_place("make the store", self.root):
+            self.displaced = self._mend()
+            if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
                 self._write(self.root / "VERSION", VERSION)
 
     def path(self, table: str, name: str) -> Path:

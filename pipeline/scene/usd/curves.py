@@ -16,7 +16,7 @@ from pipeline.scene.usd.values import UnreadableValue
 
 _MOST_LOOPS = 100
 """Most repetitions of a spline during one exposure [1]: a motion is kept by its pieces, and each has some."""
-_HALVINGS = 16
+_HALVINGS = 10
 """Most halvings of a curve: where its tangent is upright, no polynomial follows it."""
 _RIGHT = 1e-12
 """Error of the polynomials of a motion as a share of the largest value of a curve [1], doubled with each halving: steep
