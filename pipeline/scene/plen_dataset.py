@@ -161,9 +161,11 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if not prim.GetPath().HasPrefix(root.GetPath()):
             message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
             yield problem(prim, "outside-dataset", message)
-    moved = cameras, targets(root, "plen:targets", "PlenTarget"), [*seen_meshes(root), *lamp_prims(root.GetStage())]
     yield from check_motions(
-        root, *([prim for prim in prims if wrong.isdisjoint(prim.GetPath().GetPrefixes())] for prims in moved)
+        root,
+        [camera for camera in cameras if camera.GetPath() not in wrong],
+        targets(root, "plen:targets", "PlenTarget"),
+        [*seen_meshes(root), *lamp_prims(root.GetStage())],
     )
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)

@@ -189,8 +189,9 @@ def check_motions(
         for prim in (camera, *boards):
             if not moved_ops(prim):
                 continue
-            turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
-            bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
+            with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
+                turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
+                bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
             if bent.any():
                 message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
