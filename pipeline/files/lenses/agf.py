@@ -13,8 +13,12 @@ from pipeline.optics.glass.names import Named
 from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE, medium
 from pipeline.optics.printed import D_LINE_NM
 
-_SCHOTT = 2, -2, -4, -6, -8
-_EXPONENTS = {1: _SCHOTT, 10: (*_SCHOTT, -10, -12), 12: (*_SCHOTT, 4, 6), 13: (2, 4, -2, -4, -6, -8, -10, -12)}
+_EXPONENTS = {
+    1: (2, -2, -4, -6, -8),
+    10: (2, -2, -4, -6, -8, -10, -12),
+    12: (2, -2, -4, -6, -8, 4, 6),
+    13: (2, 4, -2, -4, -6, -8, -10, -12),
+}
 """Powers of the wavelength behind the constant of n^2, by the number of the formula."""
 _SELLMEIER = {2: 6, 6: 8, 11: 10}
 """Numbers of coefficients of Sellmeier's formulas: pairs of strength and squared resonance."""
