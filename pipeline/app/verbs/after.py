@@ -161,7 +161,7 @@ def fit(
     say(json_bytes(document(fits)).decode().rstrip("\n") if as_json else "\n".join(page(fits)))
     if camera_fit.left_out is not None:
         note(f"no thin lens before pinholes: {camera_fit.left_out}")
-    note(*(f"wrote {path}" for path, _ in written))
+    note(*(f"wrote {path}" for path, _ in files if path is not None))
 
 
 def inform(
