@@ -168,7 +168,7 @@ def their_scene(mi: Any, view: LitView) -> dict[str, Any]:
     for number, ((occluder, pose), plain) in enumerate(zip(view.occluders, view.lighting.finishes, strict=True)):
         finish = from_plain(Finish, plain)
         corners = apply(pose, occluder.corners_mm().reshape(-1, 3)).reshape(-1, 3, 3)
-        turned = np.array(finish.normals).reshape(-1, 3) @ pose[:3, :3].T if finish.normals else None
+        turned = np.array(finish.normals).reshape(-1, 3) @ pose[:3, :3].T if finish.normals is not None else None
         st = np.array(finish.primvars["st"]).reshape(-1, 2) if "st" in finish.primvars else None
         bsdf = their_material(mi, view, finish.materials[0])
         shapes[f"thing{number}"] = their_mesh(mi, corners.reshape(-1, 3), turned, st, bsdf)

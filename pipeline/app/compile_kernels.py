@@ -98,10 +98,9 @@ def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
 
 
 def _paths_of_light() -> None:
-    card = Occluder(vertices_mm=((-9.0, -9.0, 50.0), (9.0, -9.0, 50.0), (0.0, 9.0, 50.0)), triangles=((0, 1, 2),))
-    prism = Occluder(
-        vertices_mm=(*card.vertices_mm, (0.0, 0.0, 60.0)), triangles=((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
-    )
+    corners = np.array([[-9.0, -9.0, 50.0], [9.0, -9.0, 50.0], [0.0, 9.0, 50.0], [0.0, 0.0, 60.0]])
+    card = Occluder(vertices_mm=corners[:3], triangles=np.array([[0, 1, 2]]))
+    prism = Occluder(vertices_mm=corners, triangles=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))
     hole = Material(opacity_threshold=0.5, opacity=Input(value=(0.0,)))
     glass = Material(roughness=Input(value=(0.0,)), glass=Glass(wavelengths_nm=(550.0,), indices=(1.5,)))
     sky = PlacedLamp(
@@ -158,7 +157,7 @@ _RUN: dict[str, tuple[Callable[[], object], ...]] = {
     "micro_images": (_micro_images,),
     "images": (lambda: _pictures(_tracer()), lambda: _pictures(_plenoptic(0.0))),
     "company": (
-        lambda: _pictures(_tracer(), [Occluder(vertices_mm=_CORNERS, triangles=((0, 1, 2),))]),
+        lambda: _pictures(_tracer(), [Occluder(vertices_mm=np.array(_CORNERS), triangles=np.array([[0, 1, 2]]))]),
         lambda: _shine(Target(_SQUARES)),
     ),
     "shapes": (_shapes,),

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_
 from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.motion import Shutter
+from pipeline.records.plain import Shared, to_plain
 from pipeline.render.lighting.records import Material
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.params import cameras, frames, labels
@@ -187,7 +189,7 @@ class FrameTasks:
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> frames.PaintedView:
         lighting = self.painted.lighting(frame, self.entry.name, self.entry.bounces)
-        return frames.PaintedView(
+        view = frames.PaintedView(
             targets=self.painted.targets(poses, frame.motions.get(self.entry.name), named=False),
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
@@ -195,6 +197,7 @@ class FrameTasks:
             colours=self._colours,
             lights=self._lights if lighting else (),
         )
+        return cast(frames.PaintedView, Shared(to_plain(view)))  # of many tiles
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
         motions = frame.motions.get(self.entry.name)

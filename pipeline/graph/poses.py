@@ -44,12 +44,14 @@ class Things:
             targets = {name: bare(target) for name, target in targets.items()}
         self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
         self._occluders_in = dataset.occluders_in
-        self._finishes = {id(e): Shared(to_plain(e.finish)) for e in dataset.occluders if e.finish}
+        self._finishes = {
+            finish: Shared(to_plain(finish)) for finish in dict.fromkeys(e.finish for e in dataset.occluders) if finish
+        }
         self._coats = tuple(entry.coat for entry in dataset.targets)
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {
-            id(e): Shared(to_plain(e.occluder if painted else dataclasses.replace(e.occluder, radiance=0.0)))
-            for e in dataset.occluders
+            shape: Shared(to_plain(shape if painted else dataclasses.replace(shape, radiance=0.0)))
+            for shape in dict.fromkeys(e.occluder for e in dataset.occluders)
         }
 
     def targets(
@@ -71,7 +73,7 @@ class Things:
         vision, motions = np.array(frame.camera_from_world[camera]), frame.motions.get(camera)
         return tuple(
             PlacedOccluder(
-                occluder=self._occluders[id(entry)],
+                occluder=self._occluders[entry.occluder],
                 vision_from_occluder=matrix(vision @ frame.world_from_occluder[entry.prim_path]),
                 motion=motions.things.get(entry.prim_path) if motions else None,
             )
@@ -92,7 +94,7 @@ class Things:
             for path, lamp in self._lamps.items()
             if path in frame.world_from_lamp
         ]
-        finishes = [self._finishes[id(entry)] for entry in self._occluders_in(frame)]
+        finishes = [self._finishes[entry.finish] for entry in self._occluders_in(frame) if entry.finish]
         return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
 
 

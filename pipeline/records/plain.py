@@ -1,5 +1,6 @@
 """Conversion of frozen dataclasses to plain JSON values and back. Only plain values are passed between processes."""
 
+import base64
 import dataclasses
 import functools
 import math
@@ -25,12 +26,30 @@ class Shared(dict[str, Any]):
         return self.made
 
 
+class ByContent:
+    """A record with arrays: two of them are equal if their plain values are."""
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and bool(to_plain(self) == to_plain(other)))
+
+    __hash__ = object.__hash__
+
+
 _PLAIN = (bool, int, str, Shared, type(None))
 """Types whose values are plain already."""
 
 
 def to_plain(record: Any) -> Any:
-    """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
+    """A record as dicts, lists, numbers, strings and None, of an array its bytes. -0.0 becomes 0.0; NaN is refused."""
+    if hasattr(record, "__array_interface__"):  # NumPy itself would take longer to load than most work of the engine
+        if (record != record).any():
+            raise ValueError("a record cannot hold NaN")
+        values = record + record.dtype.type(0)
+        return {
+            "bytes": base64.b64encode(values.tobytes()).decode(),
+            "dtype": values.dtype.str,
+            "shape": list(values.shape),
+        }
     if isinstance(record, float):
         if math.isnan(record):
             raise ValueError("a record cannot hold NaN")
@@ -70,6 +89,10 @@ def from_plain(kind: type[T], plain: Any) -> T:
         value = tuple(from_plain(h, p) for h, p in zip(item_hints, plain, strict=True))
     elif origin is dict:
         value = {name: from_plain(args[1], item) for name, item in plain.items()}
+    elif isinstance(plain, dict) and "bytes" in plain:
+        import numpy as np  # see above
+
+        value = np.frombuffer(base64.b64decode(plain["bytes"]), plain["dtype"]).reshape(plain["shape"])
     elif hint is float:
         value = float(plain)
     return typing.cast(T, value)

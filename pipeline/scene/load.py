@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdUtils
@@ -43,7 +43,7 @@ class Loaded:
     `dataset` is None where the stage is a part of one, as a file of the library; `lens` is that of a stage that is a
     lens alone. `cameras` and `targets` are all of the stage, of a dataset or not. `flattened` is the text of the
     flattened stage with the additions for viewers, `files` are those of all layers that were read, and `written` is
-    everything that is written on the stage of a dataset, see `scene.edits`.
+    everything that is written on the stage of a dataset, see `scene.edits`; both are empty after a `look`.
     """
 
     dataset: Dataset | None
@@ -122,6 +122,10 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
             problems += [*check_seen(stage, dataset), *check_shone(stage, dataset), *check_speeds(stage, dataset)]
         if loaded.errors:
             return loaded
+    files = tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage)))
+    read = replace(loaded, dataset=dataset, cameras=cameras, lens=lens, targets=targets, files=files)
+    if look:
+        return read
     layer = flattened(stage)
     written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
@@ -129,16 +133,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
             if spec := layer.GetAttributeAtPath(attribute):
                 spec.default = Sdf.AssetPath(f"./{picture.file}")
                 spec.ClearInfo("timeSamples")
-    return Loaded(
-        dataset=dataset,
-        problems=problems,
-        flattened=text_for_viewers(layer, cameras, dataset),
-        cameras=cameras,
-        lens=lens,
-        targets=targets,
-        files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
-        written=written,
-    )
+    return replace(read, flattened=text_for_viewers(layer, cameras, dataset), written=written)
 
 
 def varied_cameras(

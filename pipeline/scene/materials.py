@@ -1,7 +1,8 @@
 """Materials of the meshes of a lit scene, with their normals and texture coordinates, and which meshes these are."""
 
 import math
-from collections.abc import Iterator, Set
+from collections.abc import Hashable, Iterator, Set
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,45 +12,59 @@ from pipeline.render.lighting.records import Finish, Numbers
 from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades, values_of
 from pipeline.scene.targets import is_preview
-from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn
+from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn, likeness
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
 
 
+@read_once
 def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
     stage = root.GetStage()
     wholes = targets(root, "plen:occluders", "Imageable")
     below = (prim for whole in wholes for prim in Usd.PrimRange(whole) if prim == whole or is_in_images(prim))
-    named = list(dict.fromkeys(prim for prim in below if is_drawn(prim)))
+    named = dict.fromkeys(prim for prim in below if is_drawn(prim))
     if not is_lit(stage):
-        return named
+        return list(named)
     taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
     others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
-    return named + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
+    return list(named) + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
 
 
 @read_once
+def _named(prim: Usd.Prim, frame: int | None = None) -> Hashable:
+    """What the finish of a shape depends on: primvars are inherited."""
+    shaded, of_face = shades(prim)
+    told = _likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
+    return told if frame is None else (prim, frame)
+
+
+@read_once
+def _likeness_with_above(prim: Usd.Prim) -> Hashable:
+    return (likeness(prim), _likeness_with_above(prim.GetParent())) if prim.GetParent() else ()
+
+
+@partial(read_once, named=_named)
 def read_finish(prim: Usd.Prim, frame: int | None = None) -> Finish:
     """The materials of a shape in a frame, with its normals and primvars; UnreadableValue if any cannot be used."""
     shape, (shaded, of_face) = drawn(prim, frame), shades(prim)
     normals, primvars, _ = _carried(prim, frame)
     return Finish(
         materials=tuple(each.material for each in shaded),
-        material_of=tuple(of_face.get(face, 0) for face in shape.faces.tolist()) if of_face else (),
+        material_of=np.array([of_face.get(face, 0) for face in shape.faces.tolist()], int) if of_face else None,
         normals=normals,
         primvars=primvars,
     )
 
 
-@read_once
+@partial(read_once, named=_named)
 def _carried(
-    prim: Usd.Prim, frame: int | None
-) -> tuple[tuple[Numbers, ...], dict[str, tuple[Numbers, ...]], list[Problem]]:
+    prim: Usd.Prim, frame: int | None = None
+) -> tuple[np.ndarray | None, dict[str, np.ndarray], list[Problem]]:
     """Normals and primvars at the corners of all triangles, and what of them does not fit the shape and is left out."""
     shape, time = drawn(prim, frame), Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
     wanted = {each.name: each for shade in shades(prim)[0] for each in shade.primvars}
-    flaws, primvars, normals = list[Problem](), dict[str, tuple[Numbers, ...]](), tuple[Numbers, ...]()
+    flaws, primvars, normals = list[Problem](), dict[str, np.ndarray](), None
     try:
         normals = _normals(prim, shape, time)
     except UnreadableValue as error:
@@ -59,7 +74,7 @@ def _carried(
             primvars[name] = _primvar(prim, shape, each, time)
         except UnreadableValue as error:
             flaws.append(_ignored(error))
-            primvars[name] = (each.fallback * 3,) * len(shape.corners)
+            primvars[name] = np.tile(each.fallback, (len(shape.corners), 3))
     return normals, primvars, flaws
 
 
@@ -69,10 +84,10 @@ def _ignored(error: UnreadableValue) -> Problem:
     return not_drawn(error.thing, f"{error.what}: it is ignored", hint=hint)
 
 
-def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers, ...]:
-    """Normals at the corners of all triangles: of the smooth surface, or authored ones; none: flat ones."""
+def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> np.ndarray | None:
+    """Normals at the corners of all triangles: of the smooth surface, or authored ones; None: flat ones."""
     if shape.is_smooth:
-        return () if shape.normals is None else _rows(shape.normals[shape.corners])
+        return None if shape.normals is None else _rows(shape.normals[shape.corners])
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasAuthoredValue():
         values, interpolation, attribute = primvar.ComputeFlattened(time), primvar.GetInterpolation(), primvar.GetAttr()
@@ -80,22 +95,22 @@ def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> tuple[Numbers,
         mesh = UsdGeom.PointBased(prim)
         attribute = mesh.GetNormalsAttr()
         values, interpolation = attribute.Get(time), mesh.GetNormalsInterpolation()
-    return _at_corners(plain(values), interpolation, shape, attribute, 3) if values else ()
+    return _at_corners(plain(values), interpolation, shape, attribute, 3) if values else None
 
 
-def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -> tuple[Numbers, ...]:
+def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -> np.ndarray:
     """Values of a primvar at the corners of all triangles; without one the coordinates of a solid, or its fallback."""
     primvar, size = primvar_of(prim, wanted), len(wanted.fallback)
     if primvar is not None:
         return _at_corners(values_of(primvar, time), primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
     if shape.st is not None and size == shape.st.shape[1]:
         return _rows(shape.st[shape.corners])
-    return (wanted.fallback * 3,) * len(shape.corners)
+    return np.tile(wanted.fallback, (len(shape.corners), 3))
 
 
 def _at_corners(
     values: tuple[Numbers, ...], interpolation: str, shape: Drawn, attribute: Usd.Attribute, size: int
-) -> tuple[Numbers, ...]:
+) -> np.ndarray:
     """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
     try:
         table = np.array(values, float).reshape(len(values), size)
@@ -116,8 +131,8 @@ def _at_corners(
         raise UnreadableValue(what, attribute) from None
 
 
-def _rows(corners: np.ndarray) -> tuple[Numbers, ...]:
-    return tuple(map(tuple, (corners.reshape(len(corners), math.prod(corners.shape[1:])) + 0.0).tolist()))
+def _rows(corners: np.ndarray) -> np.ndarray:
+    return corners.reshape(len(corners), math.prod(corners.shape[1:])) + 0.0
 
 
 def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
@@ -137,7 +152,7 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     while waiting:
         try:
             read_finish(waiting[0])
-            remarks |= dict.fromkeys([*remarks_on(waiting[0]), *_carried(waiting[0], None)[2]])
+            remarks |= dict.fromkeys([*remarks_on(waiting[0]), *_carried(waiting[0])[2]])
         except UnreadableValue as error:
             if error.thing not in blamed:
                 blamed.add(error.thing)

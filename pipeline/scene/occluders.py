@@ -1,6 +1,7 @@
 """Occluders: meshes and solids, in each frame with its shape, and outside the lens."""
 
 from collections.abc import Iterator, Sequence, Set
+from functools import partial
 
 import numpy as np
 from pxr import Sdf, Usd
@@ -9,7 +10,7 @@ from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.materials import read_finish, seen_meshes
-from pipeline.scene.usd.meshes import drawn, is_animated
+from pipeline.scene.usd.meshes import drawn, is_animated, of_prim
 from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.poses import (
     camera_from_world,
@@ -45,13 +46,13 @@ def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> l
     ]
 
 
-@read_once
+@partial(read_once, named=of_prim)
 def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
     """A shape that has triangles, in its own frame [mm], dark without PlenOccluderAPI."""
     shape, scale_mm = drawn(prim, frame), stage_mm_per_unit(prim)
     return Occluder(
-        vertices_mm=tuple(map(tuple, (shape.points * scale_mm).tolist())),
-        triangles=tuple(map(tuple, shape.triangles.tolist())),
+        vertices_mm=shape.points * scale_mm,
+        triangles=shape.triangles,
         radiance=read(prim, "plen:radiance") or 0.0,
     )
 
@@ -93,15 +94,20 @@ def check_outside_lens(
     if not occluders:
         return
     ends_mm, radius_mm = body_of(prescription_of(camera))
-    scale_mm = stage_mm_per_unit(root)
+    lens_mm, scale_mm = np.array([[0.0, 0.0, end] for end in ends_mm]), stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
     for occluder in occluders:
         changes = is_animated(occluder, with_primvars=False)
         poses = product(vision_from_world, world_from(occluder, frames, scale_mm))
         for number, pose in zip(frames, poses, strict=True):
-            shape = drawn(occluder, number if changes else None)
-            triangles = apply(pose, shape.points * scale_mm)[shape.triangles]
-            if is_visible(occluder, float(number)) and meets_lens(triangles, ends_mm, radius_mm):
+            at = number if changes else None
+            shape = read_occluder(occluder, at) if len(drawn(occluder, at).corners) else None
+            if (
+                shape
+                and shape.may_reach(pose, lens_mm, radius_mm)
+                and is_visible(occluder, float(number))
+                and meets_lens(apply(pose, shape.vertices_mm)[shape.triangles], ends_mm, radius_mm)
+            ):
                 message = (
                     f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'
                     f" {number}, z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"

@@ -42,6 +42,8 @@ def is_preview(prim: Usd.Prim) -> bool:
 
 def is_in_preview(prim: Usd.Prim) -> bool:
     """Whether a prim is part of the preview of a target, such as its material."""
+    if PREVIEW not in prim.GetPath().pathString:
+        return False
     return any(is_preview(prim.GetStage().GetPrimAtPath(path)) for path in prim.GetPath().GetPrefixes())
 
 

@@ -4,7 +4,7 @@ in which a camera sees nothing of a target, or little (`camera.figures.outlook`)
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -158,7 +158,10 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
             seen = np.flatnonzero(fate[index] == Fate.SEEN)
-            around = surroundings(dataset, frames[index], name)
+            if not len(seen):
+                continue
+            before = pupil_points_mm(camera), places[index, seen]
+            around = surroundings(dataset, frames[index], name, before=before)
             hidden = _hidden(around, camera, number, places[index, seen], fronts[index, seen])
             fate[index, seen[hidden]] = HIDDEN
     spacing = np.full(len(frames), np.inf)
@@ -189,8 +192,13 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
 
 
-def surroundings(dataset: Dataset, frame: Frame, name: str, only: str | None = None) -> "Surroundings":
-    """All targets and occluders of a frame, or the target of a name alone, in the vision frame of a camera."""
+def surroundings(
+    dataset: Dataset, frame: Frame, name: str, only: str | None = None, before: Sequence[np.ndarray] = ()
+) -> "Surroundings":
+    """All targets and occluders of a frame, or the target of a name alone, in the vision frame of a camera.
+
+    `before`: points of the pupil and of targets, (n, 3), if occluders count only where they may be between these.
+    """
     from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 
     entries = [entry for entry in dataset.targets if only in (None, entry.name)]
@@ -202,6 +210,10 @@ def surroundings(dataset: Dataset, frame: Frame, name: str, only: str | None = N
         (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))
         for entry in dataset.occluders_in(frame)
     ]
+    if before:
+        ends = np.array([points.mean(axis=0) for points in before])
+        wide = max(np.linalg.norm(points - end, axis=1).max() for points, end in zip(before, ends, strict=True))
+        occluders = [(thing, pose) for thing, pose in occluders if thing.may_reach(pose, ends, wide)]
     return Surroundings(targets, occluders)
 
 

@@ -1,10 +1,13 @@
 """Meshes: targets of any known shape with marked points, and occluders that may be in front of a target."""
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
+from pipeline.records.plain import ByContent
 from pipeline.records.shapes import Float64, Int64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.patterns.pattern import TargetError
@@ -16,11 +19,11 @@ _SAME = 1e-7
 """Distance within which two vertices are one, as a part of the mesh [1]: files hold single precision."""
 
 
-def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) -> None:
+def require_faces(triangles: Int64[np.ndarray, "m 3"], vertices: int) -> None:
     """Refuse, by a TargetError, a mesh without faces, or with a face that names a vertex which it does not have."""
-    if not triangles:
+    if not len(triangles):
         raise TargetError("the mesh has no faces", code="bad-mesh")
-    if not 0 <= min(map(min, triangles)) <= max(map(max, triangles)) < vertices:
+    if not 0 <= triangles.min() <= triangles.max() < vertices:
         raise TargetError(f"a face names a vertex beyond the {vertices} of the mesh", code="bad-mesh")
 
 
@@ -36,27 +39,45 @@ def is_closed(points: Float64[np.ndarray, "n 3"], triangles: Int64[np.ndarray, "
     return not np.bincount(edge.reshape(-1), weights=np.sign(end - start)).any()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Occluder:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Occluder(ByContent):
     """A mesh that blocks light, opaque from both sides, with one relative radiance on both; vertices in its own frame.
 
     Raises TargetError: it has no faces, or a face refers to a vertex that does not exist.
     """
 
-    vertices_mm: tuple[Triple, ...]
-    triangles: tuple[tuple[int, int, int], ...]
+    vertices_mm: Any  # (n, 3) float64, made of anything like it
+    triangles: Any  # (m, 3) int64
     radiance: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices_mm", np.asarray(self.vertices_mm, float))
+        object.__setattr__(self, "triangles", np.asarray(self.triangles, np.int64))
         require_faces(self.triangles, len(self.vertices_mm))
 
     def corners_mm(self) -> np.ndarray:
         """Corners of the triangles, (m, 3, 3)."""
-        return np.array(self.vertices_mm, float)[np.array(self.triangles)]
+        corners: np.ndarray = self.vertices_mm[self.triangles]
+        return corners
+
+    @cached_property
+    def _ball_mm(self) -> tuple[np.ndarray, float]:
+        """Centre and radius of a ball around it."""
+        centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
+        return centre, float(np.linalg.norm(self.vertices_mm - centre, axis=1).max())
+
+    def may_reach(
+        self, pose: Float64[np.ndarray, "4 4"], ends_mm: Float64[np.ndarray, "2 3"], distance_mm: float
+    ) -> bool:
+        """Whether the mesh, in any affine pose, may be as near as that to the segment between two points, (2, 3)."""
+        (centre, radius), (start, end) = self._ball_mm, ends_mm
+        off, way = pose[:3, :3] @ centre + pose[:3, 3] - start, end - start
+        share = min(max(off @ way / max(way @ way, np.finfo(float).tiny), 0.0), 1.0)
+        return math.dist(off, share * way) <= distance_mm + radius * float(np.linalg.norm(pose[:3, :3]))
 
     def is_closed(self) -> bool:
         """Whether its triangles close a volume."""
-        return is_closed(np.array(self.vertices_mm, float), np.array(self.triangles))
+        return is_closed(self.vertices_mm, self.triangles)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +95,7 @@ class MeshTarget:
     normals: tuple[Triple, ...]
 
     def __post_init__(self) -> None:
-        require_faces(self.triangles, len(self.vertices_mm))
+        require_faces(np.array(self.triangles), len(self.vertices_mm))
         if len(self.points_mm) != len(self.normals):
             raise TargetError(
                 f"{len(self.points_mm)} marked points and {len(self.normals)} normals", hint="one normal per point"

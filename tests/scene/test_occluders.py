@@ -64,7 +64,7 @@ def test_faces_become_triangles_and_poses_any_affine_transform(tmp_path) -> None
     """A quad, a hole and a triangle; scaled twice along x; moved in the second frame, where the other is invisible."""
     dataset = open_dataset(written(tmp_path), [ROOT])
     screen, dark = (entry.occluder for entry in dataset.occluders)
-    assert screen.triangles == ((0, 1, 2), (0, 2, 3), (1, 2, 4))
+    assert screen.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [1, 2, 4]]
     assert (screen.radiance, dark.radiance) == (0.25, 0.0)
     first, second = (frame.world_from_occluder for frame in dataset.frames)
     assert list(first) == ["/Dataset/Arm/Screen", "/Dataset/Arm/Dark"] and list(second) == ["/Dataset/Arm/Screen"]

@@ -561,7 +561,8 @@ def test_instances_are_told_of_once_per_line(tmp_path, many):
     places = [(problem.code, problem.line) for problem in loaded.problems]
     assert loaded.errors == [] and len(places) == len(set(places))
     assert {"outside-reference", "bad-token", "not-drawn", "not-in-image"} == {code for code, _ in places}
-    assert all("the same at" in problem.message for problem in loaded.problems if problem.code == "not-drawn")
+    [beside] = [problem for problem in loaded.problems if problem.code == "outside-reference"]
+    assert "(the same at" in beside.message
 
 
 def test_a_material_outside_of_the_referenced_prim_is_named_and_the_hint_brings_it(tmp_path):

@@ -521,8 +521,8 @@ def test_an_animated_display_colour_is_that_of_the_frame(is_inherited: bool, tmp
     ball = f'def Sphere "Ball"\n{{\n{"" if is_inherited else colours}}}\n'
     content = f'def Xform "Group"\n{{\n{colours if is_inherited else ""}{ball}}}\n'
     dataset = load(scene(tmp_path, content, 2, lit=True)).dataset
-    drawn_colours = [entry.finish.primvars["displayColor"][0][:3] for entry in dataset.occluders]
-    assert drawn_colours == [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
+    drawn_colours = [entry.finish.primvars["displayColor"][0, :3].tolist() for entry in dataset.occluders]
+    assert drawn_colours == [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     assert {entry.finish.materials[0].diffuse_color.primvar for entry in dataset.occluders} == {"displayColor"}
 
 
@@ -540,7 +540,7 @@ def test_colours_that_are_empty_at_first_are_those_of_the_frame(tmp_path):
     flag = "\n".join(f"{name}.timeSamples = {{\n1: {one},\n2: {two},\n}}" for name, (one, two) in samples.items())
     content = f'def Mesh "Flag"\n{{\nuniform token subdivisionScheme = "none"\n{flag}\n}}\n'
     [entry] = load(scene(tmp_path, content, 2, lit=True)).dataset.occluders
-    assert (entry.frame, entry.finish.primvars["displayColor"]) == (2, ((1, 0, 0, 0, 1, 0, 0, 0, 1),))
+    assert (entry.frame, entry.finish.primvars["displayColor"].tolist()) == (2, [[1, 0, 0, 0, 1, 0, 0, 0, 1]])
 
 
 def test_of_subsets_that_share_a_face_the_first_counts(tmp_path):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.motion import Motion
+from pipeline.records.plain import ByContent
 
 Rgb = tuple[float, float, float]
 """Linear components of sRGB's primaries."""
@@ -109,14 +110,14 @@ class Material:
     glass: Glass | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finish:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finish(ByContent):
     """Materials of the triangles of a mesh, with normals in its frame and primvars at their corners, by name."""
 
     materials: tuple[Material, ...]
-    material_of: tuple[int, ...] = ()  # index of the material of each triangle; empty: all have the first
-    normals: tuple[Numbers, ...] = ()
-    primvars: dict[str, tuple[Numbers, ...]] = field(default_factory=dict)
+    material_of: Any = None  # index of the material of each triangle, (t,); None: all have the first
+    normals: Any = None  # (t, 9) float64; None: flat ones
+    primvars: dict[str, Any] = field(default_factory=dict)  # (t, 3 k) of k numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

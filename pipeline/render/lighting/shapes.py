@@ -236,12 +236,12 @@ def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish
     corners = apply(pose, occluder.corners_mm().reshape(-1, 3)).reshape(-1, 3, 3)
     count = len(corners)
     normals = _flat(corners)
-    if finish.normals:
-        turned = np.array(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
+    if finish.normals is not None:
+        turned = np.asarray(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
         normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
-    tables = [np.array(values, float).reshape(count, 3, -1) for values in finish.primvars.values()]
+    tables = [np.asarray(values, float).reshape(count, 3, -1) for values in finish.primvars.values()]
     primvars = np.concatenate([np.zeros((count, 3, 0)), *tables], axis=2)
-    chosen = np.array(rows)[np.array(finish.material_of, int)] if finish.material_of else np.full(count, rows[0])
+    chosen = np.full(count, rows[0]) if finish.material_of is None else np.array(rows)[finish.material_of]
     return Shapes(corners, normals, primvars, chosen)
 
 
@@ -256,7 +256,7 @@ def outward(piece: Shapes) -> Shapes:
 
 def columns_of(finish: Finish) -> dict[str, int]:
     """First column of each primvar of a mesh."""
-    sizes = [len(values[0]) // 3 if values else 0 for values in finish.primvars.values()]
+    sizes = [np.shape(values)[1] // 3 for values in finish.primvars.values()]
     return dict(zip(finish.primvars, np.cumsum([0, *sizes]).tolist(), strict=False))
 
 

@@ -26,7 +26,7 @@ from pipeline.scene.usd.poses import (
     world_from,
     xform_ops,
 )
-from pipeline.scene.usd.problems import Problem, problem, warning
+from pipeline.scene.usd.problems import Problem, problem, specs, warning
 from pipeline.scene.usd.values import read, targets
 from pipeline.scene.windows import WINDOWS, check_standing, prescription_of
 from pipeline.spelling import frames_in_words
@@ -55,7 +55,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     windows = list(dict.fromkeys(prim for camera in cameras for prim in targets(camera, WINDOWS, "PlenWindow")))
     rigid = [*cameras, *boards, *windows]
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    moved = list(dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim)))
+    moved = list(dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim) if specs(link)))
     exact = {link for prim in rigid for link in ancestry(prim)}
     problems = [bad for link in moved for bad in _check_link(link, frames, is_exact=link in exact)]
     if not any(bad.is_error for bad in problems):

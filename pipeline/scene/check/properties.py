@@ -3,6 +3,7 @@ values of a wrong type, out of range, or not supported yet.
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -14,7 +15,6 @@ from pipeline.scene.usd.poses import is_op, is_orient
 from pipeline.scene.usd.problems import Problem, at_opinion, did_you_mean, problem, saying, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME, file_of
 from pipeline.scene.usd.values import (
-    FOR_NO_IMAGE,
     FOREIGN,
     LENS_DISTORTION,
     LONGEST_TEXT,
@@ -32,6 +32,12 @@ from pipeline.scene.usd.values import (
 )
 from pipeline.spelling import nearest
 
+FOR_NO_IMAGE = re.compile(
+    r"(drive|limit|state|semantics?|omni|isaac|arnold|karma|redshift|ri|rtx):|physics|physx|newton|mjc|mujoco"
+    r"|proxyPrim$|Render(Settings|Product|Var|Pass|DenoisePass)",
+    re.IGNORECASE,
+)
+"""Beginnings of properties, types and schemas that concern no image: physics, meaning, settings of renderers."""
 _MOVES = Rule(span=FOREIGN["xformOp"])
 _TARGETS_NAMED = 5
 """Number of missing targets of one relationship that are listed; further ones are counted."""

@@ -5,7 +5,7 @@ tokens and ranges, and then ask whether the parts can be built.
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Callable, Hashable, Iterable, Iterator, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
-from pipeline.scene.check.properties import check_apis, check_properties, known_types
+from pipeline.scene.check.properties import FOR_NO_IMAGE, check_apis, check_properties, known_types
 from pipeline.scene.check.units import check_units
 from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
@@ -27,6 +27,7 @@ from pipeline.scene.states import changes, check_in_time, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
+from pipeline.scene.usd.meshes import likeness
 from pipeline.scene.usd.others import Others, layers_of_others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
@@ -42,7 +43,7 @@ from pipeline.scene.usd.problems import (
 )
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import FOR_NO_IMAGE, Range, UnreadableValue, at_code
+from pipeline.scene.usd.values import Range, UnreadableValue, at_code
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -103,10 +104,14 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         else:
             everything.PruneChildren()
             problems += others.settled([_of_dangling(prim)])
-    wrong: set[Sdf.Path] = set()
+    wrong, right = set[Sdf.Path](), set[Hashable]()
     for prim in filter(Usd.Prim.IsActive, prims):
+        said = prim.IsAbstract(), likeness(prim), *((spec.layer.identifier, spec.path) for spec in specs(prim))
+        if said in right:
+            continue  # an instance
         of_prim = list(others.settled([*_check_prim(prim, others), *check_properties(prim)]))
         problems += of_prim
+        right |= set() if of_prim else {said}
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
     if over := [problem for prim in _parts(prims) for problem in check_budgets(prim)]:
@@ -133,7 +138,8 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 
 def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
-    return [prim for prim in prims if prim.IsActive() and not prim.IsAbstract()]
+    ours = [prim for prim in prims if prim.GetTypeName() == "Camera" or prim.GetTypeName().startswith("Plen")]
+    return [prim for prim in ours if prim.IsActive() and not prim.IsAbstract()]
 
 
 def _codes(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
@@ -371,6 +377,8 @@ def _check_assets(stage: Usd.Stage, roots: list[Path], others: Others) -> Iterat
     read = {attribute for _, attribute in pictures}
     for attribute in (attribute for prim in prims for attribute in prim.GetAuthoredAttributes()):
         prim = attribute.GetPrim()
+        if not issubclass(type(attribute.GetTypeName().defaultValue), Sdf.AssetPath | Sdf.AssetPathArray):
+            continue
         if attribute in read or is_in_preview(prim) or others.wrote(attribute):
             continue  # previews are of viewers: a copied dataset.usda builds without its pictures
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]

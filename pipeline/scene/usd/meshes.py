@@ -3,8 +3,9 @@
 What a shape says wrongly never refuses a dataset: it is drawn as far as it can be, and `Drawn.flaws` says how.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,23 @@ class Polygons:
         return values[self.vertex]
 
 
+_PLACES = ("xformOp", "visibility", "purpose")
+"""Beginnings of properties that place and show a prim: its shape does not depend on them."""
+
+
+@read_once
+def likeness(prim: Usd.Prim) -> Hashable:
+    """What a prim is and which opinions it has, but for its place: if these are the same, the shape is, too."""
+    opinions = prim.GetPrimStack()
+    telling = [spec for spec in opinions if any(not name.startswith(_PLACES) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
+    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *((spec.layer.identifier, spec.path) for spec in telling)
+
+
+def of_prim(prim: Usd.Prim, time: float | None = None) -> Hashable:
+    """The name of a shape for `read_once`: instances have the same one. One that changes may be shifted in time."""
+    return likeness(prim) if time is None else (prim, time)
+
+
 def is_drawn(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in _SOLIDS
 
@@ -115,7 +133,7 @@ def is_animated(prim: Usd.Prim, *, with_primvars: bool) -> bool:
     return any(thing.ValueMightBeTimeVarying() for thing in [*things, *looks])
 
 
-@read_once
+@partial(read_once, named=of_prim)
 def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     """The triangles of a Mesh or a solid at a time, by default the earliest one."""
     take(prim.GetPath())

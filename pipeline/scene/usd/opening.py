@@ -165,10 +165,10 @@ def _line_of_asset(layer: str, text: str) -> int | None:
 
 def write_out_instances(stage: Usd.Stage) -> None:
     """Turn every instance into an ordinary prim, by the session layer, so that no file changes."""
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        while instances := [prim for prim in stage.TraverseAll() if prim.IsInstance()]:
-            for prim in instances:
-                prim.SetInstanceable(False)
+    while instances := [prim.GetPath() for prim in stage.TraverseAll() if prim.IsInstance()]:
+        with Sdf.ChangeBlock():
+            for path in instances:
+                Sdf.CreatePrimInLayer(stage.GetSessionLayer(), path).instanceable = False
 
 
 def instance_of(prim: Usd.Prim) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
 from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
-from pipeline.scene.usd.values import plain, read, take
+from pipeline.scene.usd.values import plain, read, read_once, take
 
 Times = Sequence[float | Usd.TimeCode]
 """Time codes; of USD's own kind also those just before a jump."""
@@ -69,13 +69,19 @@ def world_from(prim: Usd.Prim, times: Times, mm_per_unit: float, below: Usd.Prim
     """
     world_from_prim = np.eye(4)
     for link in itertools.takewhile(lambda link: link != below, ancestry(prim)):
-        parent_from_link = np.eye(4)
-        for op in xform_ops(link):
-            asked = times if op.MightBeTimeVarying() else times[:1]
-            moved = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in asked])
-            parent_from_link = product(parent_from_link, moved)
-        world_from_prim = product(parent_from_link, world_from_prim)
+        world_from_prim = product(_parent_from(link, tuple(times), mm_per_unit), world_from_prim)
     return np.broadcast_to(world_from_prim, (len(times), 4, 4))
+
+
+@read_once
+def _parent_from(link: Usd.Prim, times: tuple[float, ...], mm_per_unit: float) -> np.ndarray:
+    """A prim's own transform at times, (n, 4, 4), or (4, 4) if it does not move."""
+    parent_from_link = np.eye(4)
+    for op in xform_ops(link):
+        asked = times if op.MightBeTimeVarying() else times[:1]
+        moved = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in asked])
+        parent_from_link = product(parent_from_link, moved)
+    return parent_from_link
 
 
 def product(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -33,12 +33,6 @@ LENS_DISTORTION = frozenset(
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
 """Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
-FOR_NO_IMAGE = re.compile(
-    r"(drive|limit|state|semantics?|omni|isaac|arnold|karma|redshift|ri|rtx):|physics|physx|newton|mjc|mujoco"
-    r"|proxyPrim$|Render(Settings|Product|Var|Pass|DenoisePass)",
-    re.IGNORECASE,
-)
-"""Beginnings of properties, types and schemas that concern no image: physics, meaning, settings of renderers."""
 
 
 @contextmanager
@@ -88,15 +82,15 @@ class Sources(dict[str, set[str]]):
         return answer
 
 
-def read_once(reader: F) -> F:
-    """Decorate a reader, a function of prims, names and numbers: checks and readers ask for the same prims again."""
+def read_once(reader: F, named: Callable[..., Hashable] = lambda *arguments: arguments) -> F:
+    """Decorate a reader, which is asked again. `named`: what its answer depends on, by default all arguments."""
 
     @functools.wraps(reader)
     def asked(*arguments: Any) -> Any:
         answers = _ANSWERS.get()
         if answers is None:
             return reader(*arguments)
-        key = reader, _CODE.get(), *arguments
+        key = reader, _CODE.get(), named(*arguments)
         if key not in answers:
             with taking() as taken:
                 answer = reader(*arguments)
@@ -106,6 +100,11 @@ def read_once(reader: F) -> F:
         return answer
 
     return cast(F, asked)
+
+
+def forget() -> None:
+    """Forget the answers of readers, because the stage was changed."""
+    (_ANSWERS.get() or {}).clear()
 
 
 class UnreadableValue(PipelineError):
