@@ -288,6 +288,20 @@ def test_a_fisheye_is_refused_only_by_formats_that_read_a_pinhole(two, tmp_path,
     assert two.cameras["Fish"].pinhole is None and not view.poses.pinhole_from_target
 
 
+def test_the_box_of_coco_is_that_of_the_board_and_not_of_its_corners(two, tmp_path):
+    """The sheet, a square and a half beyond the outermost corners, as its pinhole shows it, to a pixel of its tips."""
+    export.export(two, ["coco"], tmp_path, Request(only=("Thin",)))
+    (found,) = json.loads((tmp_path / "coco/coco.json").read_text())["annotations"]
+    half = np.array([(5 + 3) * 15.0, (4 + 3) * 15.0])
+    sheet = np.array([[x, y, 0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
+    pinhole = two.cameras["Thin"].pinhole_with_distortion
+    ahead = apply(two.view(camera="Thin", frame=1).poses.pinhole_from_target["Board"], sheet)
+    tips = np.clip(pinhole.projected(ahead) + 0.5, 0, [200, 150])
+    left, top, width, height = found["bbox"]
+    same([left, top, left + width, top + height], [*tips.min(axis=0), *tips.max(axis=0)], 1.5)
+    assert 0.5 * width * height < found["area"] <= width * height
+
+
 def test_an_ideal_lens_is_a_pinhole_without_distortion_in_its_own_place(two, tmp_path):
     """It leaves more of the rays than another model would, and yet bends none: boards are where rows show them."""
     export.export(two, ["ros", "ncore", "nerfstudio"], tmp_path, Request(only=("Thin",)))

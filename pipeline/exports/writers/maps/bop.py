@@ -10,12 +10,10 @@ import numpy as np
 
 from pipeline.channel_names import folder_of
 from pipeline.exports.material import ExportCamera, ExportView, Material
-from pipeline.exports.ray_patches import bands
-from pipeline.exports.writers.maps.traced import AT_ONCE, traced
+from pipeline.exports.writers.maps.traced import distances_mm, traced
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.png import write_png
 from pipeline.formats import Board, Cameras, Format, Origin, Pose, Reads, Rotation, Unit
-from pipeline.results.answers import SeenScene
 
 FORMAT = Format(
     consumer="BOP: bop_toolkit, estimators of poses of objects",
@@ -57,11 +55,11 @@ def write(material: Material, folder: Path) -> None:
         with traced(camera, place) as pixels:
             for frame in material.frames[camera.name]:
                 views = [view for view in material.of(camera) if view.frame == frame]
-                first_mm = _distances_mm(camera, scene, frame, pixels.rays)
+                first_mm = distances_mm(camera, scene, frame, pixels.rays)
                 scale = _write_depth(camera, pixels.rays, first_mm, place / f"depth/{frame:06d}.png")
                 infos = []
                 for number, view in enumerate(views):
-                    alone_mm = _distances_mm(camera, scene, frame, pixels.rays, view.target)
+                    alone_mm = distances_mm(camera, scene, frame, pixels.rays, view.target)
                     seen = np.isfinite(alone_mm), alone_mm <= first_mm
                     for name, mask in zip(("mask", "mask_visib"), seen, strict=True):
                         write_png(place / f"{name}/{frame:06d}_{number:06d}.png", (mask * _WHITE).astype(np.uint8))
@@ -89,18 +87,6 @@ def _matrix(camera: ExportCamera) -> np.ndarray:
 def _pose(number: int, view: ExportView) -> Json:
     assert view.pose is not None
     return {"cam_R_m2c": view.pose.rotation.ravel(), "cam_t_m2c": view.pose.translation, "obj_id": number}
-
-
-def _distances_mm(
-    camera: ExportCamera, scene: SeenScene, frame: int, rays: np.ndarray, only: str | None = None
-) -> np.ndarray:
-    """Ways of the rays of all pixels to what they meet, (h, w)."""
-    height, width = rays.shape[:2]
-    parts = []
-    for first, end in bands(height, AT_ONCE // width):
-        origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
-        parts.append(scene.distance_mm(frame, camera.name, origin, direction, only))
-    return np.concatenate(parts).reshape(height, width)
 
 
 def _write_depth(camera: ExportCamera, rays: np.ndarray, first_mm: np.ndarray, path: Path) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.ray_patches import bands
+from pipeline.results.answers import SeenScene
 
 AT_ONCE = 1 << 16
 """Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
@@ -38,6 +39,18 @@ def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
     finally:
         del rays
         scratch.unlink()
+
+
+def distances_mm(
+    camera: ExportCamera, scene: SeenScene, frame: int, rays: np.ndarray, only: str | None = None
+) -> np.ndarray:
+    """Ways of the rays of all pixels to what they meet, (h, w)."""
+    height, width = rays.shape[:2]
+    parts = []
+    for first, end in bands(height, AT_ONCE // width):
+        origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
+        parts.append(scene.distance_mm(frame, camera.name, origin, direction, only))
+    return np.concatenate(parts).reshape(height, width)
 
 
 def about(material: Material, camera: ExportCamera) -> dict[str, str | float | int]:
