@@ -11,15 +11,18 @@ import numpy as np
 import OpenEXR
 import pytest
 import rawpy
+from laws import rigs
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 from stage_text import stage_in
 
 from pipeline.files.exr import ExrWindows, Part, read_exr, write_exr
 from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.jsonfile import write_json
 from pipeline.graph.dataset_graph import graph_of
-from pipeline.records.plain import from_plain
+from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.load import load
 from pipeline.tasks import colour_image
+from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.outputs import ColourImage, Expose
 from pipeline.tasks.raw_images import expose
@@ -70,7 +73,9 @@ def taken(request, tmp_path):
         tmp_path / "image.exr", [Part(name="image", channels=dict(zip("RGB", np.moveaxis(pixels, 2, 0), strict=True)))]
     )
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
-    expose(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
+    write_json(tmp_path / FOCUSED, to_plain(rigs.conventional()))  # whose F-number and focal length a negative states
+    inputs = {"image": {"image.exr": tmp_path / "image.exr"}, "camera": {FOCUSED: tmp_path / FOCUSED}}
+    expose(params, inputs, tmp_path)
     return request.param, rgb, xyz, tmp_path, graph
 
 
@@ -88,19 +93,22 @@ def test_raw_converters_see_the_colours_that_the_sensor_can_tell(taken):
 
 
 def tags_of(path):
+    """Those of a negative, and those of its directory of Exif."""
     with path.open("rb") as stream:
-        tags = ImageFileDirectory_v2(stream.read(8))
+        tags, exif = ImageFileDirectory_v2(start := stream.read(8)), ImageFileDirectory_v2(start)
         stream.seek(tags.next)
         tags.load(stream)
-    return tags
+        stream.seek(tags[34665])
+        exif.load(stream)
+    return tags, exif
 
 
 def test_tags_say_white_light_and_time_as_the_specification_of_dng_wants(taken):
     """Its own way: the matrix makes white neutral, and its inverse makes X, Y and Z of what was counted."""
     light, rgb, xyz, folder, _ = taken
-    tags = tags_of(folder / "raw.dng")
+    tags, exif = tags_of(folder / "raw.dng")
     matrix, neutral = np.array(tags[50721], float).reshape(3, 3), np.array(tags[50728], float)
-    assert tags[33434] == pytest.approx(0.01)
+    assert exif[33434] == pytest.approx(0.01)
     assert (tags[50778], tags.get(50779)) == {"D65": (21, None), "A": (17, 21)}.get(light, (255, 21))
     np.testing.assert_allclose(neutral, np.array([0.42, 0.55, 0.45]) / 0.55, rtol=1e-6)
     np.testing.assert_allclose(matrix @ xyz[-1], neutral, atol=2e-3)
@@ -128,9 +136,10 @@ def test_a_sensor_without_colours_is_given_none(taken):
     *_, folder, graph = taken
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
     grey = replace(params.response, filters=("green",), quantum_efficiency=(0.5,))
-    expose(replace(params, response=grey), {"image": {"image.exr": folder / "image.exr"}}, folder)
-    tags = tags_of(folder / "raw.dng")
-    assert 33434 in tags
+    inputs = {"image": {"image.exr": folder / "image.exr"}, "camera": {FOCUSED: folder / FOCUSED}}
+    expose(replace(params, response=grey), inputs, folder)
+    tags, exif = tags_of(folder / "raw.dng")
+    assert 33434 in exif
     assert not {50721, 50722, 50728, 50778, 50779} & set(tags)
 
 
