@@ -52,7 +52,7 @@ Tag = tuple[int, int, int, Any, bool]
 
 
 class Tags(NamedTuple):
-    """What makes a negative of a TIFF file."""
+    """Further tags, by which a TIFF file is a negative."""
 
     photometric: int
     more: Sequence[Tag]

@@ -311,7 +311,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
 
 
 def judged(found: Differences, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows are known to lie within their claim, and which beyond, (n,) bool each; others are undecided."""
+    """Rows known to lie within their claim, and rows known to lie beyond, (n,) bool each; others are undecided."""
     within = (found.chance(claim_px) > _SUSPECT) & found.known(claim_px)
     return within, found.chance(np.where(rows.is_direct, 1, WORST) * claim_px) * len(within) < FALSE_ALARM / 2
 

@@ -1,4 +1,4 @@
-"""What is sharp in a camera: its focus, depth of field, near and far planes. Paraxial; positions are vision z [mm].
+"""Focus, depth of field, and near and far planes of a camera. Paraxial; positions are vision z [mm].
 
 A conventional camera is judged on its sensor, a focused plenoptic one in its micro-images, and an unfocused one in its
 views: the pixels at one place of all micro-images are the picture of a camera whose sensor is the array, whose pixels

@@ -127,7 +127,7 @@ def _of_row(entry: dict[str, str]) -> Named:
 
 
 def _apart(glass: Medium, nd: float, vd: float) -> str:
-    """How far n_d and V_d of a glass are from stated ones; empty if it has none."""
+    """Differences of n_d and V_d of a glass from stated ones, in words; empty if it has none."""
     if glass.nd is None or glass.vd is None:
         return ""
     return f": n_d {round(glass.nd - nd, 5) + 0.0:+.5f}, V_d {round(glass.vd - vd, 2) + 0.0:+.2f}"
