@@ -1,27 +1,38 @@
 """Sizes of tasks for forecasts: numbers proportional to their work, and a coarse cost where nothing has run yet."""
 
+import json
+import math
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 
-from pipeline.camera.figures.outlook import microlenses_lit
-from pipeline.camera.focusing.focus_request import FocusRequest
+import numpy as np
+
+from pipeline.camera.figures.outlook import microlenses_lit, outlook
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.in_time import INSTANTS, STATES
-from pipeline.camera.parts.camera import Camera
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.records import Params
+from pipeline.engine.records import Params, as_json
+from pipeline.frames import apply
 from pipeline.graph.dataset_graph import graph_of
+from pipeline.optics.first_order import first_order
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.targets.drawing import CHECKS, DISC, POLYGON, SPOKES
+from pipeline.targets.target import target_from_plain
+from pipeline.tasks.params.cameras import AskedCamera
 
 SECONDS_PER_RAY = 1e-7
 """Processor time of one ray of an image or a bundle [s]: tiles of white images took 85 ns through 12 surfaces and 40 ns
 behind microlenses, tiles of images of boards up to 90 ns, on a core of an AMD EPYC on 24 November 2026. Slower
 processors take two or three times as long, and so do lamps that shine on a scene.
 """
-_SHARE_OF_GLOWING = 0.3
-"""Share of its rays that an image without lamps takes: it has those of the white image, and few outside the targets."""
+_SHARE_BEHIND_MICROLENSES = 0.3
+"""Share of the rays of a white image that one without lamps takes behind microlenses: 0.2 to 0.4 in example 02."""
+_BESIDE_BLUR_PX = 2.0
+"""Width by which footprints of pixels surpass the blur of a point: that of a pixel, and margins on both sides [px]."""
 _SECONDS_PER_MET = 6e-7
 """Processor time of a ray that is followed to what it meets [s]: those of labels, and of images without lamps of a bent
 target, took 0.5 to 1.3 µs on a busy Intel Xeon on 27 November 2026.
@@ -67,10 +78,12 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
         glows = "view" in params and params["view"]["lighting"] is None
-        if "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
+        if params.get("is_smooth"):  # quadrature knows it
+            rays = 0.0
+        elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
             ray_s = _SECONDS_PER_MET
         elif glows:
-            rays *= _SHARE_OF_GLOWING
+            rays *= _share_sampled(as_json(focus), as_json(params["view"]["targets"]))
         if changes and params.get("shutter"):
             shutter = params["shutter"]
             frame_s = sensor["height_px"] * shutter["line_s"] + shutter["exposure_s"]
@@ -80,6 +93,37 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 
+@lru_cache(maxsize=8)
+@np.errstate(all="ignore")  # what is not finite takes all rays
+def _share_sampled(focus: str, targets: str) -> float:
+    """Share of the pixels that take rays in an image of flat targets that glow: those whose light comes from both sides
+    of an edge, by the length of all edges and the blur there.
+    """
+    camera, share = focused(from_plain(AskedCamera, json.loads(focus)).asked), 0.0
+    if camera.microlenses:
+        return _SHARE_BEHIND_MICROLENSES
+    for placed in json.loads(targets):
+        for patch in target_from_plain(placed["target"]).patches():
+            pose, drawing = np.array(placed["vision_from_target"]) @ patch.target_from_patch, patch.drawing.arrays
+            facing = max(1e-3, abs(pose[:3, 2] @ pose[:3, 3]) / np.linalg.norm(pose[:3, 3]))
+            size_mm = 2 * np.array([drawing.half_x, drawing.half_y])
+            points = apply(pose, np.append(size_mm, 0) / 4 * [(1, 1, 0), (1, -1, 0), (-1, 1, 0), (-1, -1, 0)])[None]
+            blur_px = outlook(camera, points, np.broadcast_to(pose[:3, 2], points.shape)).blur_px.mean()
+            px_per_mm = abs(first_order(camera.prescription).magnification(pose[2, 3])) / camera.sensor.pitch_mm
+            edges_px = px_per_mm * (2 * size_mm.sum() + sum(map(_edges_mm, drawing.kinds, drawing.numbers)))
+            area_px2 = px_per_mm**2 * size_mm.prod() * facing
+            covered = -np.expm1(-(1.15 * blur_px + _BESIDE_BLUR_PX) * edges_px * math.sqrt(facing) / area_px2)
+            share += float(min(1.0, area_px2 / math.prod(camera.sensor.size_px)) * covered)
+    return min(1.0, share)
+
+
+def _edges_mm(kind: int, numbers: np.ndarray) -> float:
+    """Length of the edges of a shape of a drawing, of a polygon that of its bounds."""
+    a, b, c, d, e, _ = numbers.tolist()
+    half = {POLYGON: c - b + e - d, DISC: math.pi * d, SPOKES: a * (e - d), CHECKS: (a + 1) * (b + 1) * c}[int(kind)]
+    return 2 * half
+
+
 def _is_bent(target: Params) -> bool:
     surface = target["target"].get("surface")  # none of a mesh
     return surface is None or surface["kind"] not in _SHAPES_WITH_FACES
@@ -87,7 +131,7 @@ def _is_bent(target: Params) -> bool:
 
 def _seconds_of_pairs(params: Params, focus: Params) -> float:
     """Processor time of a tile of truth by its points and the microlenses that see them, to first order; 0 without."""
-    asked = from_plain(Camera, focus["camera"]) if focus["camera"] else from_plain(FocusRequest, focus["request"])
+    asked = from_plain(AskedCamera, focus).asked
     array, channel, pairs = asked.microlenses, params["table"]["channel"], 0.0
     if array is None:
         return 0.0

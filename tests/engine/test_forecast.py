@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from engine import toy
 from laws.solving import planes_of
@@ -11,12 +12,16 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
-from pipeline.engine.planning.forecast import Cost
+from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.records import Run
 from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.sizes import assumed_cost
+from pipeline.render.glow import TargetLight
+from pipeline.render.imaging import colours
+from pipeline.render.pixel_rays import Band
 from pipeline.scene.load import open_dataset
+from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.surfaces import Cylinder
 from pipeline.truth.direct.direct_rows import guesses
 
@@ -84,12 +89,34 @@ def test_kinds_that_never_ran_cost_what_is_assumed(known, store, tmp_path):
     assert "to come: about 30 min of processor time, 5 rays: a guess by their number, because no task" in told
 
 
-def test_the_rays_of_a_first_plan_are_those_of_its_images():
-    """Example 01: a white image and six frames, of which three tenths are reckoned, with 64 rays per pixel."""
-    graph = graph_of(open_dataset(Path(__file__).parents[2] / "examples/01_conventional/dataset.usda"))[0]
-    costs = [assumed_cost(graph, name) for name in graph]
-    assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
-    assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
+@pytest.mark.parametrize(("board", "width_px"), [("checks", 640), ("checks", 160), ("circles", 160)])
+def test_the_rays_of_a_first_plan_are_those_that_the_images_take(board, width_px):
+    """Within a factor of two, of large and small images: those pixels take rays that see more than one colour."""
+    dataset = open_dataset(Path(__file__).parents[2] / "examples/01_conventional/dataset.usda")
+    (camera,), (target,) = dataset.cameras, dataset.targets
+    sensor = replace(camera.asked.sensor, width_px=width_px, height_px=width_px * 3 // 4)
+    camera = replace(camera, asked=replace(camera.asked, sensor=sensor))
+    if board == "circles":
+        circles = CircleGrid(columns=7, rows=5, spacing_mm=1.6, diameter_mm=0.8)
+        target = replace(target, target=replace(target.target, pattern=circles))
+    graph = graph_of(replace(dataset, cameras=(camera,), targets=(target,)))[0]
+    band = Band.of(Rig.of(Tracer(camera.camera)))
+    poses = [frame.vision_from_target(camera.name, target.name) for frame in dataset.frames]
+    seen = colours(band, [TargetLight([(target.target, pose)], dataset.background) for pose in poses])
+    reckoned = sum(assumed_cost(graph, name).rays for name in graph)
+    assert 0.5 < reckoned / (64 * np.isnan(seen[:, 0]).sum()) < 2.0
+
+
+def test_times_under_load_and_for_loading_code_are_no_part_of_a_forecast():
+    """A third of the tasks took ten times as long, and the first one loaded code for a second."""
+    rays = [100, 200, 300, 100, 200, 300]
+    runs = [Run(cpu_seconds=0.01 * count, kernels={"k": {"rays": count}}) for count in rays]
+    runs[0] = replace(runs[0], cpu_seconds=2.0, loading_seconds=1.0)
+    runs[5] = replace(runs[5], cpu_seconds=30.0)
+    idle = [Run(cpu_seconds=1.5, loading_seconds=1.0), Run(cpu_seconds=0.1)]
+    found = means_by_kind([*(("image", run) for run in runs), *(("report", run) for run in idle)])
+    assert (found["image"].cpu_seconds, found["image"].rays) == (pytest.approx(2.0), 200)
+    assert found["report"].cpu_seconds == pytest.approx(0.3)
 
 
 def test_rays_of_labels_and_of_bent_targets_are_reckoned_to_what_they_meet():
@@ -98,13 +125,13 @@ def test_rays_of_labels_and_of_bent_targets_are_reckoned_to_what_they_meet():
     (camera,), (target,) = dataset.cameras, dataset.targets
     labelled = replace(camera, labels=("depth",))
     bent = replace(target, target=replace(target.target, surface=Cylinder(radius_mm=40.0)))
-    for changed, per_frame in (
-        (replace(dataset, cameras=(labelled,)), 6e-7 + 0.3e-7),
-        (replace(dataset, targets=(bent,)), 6e-7),
+    for kind, changed in (
+        ("labels_tile", replace(dataset, cameras=(labelled,))),
+        ("image_tile", replace(dataset, targets=(bent,))),
     ):
         graph = graph_of(changed)[0]
-        reckoned_s = sum(assumed_cost(graph, name).cpu_seconds for name in graph) - 0.05 * len(graph)
-        assert reckoned_s == pytest.approx(640 * 480 * 64 * (1e-7 + 6 * per_frame))
+        reckoned_s = sum(assumed_cost(graph, name).cpu_seconds - 0.05 for name in graph if name.startswith(f"{kind}/"))
+        assert reckoned_s == pytest.approx(640 * 480 * 64 * 6 * 6e-7)
 
 
 @pytest.mark.parametrize(("tilt_deg", "pair_s"), [(0.0, 6e-4), (0.02, 1e-2)])

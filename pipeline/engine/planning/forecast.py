@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
+from statistics import fmean, median
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
@@ -58,8 +59,10 @@ class Past:
         run = last.made_by
         before, now = self.size(task.kind, last.components.params), self.size(task.kind, params)
         factor = now / before if before > 0 and now > 0 else 1.0
+        alike = self.kinds.get(task.kind)
+        seconds = alike.cpu_seconds / alike.rays * run.rays if alike and alike.rays else _seconds([run])
         # Memory stays the same, because tiles limit it.
-        return Cost(cpu_seconds=last.made_by.cpu_seconds * factor, rays=run.rays * factor, peak_bytes=run.peak_bytes)
+        return Cost(cpu_seconds=seconds * factor, rays=run.rays * factor, peak_bytes=run.peak_bytes)
 
 
 def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: Past, assumed: Assumed) -> Forecast:
@@ -83,9 +86,18 @@ def means_by_kind(runs: Iterable[tuple[str, Run]]) -> dict[str, Cost]:
         runs_by_kind.setdefault(kind, []).append(run)
     return {
         kind: Cost(
-            cpu_seconds=sum(run.cpu_seconds or 0.0 for run in alike) / len(alike),
+            cpu_seconds=_seconds(alike),
             rays=sum(run.rays for run in alike) / len(alike),
             peak_bytes=max(run.peak_bytes for run in alike),
         )
         for kind, alike in runs_by_kind.items()
     }
+
+
+def _seconds(runs: list[Run]) -> float:
+    """Mean processor time of runs, without loading of code; where all count rays, by the median of what a ray took."""
+    # A busy machine takes up to three times as long for a ray, most often only for a part of a build.
+    took = [max(0.0, (run.cpu_seconds or 0.0) - run.loading_seconds) for run in runs]
+    if all(run.rays for run in runs):
+        took = [run.rays * median(time / run.rays for time, run in zip(took, runs, strict=True)) for run in runs]
+    return fmean(took)
