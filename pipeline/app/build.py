@@ -69,12 +69,12 @@ def project(
     With `preview` small pictures only, a quarter of the size (see `graph.variants`), by default for another output
     folder. StageError if the stage does not pass `check`.
     """
-    place = Path(out) if out else default_out(Path(path))
+    return project_from(load(path, allow_roots), Path(path), out, preview=preview)
+
+
+def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview: bool = False) -> Project:
+    place = Path(out) if out else default_out(path)
     place = folder_of(place) if preview and not out else place
-    return project_from(load(path, allow_roots), Path(path), place, preview=preview)
-
-
-def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
     dataset = require_dataset(loaded, path)
     dataset = preview_of(dataset) if preview else dataset
     graph, files, certificates = graph_of(dataset)
@@ -93,7 +93,7 @@ def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False
             "certificate": certificates,
             "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
         },
-        out=out,
+        out=place,
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
@@ -153,14 +153,16 @@ build.__signature__ = signature(build).replace(  # type: ignore[attr-defined]  #
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
     """Build a dataset stage as `build` does, with the options in one record."""
     warn = warner(on_event)
-    dataset = project(path, out, options.allow_roots, preview=options.preview)
+    stages = [load(path, options.allow_roots, later=True)]
+    dataset = project_from(stages[0], Path(path), out, preview=options.preview)
     dataset = dataset if options.pictures else without_pictures(dataset)
     if options.device is not None:
         dataset = on_device(dataset, options)
 
     def prepare() -> None:
         compile_once(warn, dataset.graph, options.workers)
-        problems = load(path, options.allow_roots, look=True).problems
+        loaded = stages.pop()
+        problems = [*loaded.problems, *loaded.doubts()]
         for problem in problems:
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")
@@ -173,7 +175,10 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
         from pipeline.engine.running.cluster import engine_of
 
         engine = engine_of(options.engine, options.timeout_s)
-    return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
+    try:
+        return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
+    finally:
+        stages.clear()  # a traceback would hold the stage, and edits of its files would not be seen
 
 
 def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: Emit = silent) -> Result:

@@ -1,8 +1,10 @@
 """Loading of stages: the path of a stage becomes records or problems."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextvars import copy_context
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdUtils
@@ -43,7 +45,8 @@ class Loaded:
     `dataset` is None where the stage is a part of one, as a file of the library; `lens` is that of a stage that is a
     lens alone. `cameras` and `targets` are all of the stage, of a dataset or not. `flattened` is the text of the
     flattened stage with the additions for viewers, `files` are those of all layers that were read, and `written` is
-    everything that is written on the stage of a dataset, see `scene.edits`; both are empty after a `look`.
+    everything that is written on the stage of a dataset, see `scene.edits`; both are empty after a `look`. `doubts`
+    are the further problems of a look, if it was to come later.
     """
 
     dataset: Dataset | None
@@ -54,6 +57,7 @@ class Loaded:
     targets: tuple[TargetEntry, ...] = ()
     files: tuple[Path, ...] = ()
     written: Written = field(default_factory=dict)
+    doubts: Callable[[], list[Problem]] = list
 
     @property
     def errors(self) -> list[Problem]:
@@ -61,12 +65,15 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False) -> Loaded:
+def load(
+    path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False, later: bool = False
+) -> Loaded:
     """Open, check and read a stage, a dataset or any part of one. Problems of the stage never raise; UsageError if the
     path cannot be that of a stage.
 
     `allow_roots` are folders that the stage may read from, besides its project and the shipped library. With `look`
-    some rays are traced, too, to warn of targets that a camera does not see and of parts that hardly fit together.
+    some rays are traced, too, to warn of targets that a camera does not see and of parts that hardly fit together; with
+    `later` when asked, by `doubts`, which holds the stage: while it lives, edits of its files are not seen.
     """
     allow_roots = tuple(allow_roots)
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
@@ -81,7 +88,8 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
             problems += write_out(stage, frame_numbers(root))
         roots = allowed_roots(Path(path), allow_roots)
         with unchanging(), reading_below(roots):
-            return _read(stage, roots, look, problems)
+            loaded = _read(stage, roots, look, problems)
+            return loaded if later else replace(loaded, doubts=list)
     except StageError as error:
         return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -115,17 +123,12 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
     if dataset:
         problems += check_effect(stage, set().union(*dataset.sources.values()))
-    if look:
-        problems += check_doubts(stage, cameras)
-        if not loaded.errors and dataset:
-            problems += check_rays(stage, dataset)
-            problems += [*check_seen(stage, dataset), *check_shone(stage, dataset), *check_speeds(stage, dataset)]
-        if loaded.errors:
-            return loaded
     files = tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage)))
-    read = replace(loaded, dataset=dataset, cameras=cameras, lens=lens, targets=targets, files=files)
+    doubts = partial(copy_context().run, _doubts, stage, cameras, dataset)  # with what readers have answered
+    read = replace(loaded, dataset=dataset, cameras=cameras, lens=lens, targets=targets, files=files, doubts=doubts)
     if look:
-        return read
+        problems += read.doubts()
+        return loaded if loaded.errors else read
     layer = flattened(stage)
     written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
@@ -134,6 +137,16 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
                 spec.default = Sdf.AssetPath(f"./{picture.file}")
                 spec.ClearInfo("timeSamples")
     return replace(read, flattened=text_for_viewers(layer, cameras, dataset), written=written)
+
+
+def _doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...], dataset: Dataset | None) -> list[Problem]:
+    messages = UsdUtils.CoalescingDiagnosticDelegate()
+    problems = list(check_doubts(stage, cameras))
+    if dataset and not any(problem.is_error for problem in problems):
+        problems += check_rays(stage, dataset)
+        problems += [*check_seen(stage, dataset), *check_shone(stage, dataset), *check_speeds(stage, dataset)]
+    messages.TakeUncoalescedDiagnostics()
+    return problems
 
 
 def varied_cameras(

@@ -158,7 +158,7 @@ def camera_from_window(camera: Usd.Prim, window: Usd.Prim, number: float) -> np.
     """Transform from a window to the frame of a Camera, whose axes are those of its lens, in a frame, (4, 4) [mm]."""
     scale_mm = stage_mm_per_unit(camera)
     if is_fixed(camera, window):
-        return world_from(window, [number], scale_mm, below=camera)[0]
+        return world_from(window, [number], scale_mm, camera)[0]
     world_from_camera, world_from_window = (world_from(prim, [number], scale_mm)[0] for prim in (camera, window))
     # Rounded, so that a camera and a pane that move together stay one camera.
     return np.round(product(inverse(world_from_camera), world_from_window), _DIGITS) + 0.0

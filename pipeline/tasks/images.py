@@ -6,8 +6,10 @@ have in common are the same tasks, so that a finer request goes on from the samp
 
 import dataclasses
 import math
+import pickle
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +40,8 @@ MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
 Scene = TargetLight | GlowingView | LitView
 """A view as the rooms of light take it."""
+_LAST: dict[bytes, LitView] = {}
+"""The last lit view of this process, by what its triangles depend on: tasks of channels and of tiles share them."""
 Together = tuple[list[Scene], Rows, Rows]
 """Scenes of the instants that some pixels see, their rows and columns."""
 
@@ -273,13 +277,19 @@ def instants_after_s(shutter: Shutter) -> np.ndarray:
 def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
     """The view as the rooms of light take it."""
     assert view is not None  # tiles, passes and images without them have one
-    targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
     if view.lighting is None:
+        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
         if not any(view.colours):
             return TargetLight(targets, view.background, occluders)
         return GlowingView(targets, view.background, occluders, view.colours)
-    pictures = {role: read_npy(files[PICTURE]) for role, files in inputs.items() if PICTURE in files}
-    return LitView(targets, occluders, view.lighting, pictures, view.background, view.lights, view.colours)
+    files_of = {role: files[PICTURE] for role, files in inputs.items() if PICTURE in files}
+    things = sha256(pickle.dumps((view.targets, view.occluders, view.lighting, files_of))).digest()
+    if (like := _LAST.get(things)) is None:
+        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+        pictures = {role: read_npy(file) for role, file in files_of.items()}
+        _LAST.clear()
+        _LAST[things] = like = LitView(targets, occluders, view.lighting, pictures, 0.0, ())
+    return dataclasses.replace(like, background=view.background, lights=view.lights, colours=view.colours, like=like)
 
 
 def image_pass(params: Image, inputs: Inputs, out: Path) -> None:

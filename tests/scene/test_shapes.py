@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builds import made
 from pxr import Gf, Usd, UsdGeom
 from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
+from pipeline.render.lighting import lit_scene
 from pipeline.scene.load import load
+from pipeline.scene.usd import meshes, subdivided
 from pipeline.scene.usd.meshes import drawn, is_animated
 
 CUBE = (
@@ -49,6 +52,49 @@ def test_usds_fallback_is_a_catmull_clark_surface_and_none_its_polygons():
     assert (len(smooth.triangles), len(polygons.triangles)) == (12288, 12) and volume(polygons) == pytest.approx(8)
     made.GetSubdivisionSchemeAttr().Set("bilinear")
     assert volume(drawn(made.GetPrim())) == pytest.approx(8)
+
+
+def counted(monkeypatch, module, name: str) -> list:
+    """A list that grows with each call of a function of a module."""
+    real, calls = getattr(module, name), []
+    monkeypatch.setattr(module, name, lambda *arguments: calls.append(arguments) or real(*arguments))
+    return calls
+
+
+def test_a_build_refines_a_mesh_once_and_its_channels_share_the_triangles(tmp_path, monkeypatch):
+    """It was refined for the build and again for its warnings, and made ready for rays again for each channel."""
+    refined, trees = counted(monkeypatch, subdivided, "refined"), counted(monkeypatch, lit_scene, "MeshScene")
+    counts, indices, points = CUBE
+    body = f"int[] faceVertexCounts = {counts}\nint[] faceVertexIndices = {indices}\npoint3f[] points = {points}\n"
+    stage = scene(tmp_path, f'def Mesh "Body"\n{{\n{body}}}\n', lit=True)
+    sensor = 'over "Sensor" (\nprepend references = @sensors/bayer_640x480_10um.usda@\n)\n{\n}\n'
+    lens = 'over "Lens"\n{\nuniform token plen:indexSource = "catalogue"\n}\n'
+    rig = "@rigs/conventional_100mm.usda@\n)\n{\n"
+    stage.write_text(stage.read_text().replace(rig, rig + sensor + lens))
+    result = made(stage, tmp_path / "out", tmp_path / "store", preview=True)
+    assert sum(task.name.startswith("image/") for task in result.tasks) == 3
+    assert (len(refined), len(trees)) == (1, 1)
+
+
+@pytest.mark.parametrize("kind", ["PointInstancer", "instances"])
+def test_instances_share_one_tessellation(kind: str, tmp_path, monkeypatch):
+    made_once = counted(monkeypatch, meshes, "_of_solid")
+    places = [f"({k}, 0, 0)" for k in range(20)]
+    ball = 'def Xform "One"\n{\ndef Sphere "Ball"\n{\n}\n}\n'
+    many = (
+        f'def PointInstancer "Many"\n{{\nrel prototypes = </Scene/Things/Many/One>\nint[] protoIndices = {[0] * 20}\n'
+        f"point3f[] positions = [{', '.join(places)}]\n{ball}}}\n"
+    )
+    if kind == "instances":
+        at = 'double3 xformOp:translate = {}\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+        own = (
+            f'def "I{k}" (\ninstanceable = true\nreferences = </Scene/Things/One>\n)\n{{\n{at.format(place)}\n}}\n'
+            for k, place in enumerate(places)
+        )
+        many = ball.replace("def Xform", "class Xform") + "".join(own)
+    loaded = load(scene(tmp_path, many, lit=True), look=True)
+    assert loaded.errors == [] and len(loaded.dataset.occluders) == 20 and len(made_once) == 1
+    assert len({id(entry.occluder.vertices_mm) for entry in loaded.dataset.occluders}) == 1
 
 
 def test_a_scheme_that_is_a_sample_counts():

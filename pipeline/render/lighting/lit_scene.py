@@ -56,6 +56,7 @@ class LitView:
     background: float  # radiance that the camera sees where there is nothing, if no dome is there
     lights: tuple[Slices, ...]  # light of each wavelength of the image, in the order of `Rig.in_each_light`
     colours: Sequence[Colours] = ()  # colours of each target; empty: all of them are neutral
+    like: "LitView | None" = None  # a view in another light, whose triangles are those of this one
 
     def in_light(self, number: int) -> "LitScene":
         """The view at one of its wavelengths."""
@@ -64,6 +65,8 @@ class LitView:
     @cached_property
     def surfaces(self) -> "_Surfaces":
         """Triangles, materials and their tree, which are the same at all wavelengths."""
+        if self.like is not None:
+            return self.like.surfaces
         table, pieces = MaterialTable(self.pictures), list[shapes.Shapes]()
         for (target, pose), coat in zip(self.targets, self.lighting.coats, strict=True):
             row = table.add_coat(coat)

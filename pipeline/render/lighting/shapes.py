@@ -269,9 +269,11 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
 
 def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
     """Triangles that shine, by area and emission, without an estimate yet; with the sum of the products."""
-    edge, next_edge = (shapes.corners[:, k] - shapes.corners[:, 0] for k in (1, 2))
-    area = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
-    power = area * _emission(materials)[shapes.material] if len(area) else area
+    emission, power, area = _emission(materials), *np.zeros((2, len(shapes.corners)))
+    some = np.flatnonzero(emission[shapes.material] > 0)  # of few scenes any, and each slice of the light asks
+    edge, next_edge = (shapes.corners[some, k] - shapes.corners[some, 0] for k in (1, 2))
+    area[some] = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
+    power[some] = area[some] * emission[shapes.material[some]]
     shining = np.flatnonzero(power > 0)
     share = power / power.sum() if len(shining) else power
     per_mm2 = np.divide(share, area, out=np.zeros(len(area)), where=area > 0)

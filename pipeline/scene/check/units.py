@@ -37,7 +37,7 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     here, there = arc.GetIntroducingNode().layerStack, arc.GetTargetNode().layerStack
     mine, file = here.identifier.rootLayer, there.identifier.rootLayer
     (unit, up), (its_unit, its_up) = _units(mine), _units(file)
-    if min(unit, its_unit) <= 0:
+    if min(unit, its_unit) <= 0 or (unit, up) == (its_unit, its_up):
         return None
     layers = set(here.layers), set(there.layers)
     ratio, matrix = its_unit / unit, _matrix(prim, *layers)

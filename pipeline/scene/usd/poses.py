@@ -6,7 +6,8 @@ fixed order instead of by BLAS, whose sums depend on the processor.
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
@@ -20,14 +21,13 @@ LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
 
 
-def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+@read_once
+def ancestry(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
     """The prim and its ancestors, up to the last whose transform counts."""
-    while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Xformable):
-            yield prim
-            if UsdGeom.Xformable(prim).GetResetXformStack():
-                return
-        prim = prim.GetParent()
+    if not prim or prim.IsPseudoRoot():
+        return ()
+    own = (prim,) if prim.IsA(UsdGeom.Xformable) else ()
+    return own if own and UsdGeom.Xformable(prim).GetResetXformStack() else own + ancestry(prim.GetParent())
 
 
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
@@ -62,6 +62,7 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
     return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
 
 
+@partial(read_once, named=lambda prim, times, *more: (prim, tuple(times), *more))
 def world_from(prim: Usd.Prim, times: Times, mm_per_unit: float, below: Usd.Prim | None = None) -> np.ndarray:
     """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is.
 

@@ -96,7 +96,8 @@ def read_once(reader: F, named: Callable[..., Hashable] = lambda *arguments: arg
                 answer = reader(*arguments)
             answers[key] = answer, taken
         answer, taken = answers[key]
-        take(*taken)
+        if (taking_all := _TAKEN.get()) is not None:
+            taking_all.update(taken)
         return answer
 
     return cast(F, asked)
