@@ -1,11 +1,12 @@
 """Assets of others beside a board: what is built, what is refused, what is warned of, and a contact sheet.
 
-    python benchmarks/assets.py FOLDER [--out build/assets] [--only WORD] [--without WORD]
+    python benchmarks/assets.py FOLDER [--out build/assets] [--only WORD] [--without WORD] [--instances N]
 
 Every .usd, .usda, .usdc and .usdz file below FOLDER that no other file there uses is referenced beside a ChArUco board,
 below a sky and a round lamp (`assets.usda`), converted into millimetres, and scaled to a width of 30 mm; a lens camera
 looks at both. Prints a table and the warnings, and writes stages, builds, `table.md` and `sheet.jpg` into the output
-folder.
+folder. With `--instances` also what a check costs, in processor time per instance, of a tenth of so many spheres and of
+all, and of as many cubes that share nothing.
 """
 
 import argparse
@@ -108,6 +109,35 @@ def row_of(name: str, file: Path, folder: Path, out: Path) -> tuple[str, Image.I
     return f"| {name} | {size:.3g} | {verdict} | {len(errors)} | {len(problems) - len(errors)} |", tile
 
 
+def cost_of_instances(count: int, kind: str, path: Path) -> float:
+    """Processor time of a check of so many instances beside the board [ms each]: `native`, `points` or `alone`."""
+    stage = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(_SCENE)))
+    places = [Gf.Vec3d(i % 100 / 10, i // 100 / 10, -450) for i in range(count)]
+    ball = UsdGeom.Sphere.Define(stage, "/Scene/Many/Ball" if kind == "points" else "/Ball/Shape")
+    ball.CreateRadiusAttr(0.04)
+    if kind == "points":
+        many = UsdGeom.PointInstancer.Define(stage, "/Scene/Many")
+        many.CreatePrototypesRel().SetTargets([ball.GetPath()])
+        many.CreateProtoIndicesAttr([0] * count)
+        many.CreatePositionsAttr([Gf.Vec3f(each) for each in places])
+    for i, each in enumerate(places if kind != "points" else ()):
+        if kind == "alone":
+            thing = UsdGeom.Cube.Define(stage, f"/Scene/One{i}")
+            thing.CreateSizeAttr(0.04)
+        else:
+            thing = UsdGeom.Xform.Define(stage, f"/Scene/One{i}")
+            thing.GetPrim().GetReferences().AddInternalReference("/Ball")
+            thing.GetPrim().SetInstanceable(True)
+        thing.AddTranslateOp().Set(each)
+    if kind != "points":
+        stage.GetPrimAtPath("/Ball").SetSpecifier(Sdf.SpecifierClass)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stage.GetRootLayer().Export(str(path))
+    start = time.process_time()
+    assert not load(path, look=True).errors
+    return 1e3 * (time.process_time() - start) / count
+
+
 def sheet_of(tiles: list[tuple[str, Image.Image]]) -> Image.Image:
     """All pictures with their names."""
     (width, height), rows = _TILE, -(-len(tiles) // _COLUMNS)
@@ -126,7 +156,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("build/assets"))
     parser.add_argument("--only", default="", help="only files with this in their path")
     parser.add_argument("--without", help="no file with this in its path")
+    parser.add_argument("--instances", type=int, help="time checks of so many instances, too")
     options = parser.parse_args()
+    place = options.out.resolve() / "stages"
+    for kind in ("native", "points", "alone") if options.instances else ():
+        cost_of_instances(10, kind, place / "warm.usda")  # modules are loaded
+        for count in (options.instances // 10, options.instances):
+            print(
+                f"{kind} {count}: {cost_of_instances(count, kind, place / f'{kind}_{count}.usda'):.2f} ms each",
+                flush=True,
+            )
     folder, rows, tiles = options.folder.resolve(), [], []
     for file in assets(folder):
         name = file.relative_to(folder).as_posix().replace("/", ".").replace(" ", "_")
