@@ -1,13 +1,14 @@
 """Run the arena: detectors and calibrations of other programs, judged against the exact truth of simulated cameras.
 
     python examples/06_arena/arena.py [conventional | plenoptic] [--out build/arena] [--small] [--only NAME ...]
-        [--snapshots FOLDER] [--rigs NAME ...] [--flaws NAME ...] [--quick]
+        [--snapshots FOLDER] [--rigs NAME ...] [--flaws NAME ...] [--quick] [--sources]
 
 It builds the stages, makes an environment for every contestant, lets them work, and writes results.json and tables.txt
 of each half, two pictures and page.html. Whoever cannot be installed or built is named as missing, with the reason.
 What was built or answered before is not done again, and results of contestants who are not asked are kept.
 
-Plenoptic programs are on no package index, but one: FOLDER has their sources, as git repositories OWNER+NAME/repo.
+Most plenoptic programs are on no package index: FOLDER has their sources, as git repositories OWNER+NAME/repo, which
+`--sources` lists with their commits.
 `--small` shows in minutes whether all of it runs: two conditions and two repeats; one rig with a quarter of its sensor.
 """
 
@@ -32,6 +33,7 @@ from cameras import FLAWS, RIGS, small, with_flaw  # noqa: E402
 from conditions import CONDITIONS  # noqa: E402
 from environments import CONTESTANTS, Contestant, Failed, called, contestants, interpreter  # noqa: E402
 from page import write_page  # noqa: E402
+from snapshots import SOURCES  # noqa: E402
 
 Results = dict[str, Any]
 HALVES = ["conventional", "plenoptic"]
@@ -48,6 +50,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--small", action="store_true", help="whether all of it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="contestants whose names contain one of these words")
     parser.add_argument("--snapshots", type=Path, help="folder of sources")
+    parser.add_argument("--sources", action="store_true", help="list what FOLDER must hold, and end")
     parser.add_argument("--rigs", nargs="+", choices=[rig.name for rig in RIGS], help="some plenoptic cameras")
     parser.add_argument("--flaws", nargs="+", choices=FLAWS, help="some of their flaws")
     parser.add_argument("--quick", action="store_true", help="libpleno calibrates from exact rows alone")
@@ -57,6 +60,9 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Run the command."""
     asked = arguments()
+    if asked.sources:
+        print(*(f"{name} {commit}" for name, commit in SOURCES.items()), sep="\n")
+        return
     out = asked.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     everybody = contestants()

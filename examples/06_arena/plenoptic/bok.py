@@ -18,7 +18,7 @@ _SOURCE = "bok/thirdParty/Geometric_Calibration_Lightfield"
 
 def build(snapshots: Path, programs: Path) -> None:
     """Check the source out; its radius becomes that of the task, its pictures are not drawn."""
-    if clone(snapshots, "sotnousias+plenoptic-camera-calibration", "d41208d", programs / "bok"):
+    if clone(snapshots, "sotnousias/plenoptic-camera-calibration", programs / "bok"):
         step = programs / _SOURCE / f"{_STEP}.m"
         replaced(step, "radius = 7;\n", "radius = round(str2double(getenv('ARENA_INPUT')) / 2);\n")
         replaced(step, "figure; imshow(", "% figure; imshow(")

@@ -13,7 +13,8 @@ from stages import HERE, opened, pose, with_values
 COLUMNS, ROWS = 9, 6
 """Inner corners of every board."""
 _TURNS_DEG = ((0, 0), (22, 0), (0, -24), (-18, 16))
-"""Turns of a board about x and y at each distance [deg]: without tilted boards no distance is determined."""
+"""Turns of a board about x and y at each distance [deg]: without tilted boards no distance is determined. About z it
+turns by 3, 8, 13 and 18, to either side from one to the next, as some programs mind the side."""
 FLAWS = {
     "designed": "as designed",
     "tilted": "array turned by 0.2 degrees about x",
@@ -91,7 +92,11 @@ def write_stage(rig: Rig, place: Path) -> None:
     }
     with_values(stage, values)
     pairs = [(distance, number) for distance in rig.distances_mm for number in range(len(_TURNS_DEG))]
-    turns = [Rotation.from_euler("xyz", [*_TURNS_DEG[n], 3 + 5 * n], degrees=True) for _, n in pairs]
+    sides = [(-1) ** (number + position // len(_TURNS_DEG)) for position, (_, number) in enumerate(pairs)]
+    turns = [
+        Rotation.from_euler("xyz", [*_TURNS_DEG[n], side * (3 + 5 * n)], degrees=True)
+        for side, (_, n) in zip(sides, pairs, strict=True)
+    ]
     places = [[0.012 * z * (-1) ** n, 0.012 * z * (0.8 * (-1) ** (n // 2)), -z] for z, n in pairs]
     pose(stage, "/Arena/Board", np.array(places), turns)
     stage.GetRootLayer().Export(str(place))

@@ -1,5 +1,7 @@
 """The plenoptic half of the arena: programs that calibrate plenoptic cameras, judged against exact truth."""
 
+import hashlib
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +38,7 @@ def prepared(names: list[str], snapshots: Path | None, programs: Path) -> tuple[
     ready, missing = [], dict(NOT_RUN)
     for name in names:
         module, _ = CONTESTANTS[name]
-        if snapshots is None and module is not plenopticam:
+        if snapshots is None and module not in (plenopticam, plenoptisign):
             missing[name] = "needs its source: --snapshots FOLDER"
             continue
         try:
@@ -53,6 +55,7 @@ def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_image
     folder.mkdir(parents=True, exist_ok=True)
     stage = folder / "dataset.usda"
     write_stage(rig, stage)
+    print("  images and truth", flush=True)
     built = pipeline.build(stage, folder / "built", jobs=1)
     if built.failed:
         raise SystemExit(f"{stage}: {built.failed} tasks failed")
@@ -67,10 +70,9 @@ def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_image
         more |= refocus.asked(truth, result["refocus"])
         (folder / "task").mkdir(exist_ok=True)
         np.save(folder / "task/coded.npy", refocus.coded_image(truth))
+    print("  exports", flush=True)
     known = write_task(built.out, folder / "task", rig.electrons, noises, more)
-    thin = baseline.thin_lens_floor(truth)
-    for name, floor in (("baseline", thin), ("baseline, Bok's model", baseline.projective_floor(truth, thin))):
-        result["contestants"][name] = floor_judged(truth, floor, len(noises))
+    result["contestants"] |= floors_judged(truth, folder, len(noises))
     for name in names:
         module, judge = CONTESTANTS[name]
         if module is plenoptisign and "refocus" not in result:
@@ -85,6 +87,20 @@ def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_image
             answer = {"failed": str(error) if isinstance(error, Failed) else f"{type(error).__name__}: {error}"}
         result["contestants"][name] = answer | {"wall_s": round(time.time() - began, 1)}
     return result
+
+
+def floors_judged(truth: Truth, folder: Path, noises: int) -> dict[str, Answer]:
+    """Both floors; kept in `folder`, so that one more contestant does not fit them to the same rows again."""
+    rows = [array.tobytes() for array in (truth.boards.view, truth.boards.microlens, truth.boards.image_px)]
+    digest = hashlib.sha256(b"".join([*rows, str(noises).encode()])).hexdigest()
+    kept = folder / f"floors-{digest[:16]}.json"
+    if not kept.exists():
+        print("  baselines", flush=True)
+        thin = baseline.thin_lens_floor(truth)
+        floors = {"baseline": thin, "baseline, Bok's model": baseline.projective_floor(truth, thin)}
+        answers = {name: floor_judged(truth, floor, noises) for name, floor in floors.items()}
+        kept.write_text(json.dumps(answers), encoding="utf-8")
+    return json.loads(kept.read_text(encoding="utf-8"))
 
 
 def floor_judged(truth: Truth, floor: baseline.Floor, noises: int) -> Answer:

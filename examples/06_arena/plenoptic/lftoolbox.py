@@ -15,7 +15,7 @@ from snapshots import clone, octave, replaced
 def build(snapshots: Path, programs: Path) -> None:
     """Check the source out; the radius of its filter becomes a whole number of pixels, as Octave wants it."""
     place = programs / "lftoolbox"
-    if clone(snapshots, "doda42+LFToolbox", "3bf4f55", place):
+    if clone(snapshots, "doda42/LFToolbox", place):
         radius = "GridModelOptions.ApproxLensletSpacing * GridModelOptions.FilterDiskRadiusMult"
         replaced(place / "SupportFunctions/LFBuildLensletGridModel.m", radius, f"round({radius})")
 

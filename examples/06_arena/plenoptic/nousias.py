@@ -20,7 +20,7 @@ _ITERATIONS = 300
 
 def build(snapshots: Path, programs: Path) -> None:
     """Check the source out; patch memory of the SVD, and the number of iterations."""
-    if clone(snapshots, "sotnousias+plenoptic-camera-calibration", "d41208d", programs / "nousias"):
+    if clone(snapshots, "sotnousias/plenoptic-camera-calibration", programs / "nousias"):
         source = programs / "nousias/src/cornerLinearSolutionManyImages.m"
         replaced(source, "svd(A)", "svd(A, 0)")  # all of U is a square of the number of rows
         replaced(source, "'MaxIter',10000", f"'MaxIter',{_ITERATIONS}")

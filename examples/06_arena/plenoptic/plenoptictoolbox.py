@@ -48,7 +48,7 @@ np.savez(sys.argv[5], centre=kept[0], disparity=kept[1])
 def build(snapshots: Path, programs: Path) -> None:
     """Check the source out, and compile its module where it looks for it."""
     place = programs / "plenoptictoolbox"
-    if clone(snapshots, "freerafiki+PlenopticToolbox2.0", "79f2761", place):
+    if clone(snapshots, "freerafiki/PlenopticToolbox2.0", place):
         called([installed(_PACKAGES, programs), "setup.py", "build_ext", "--inplace"], cwd=place / "python")
         for module in (place / "python").glob("sgm_cost_path*.so"):
             module.rename(place / "python/disparity" / module.name)

@@ -1,18 +1,17 @@
 """plenoptisign: distances of refocusing and viewpoints of an unfocused plenoptic camera, by paraxial formulas.
 
-hahnec/plenoptisign 112d289, Hahne et al. 2016 and 2017; pure Python with NumPy. It knows the principal planes and the
+plenoptisign 1.1.3 of PyPI, Hahne et al. 2016 and 2017; pure Python with NumPy. It knows the principal planes and the
 exit pupil. Its lengths along the axis count from the microlenses; so does its distance in focus, to which it iterates
 the image distance until floats are equal. Its shift `a` and its views `G` are ours with the other sign.
 """
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
-from environments import called
-from snapshots import clone
+from environments import called, installed
 
+_PACKAGES = ("plenoptisign==1.1.3", "numpy==2.4.6")
 _LONGEST_S = 60
 """Time limit [s]: its iteration may go to and fro between two floats for ever."""
 _PROGRAM = """
@@ -34,8 +33,8 @@ print(json.dumps(answer))
 
 
 def build(snapshots: Path, programs: Path) -> None:
-    """Check the source out."""
-    clone(snapshots, "hahnec+plenoptisign", "112d289", programs / "plenoptisign")
+    """Make an environment of its own; nothing of `snapshots` is needed."""
+    installed(_PACKAGES, programs)
 
 
 def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
     keys = {"pp": b["pixel_mm"], "fs": b["gap_mm"], "pm": b["pitch_mm"], "dA": b["to_pupil_mm"], "fU": b["focal_mm"]}
     in_focus_mm = 1 / (1 / b["focal_mm"] - 1 / b["to_rear_mm"]) + b["to_rear_mm"] + between_mm
     asked = json.dumps([keys | {"HH": between_mm, "df": in_focus_mm}, known["refocused"], known["views"]])
-    command = [sys.executable, "-W", "ignore", "-c", _PROGRAM, asked]
-    distances, places = json.loads(called(command, cwd=programs / "plenoptisign", timeout=_LONGEST_S))
+    command = [installed(_PACKAGES, programs), "-W", "ignore", "-c", _PROGRAM, asked]
+    distances, places = json.loads(called(command, timeout=_LONGEST_S))
     before_mm = b["array_mm"]
     return {"distances_mm": [d - before_mm for d in distances], "views_mm": [[x, z - before_mm] for x, z in places]}

@@ -8,21 +8,30 @@ from typing import Any
 
 from environments import called
 
+SOURCES = {
+    "comsee-research/compote": "7e319c9",
+    "comsee-research/libpleno": "48db282",
+    "doda42/LFToolbox": "3bf4f55",
+    "freerafiki/PlenopticToolbox2.0": "79f2761",
+    "sotnousias/plenoptic-camera-calibration": "d41208d",
+}
+"""Repositories whose sources are needed, and their commits."""
 _STUBS = Path(__file__).with_name("octave")
 
 
-def clone(snapshots: Path, name: str, commit: str, place: Path) -> bool:
-    """Check a snapshot out (OWNER+NAME/repo below `snapshots`), unless that was done; whether it was done just now.
+def clone(snapshots: Path, name: str, place: Path) -> bool:
+    """Check a repository of `SOURCES` out of OWNER+NAME/repo below `snapshots`, unless that was done; whether it was
+    done just now.
 
     Snapshots lack large files, such as pictures, so git may fail to write some of the tree.
     """
     if (place / "cloned").exists():
         return False
     place.parent.mkdir(parents=True, exist_ok=True)
-    called(["git", "clone", "-q", "--no-checkout", snapshots / name / "repo", place])
-    called(["git", "-C", place, "read-tree", commit])
+    called(["git", "clone", "-q", "--no-checkout", snapshots / name.replace("/", "+") / "repo", place])
+    called(["git", "-C", place, "read-tree", SOURCES[name]])
     subprocess.run(["git", "-C", place, "checkout-index", "-a", "-f"], check=False, capture_output=True)
-    (place / "cloned").write_text(commit, encoding="utf-8")
+    (place / "cloned").write_text(SOURCES[name], encoding="utf-8")
     return True
 
 
