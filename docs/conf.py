@@ -24,7 +24,7 @@ language = "en"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = [
-    *("docs/**.md", "CONVENTIONS.md", "CONTRIBUTING.md", "CHANGELOG.md", "README.md"),
+    *("docs/**.md", "CONVENTIONS.md", "CONTRIBUTING.md", "CHANGELOG.md", "README.md", "SECURITY.md"),
     *(
         "examples/*/README.md",
         "stages/README.md",

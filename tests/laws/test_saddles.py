@@ -100,7 +100,7 @@ def test_behind_polygons_a_saddle_errs_by_less_than_it_states(holes: tuple, turn
     assert off_px <= solution.error_px < 3e-3
 
 
-RAYS, BATCHES, STEP_PX = 1 << 16, 8, 0.1
+RAYS, BATCHES, STEP_PX = 1 << 17, 8, 0.1
 
 
 def gradients(tracer: Tracer, plane: np.ndarray, x_px: np.ndarray) -> np.ndarray:
