@@ -30,8 +30,8 @@ behind microlenses, tiles of images of boards up to 90 ns, on a core of an AMD E
 processors take two or three times as long.
 """
 _SECONDS_PER_SURFACE = 3e-7
-"""Processor time of a ray of a lit image for each surface on its path [s]: with two reflections a ray took 0.5 µs before
-an open wall and 1.1 µs in a closed room, with five of them 0.5 and 1.7 µs, on an AMD EPYC on 28 November 2026.
+"""Processor time of a ray of a lit image for each surface on its path [s]: with two reflections a ray took 0.5 µs
+before an open wall and 1.1 µs in a closed room, with five of them 0.5 and 1.7 µs, on an AMD EPYC on 28 November 2026.
 """
 _SHARE_BEHIND_MICROLENSES = 0.3
 """Share of the rays of a white image that one without lamps takes behind microlenses: 0.2 to 0.4 in example 02."""

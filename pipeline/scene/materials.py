@@ -33,7 +33,7 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
 
 @read_once
 def _named(prim: Usd.Prim, frame: int | None = None) -> Hashable:
-    """What the finish of a shape depends on: primvars are inherited."""
+    """The name of the finish of a shape: all that it depends on, inherited primvars too."""
     shaded, of_face = shades(prim)
     told = _likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
     return told if frame is None else (prim, frame)

@@ -108,7 +108,7 @@ _PLACES = ("xformOp", "visibility", "purpose")
 
 @read_once
 def likeness(prim: Usd.Prim) -> Hashable:
-    """What a prim is and which opinions it has, but for its place: if these are the same, the shape is, too."""
+    """Type and opinions of a prim, but for its place: if these are the same, the shape is, too."""
     opinions = prim.GetPrimStack()
     telling = [spec for spec in opinions if any(not name.startswith(_PLACES) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
     return prim.GetTypeName(), *prim.GetAppliedSchemas(), *((spec.layer.identifier, spec.path) for spec in telling)
