@@ -46,21 +46,3 @@ def yaml_real(value: float) -> str:
     """A number that YAML takes for real: not 1e-05, which has no point."""
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")
-
-
-def xml_text(name: str, values: Mapping[str, Any]) -> str:
-    """Numbers, and lists of numbers, below one node of XML."""
-    import cv2
-
-    storage = cv2.FileStorage(".xml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
-    storage.startWriteStruct(name, cv2.FileNode_MAP)
-    for key, value in values.items():
-        if isinstance(value, list):
-            storage.startWriteStruct(key, cv2.FileNode_SEQ)
-            for number in value:
-                storage.write("", number)
-            storage.endWriteStruct()
-        else:
-            storage.write(key, value)
-    storage.endWriteStruct()
-    return storage.releaseAndGetString()

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 from exports.pretended import COLUMNS
 from exports.pretended_plenoptic import (
@@ -12,7 +11,6 @@ from exports.pretended_plenoptic import (
     FIELDS_MM,
     FOCAL_MM,
     LENS_TO_ARRAY_MM,
-    PIXEL_MM,
     RADIUS_PX,
     SIZE_PX,
     PlenopticScene,
@@ -34,35 +32,6 @@ def virtual_depths(focal_mm: float) -> list[float]:
     """Main-lens images of the ends of the depth of field, behind the array, over the distance of the sensor."""
     behind = [1 / (1 / FOCAL_MM - 1 / end) - LENS_TO_ARRAY_MM for end in FIELDS_MM[focal_mm]]
     return sorted(one / ARRAY_TO_SENSOR_MM for one in behind)
-
-
-def check_pip(folder: Path, scene: PlenopticScene) -> None:
-    """MLAconfig.xml by OpenCV's FileStorage; every scalar must be real, as PIP's reader wants it."""
-    storage = cv2.FileStorage(str(folder / f"{NAME}.MLAconfig.xml"), cv2.FILE_STORAGE_READ)
-    node = storage.getNode("MlaDescription")
-    names = ("GridRotRAD", "MicroLensDistancePX", "MlaImageScale", "MicroLensFocalLengthPX")
-    scalars = {}
-    for name in (*names, "MainLensFLengthMM", "MainLensFDistMM", "PixelsizeMM"):
-        assert node.getNode(name).isReal(), f"{name} is refused unless it is real"
-        scalars[name] = node.getNode(name).real()
-    pairs = {}
-    for name in ("MlaCenterPX", "MainPrincipalPointPX"):
-        pairs[name] = np.array([node.getNode(name).at(i).real() for i in range(2)])
-        assert all(node.getNode(name).at(i).isReal() for i in range(2))
-    assert [int(node.getNode("SensorResPX").at(i).real()) for i in range(2)] == list(SIZE_PX)
-    assert node.getNode("IsHexGrid").real() == 1
-    found = [
-        scalars[name] for name in ("MainLensFLengthMM", "MainLensFDistMM", "PixelsizeMM", "MicroLensFocalLengthPX")
-    ]
-    np.testing.assert_allclose(found, [FOCAL_MM, LENS_TO_ARRAY_MM, PIXEL_MM, ARRAY_TO_SENSOR_MM / PIXEL_MM], rtol=1e-12)
-    np.testing.assert_allclose(pairs["MainPrincipalPointPX"], AXIS_PX, atol=1e-9)
-    turn = -scalars["GridRotRAD"]
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    for i in range(-3, 4):
-        for j in range(-3, 4):
-            lens = scalars["MicroLensDistancePX"] * rotation @ [i + j / 2, j * np.sqrt(3) / 2] + pairs["MlaCenterPX"]
-            centre = pairs["MainPrincipalPointPX"] + scalars["MlaImageScale"] * (lens - pairs["MainPrincipalPointPX"])
-            nearest(scene, centre)
 
 
 def check_bok(folder: Path, scene: PlenopticScene) -> None:

@@ -28,12 +28,11 @@ from exports.pretended import (
     board_mm,
     projected,
     same,
-    turned,
 )
 from scipy.io import loadmat
 from vision_calibration import models as calibration
 
-from pipeline.frames import apply, inverse, rigid, rotation_vector
+from pipeline.frames import rotation_vector
 
 FLOAT32_PX, PRINTED_PX, SOLVED_PX = 5e-5, 1e-9, 1e-5
 """Rounding of single precision at 640 px; of a double; what OpenCV's iterations leave."""
@@ -231,37 +230,6 @@ def check_nerfstudio(folder: Path, scene: Scene) -> None:
         same(projected(np.eye(4), ahead, matrix, bent), scene.pixels(name, int(number)), PRINTED_PX)
 
 
-def check_opentrackio(folder: Path, scene: Scene) -> None:
-    """By equations 1 to 5, 16 and 17 of OpenLensIO 1.0.1, and turns about z, x and y of a stage whose z is up."""
-    for name in scene.rig:
-        for frame in scene.poses:
-            sample = json.loads((folder / name / f"{frame:04d}.json").read_text())
-            size = sample["static"]["camera"]["activeSensorPhysicalDimensions"]
-            lens, (pose,) = sample["lens"], sample["transforms"]
-            (bent,) = lens["distortion"]
-            assert bent["model"] == "Brown-Conrady U-D" and lens["focusDistance"] == 0.45 and lens["fStop"] == 8
-            pan, tilt, roll = np.radians([pose["rotation"][key] for key in ("pan", "tilt", "roll")])
-            turn = turned(0, 0, pan) @ turned(tilt, 0, 0) @ turned(0, roll, 0)  # stage from camera: x, y ahead, z up
-            world = scene.rig[name] @ rigid(turned(0.1, 0.2, 0.3), np.ones(3))
-            points_mm = apply(inverse(world) @ scene.camera_from_target(name, frame), board_mm())
-            stage_m = points_mm[:, [0, 2, 1]] * [1e-3, -1e-3, 1e-3]
-            x, ahead, up = ((stage_m - [pose["translation"][key] for key in "xyz"]) @ turn).T
-            x, y = np.stack([x, -up]) / (ahead - lens["entrancePupilOffset"]) * lens["pinholeFocalLength"]
-            k1, k2, k3, k4, k5, k6 = bent["radial"]
-            (p1, p2), r2 = bent["tangential"], x * x + y * y
-            radial = (1 + k1 * r2 + k3 * r2**2 + k5 * r2**3) / (1 + k2 * r2 + k4 * r2**2 + k6 * r2**3)
-            x, y = (
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
-            )
-            shares = [
-                (x + lens["projectionOffset"]["x"]) / size["width"],
-                (y + lens["projectionOffset"]["y"]) / size["height"],
-            ]
-            seen = (np.stack(shares, axis=1) + 0.5) * SIZE_PX - 0.5
-            same(seen, scene.pixels(name, frame), 1e-8)
-
-
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -328,7 +296,6 @@ CHECKS = {
     "matlab": check_matlab,
     "ncore": check_ncore,
     "nerfstudio": check_nerfstudio,
-    "opentrackio": check_opentrackio,
     "ros": check_ros,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,

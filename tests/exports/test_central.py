@@ -278,7 +278,7 @@ def two(tmp_path_factory, common_store):
 @pytest.mark.parametrize("name", [n for n, f in loadable().items() if f.takes(is_plenoptic=False)])
 def test_a_fisheye_is_refused_only_by_formats_that_read_a_pinhole(two, tmp_path, name):
     """With a sentence; the tables, rays and models for wide fields hold it."""
-    refuses = {"bop", "calibmar", "colmap", "lensboy", "matlab", "mrcal", "opentrackio", "stmap"}
+    refuses = {"bop", "colmap", "lensboy", "matlab", "mrcal", "stmap"}
     if name in refuses:
         with pytest.raises(ExportError, match="pinhole"):
             export.export(two, [name], tmp_path, Request(only=("Fish",)))

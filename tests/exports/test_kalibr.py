@@ -86,9 +86,7 @@ def test_a_frame_in_which_nothing_is_seen_is_exported(tmp_path):
         table.write_text("\n".join([*head, ""]))
     write_manifest(out)
     names = [
-        name
-        for name, one in loadable().items()
-        if one.cameras is not Cameras.PLENOPTIC and name not in (*MAPS, "bop", "calibmar")
+        name for name, one in loadable().items() if one.cameras is not Cameras.PLENOPTIC and name not in (*MAPS, "bop")
     ]
     folders = export(open_output(out), names, tmp_path / "exports")
     assert len(folders) == len(names)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exports.flipping import flips, require_notice
 from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
-from exports.plenoptic_readers import check_bok, check_lightfield, check_pip, check_plenopticam
+from exports.plenoptic_readers import check_bok, check_lightfield, check_plenopticam
 from exports.pretended import write_manifest
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
@@ -19,7 +19,6 @@ from pipeline.results.output import open_output
 
 CHECKS = {
     "libpleno": check_libpleno,
-    "pip": check_pip,
     "bok": check_bok,
     "plenopticam": check_plenopticam,
     "lightfield": check_lightfield,
@@ -27,15 +26,14 @@ CHECKS = {
 LAYOUTS = {
     "libpleno": ("hexagonal", "hexagonal-columns", "square"),
     "raytrix": ("hexagonal",),
-    "pip": ("hexagonal",),
     "bok": ("hexagonal",),
     "lftoolbox": ("hexagonal",),
     "plenopticam": ("hexagonal", "square"),
     "lightfield": ("hexagonal", "hexagonal-columns", "square"),
 }
 """Arrays that a format knows."""
-UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses")}
-"""The keys of the one name their unit; the other knows no types, and without numbers it writes nothing."""
+UNSEEN = {("plenopticam", "microlenses")}
+"""It knows no types, and without numbers it writes nothing."""
 ARRAYS = ("hexagonal", "hexagonal-columns", "square")
 KNOWN = [(layout, name) for layout in ARRAYS for name in CHECKS if layout in LAYOUTS[name]]
 REFUSED = [(layout, name) for layout in ARRAYS for name in LAYOUTS if layout not in LAYOUTS[name]]
@@ -177,6 +175,6 @@ def test_a_thin_lens_is_not_made_up_for_a_camera_that_looks_into_water(tmp_path)
     record = out / "cameras/Rig.Camera/camera.json"
     record.write_text(record.read_text().replace('"lens": {', '"lens": {"index_in_front": 1.34, '))
     write_manifest(out)
-    for name in ("libpleno", "pip", "raytrix"):
+    for name in ("libpleno", "raytrix"):
         with pytest.raises(ExportError, match="no air before it"):
             export(open_output(out), [name], tmp_path)

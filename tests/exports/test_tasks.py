@@ -40,7 +40,7 @@ ASKED = {
         "matlab",
         "bop",
     ],
-    "plenoptic": ["libpleno", "pip", "bok", "lftoolbox", "plenopticam", "npz", "hdf5", "depth", "lightfield"],
+    "plenoptic": ["libpleno", "bok", "lftoolbox", "plenopticam", "npz", "hdf5", "depth", "lightfield"],
 }
 ROOTS = (DATA.parents[1],)
 NOISE = Noise(noise_px=0.2, outliers=0.1, missed=0.1, seed=5)
