@@ -24,6 +24,7 @@ from pipeline.app.verbs.terminal import (
     Roots,
     StageOrPart,
     Verb,
+    Verbs,
     library_file,
     new_family,
     note,
@@ -40,6 +41,7 @@ from pipeline.machine.process import require_room
 from pipeline.machine.processor import pin
 
 app = new_family(
+    cls=Verbs,
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
     epilog=f"Documentation: {share('docs') / 'index.md'}",
 )

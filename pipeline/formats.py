@@ -9,24 +9,21 @@ Our own conventions are those of CONVENTIONS.md: the centre of the top-left pixe
 from the target, whose frame has its origin in the middle, x right, y up, z towards the viewer.
 """
 
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from itertools import combinations
 from types import ModuleType
 
 import numpy as np
 
 from pipeline.channel_names import body_and_channel
+from pipeline.entry_points import FORMATS, offered, package_of
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
-GROUP = "plenoptic_pipeline.formats"
-"""Group of the entry points, each of which names the module of a format."""
 SIDE_CAR = "export.json"
 """File in the folder of every format: the stage, the conventions, the noise."""
 EXACT = "exact"
@@ -255,7 +252,7 @@ def folder_of(name: str, position: str) -> str:
 
 def names() -> list[str]:
     """Names of all formats of the installed packages, sorted; none of them is loaded."""
-    return sorted(_entries(tuple(sys.path)))
+    return sorted(offered(FORMATS))
 
 
 def format_of(name: str) -> Format:
@@ -282,7 +279,7 @@ def module_of(name: str) -> ModuleType:
     Raises ExportError: there is none, two packages have one of that name, or its package is broken.
     """
     entry = entry_of(name)
-    broken = f'the export format "{name}" of the package {_package(entry)}'
+    broken = f'the export format "{name}" of the package {package_of(entry)}'
     try:
         module: ModuleType = entry.load()
     except Exception as error:  # a stranger's code may fail in any way
@@ -295,32 +292,19 @@ def module_of(name: str) -> ModuleType:
     return module
 
 
-@cache
-def _entries(path: tuple[str, ...]) -> dict[str, list[EntryPoint]]:
-    """Name -> entry points of the distributions on a path, which is `sys.path`."""
-    entries: dict[str, list[EntryPoint]] = {}
-    for entry in entry_points(group=GROUP):
-        entries.setdefault(entry.name, []).append(entry)
-    return entries
-
-
 def entry_of(name: str) -> EntryPoint:
     """The entry point of a format, which is not loaded.
 
     Raises ExportError: there is none, or two packages have one of that name.
     """
-    offered = _entries(tuple(sys.path)).get(name, [])
-    if len(offered) > 1:
-        packages = " and ".join(sorted(map(_package, offered)))
+    entries = offered(FORMATS).get(name, [])
+    if len(entries) > 1:
+        packages = " and ".join(sorted(map(package_of, entries)))
         what = f'the packages {packages} each have an export format "{name}"'
         raise ExportError(what, hint="remove one of them", code="broken-export")
-    if not offered:
+    if not entries:
         known = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
         guess = did_you_mean(name, names())
         hint = f"{guess} formats: {known}" if guess else f"formats: {known}"
         raise ExportError(f'there is no export format "{name}"', hint=hint, code="unknown-export")
-    return offered[0]
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else entry.module
+    return entries[0]

@@ -1,4 +1,4 @@
-"""Words of messages: suggestions for misspelt names, texts without control characters, and sets of numbers."""
+"""Words of messages: suggestions for misspelt names, texts without control characters, numbers."""
 
 import operator
 import re
@@ -44,6 +44,15 @@ def printable(text: str) -> str:
 def for_terminals(text: str) -> str:
     """A text of any lines with escapes for all that would steer a terminal."""
     return _CONTROL.sub(lambda found: printable(found[0]), text)
+
+
+def human(size: float) -> str:
+    """A number of bytes with a unit: 1.23 GB."""
+    units = ["bytes", "kB", "MB", "GB", "TB"]
+    while size >= 1000 and len(units) > 1:
+        size /= 1000
+        units.pop(0)
+    return f"{size:.3g} {units[0]}"
 
 
 def ranges(numbers: Iterable[int]) -> str:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.progress import human
 from pipeline.engine.files import nearest_existing
 from pipeline.engine.maintenance import limit_from_environment
 from pipeline.engine.options import USUAL
@@ -22,6 +21,7 @@ from pipeline.folders import share
 from pipeline.jit.decorators import cache_folder
 from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import level
+from pipeline.spelling import human
 
 _NEEDED = (
     *("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science", "networkx"),

@@ -13,7 +13,7 @@ from pipeline.engine.events import Begun, Done, Event, Retried, Started, Warned
 from pipeline.engine.records import TaskResult
 from pipeline.engine.running.result import Ended, Result
 from pipeline.machine.process import Stderr
-from pipeline.spelling import for_terminals
+from pipeline.spelling import for_terminals, human
 
 
 def display(verbosity: int) -> "Lines":
@@ -188,12 +188,3 @@ class Ending:
             whole_one = "a build without TARGET brings the rest and a manifest"
             state = "its manifest still holds" if result.is_finished else whole_one
             yield f"{count} file{'s' * (count != 1)} of {result.out} delivered; {state}"
-
-
-def human(size: float) -> str:
-    """A number of bytes with a unit: 1.23 GB."""
-    units = ["bytes", "kB", "MB", "GB", "TB"]
-    while size >= 1000 and len(units) > 1:
-        size /= 1000
-        units.pop(0)
-    return f"{size:.3g} {units[0]}"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import re
 import subprocess
 import sys
 import typing
@@ -18,6 +19,14 @@ from pipeline.graph.adding import KINDS
 def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch):
     monkeypatch.chdir(ROOT)
     assert lint_imports(cache_dir=None) == 0
+
+
+def test_tests_lie_with_their_plug_in():
+    """Without its folder, and that of its tests, all other tests run."""
+    imports = re.compile(r"^ *(?:from|import) (?:pipeline\.)?plugins\.(\w+)", re.M)
+    for path in (ROOT / "tests").rglob("*.py"):
+        named = set(imports.findall(path.read_text(encoding="utf-8")))
+        assert named <= {path.relative_to(ROOT / "tests").parts[1]} if named else True, path
 
 
 def command(*words: str) -> str:

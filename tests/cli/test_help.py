@@ -14,8 +14,13 @@ ROOT = typer.main.get_command(cli.app)
 def verbs(command=ROOT, path=()):
     """Every verb and group, with the words that call it."""
     yield path, command
-    for name, below in getattr(command, "commands", {}).items():
-        yield from verbs(below, (*path, name))
+    for name in names(command):
+        yield from verbs(command.get_command(None, name), (*path, name))
+
+
+def names(command):
+    """Names of the verbs of a group, those of plug-ins, too."""
+    return command.list_commands(None) if hasattr(command, "list_commands") else ()
 
 
 def words(text):
@@ -35,7 +40,7 @@ def test_help_shows_every_word_of_its_source_and_no_type_where_no_value_is_expec
     for parameter in command.params:
         assert words(parameter.help) in shown, parameter.name
     assert "<bool>" not in shown and "[[" not in shown
-    for name in getattr(command, "commands", {}):
+    for name in names(command):
         assert f" {name} " in shown
 
 

@@ -19,7 +19,6 @@ from pipeline.__main__ import main
 from pipeline.engine.events import silent
 from pipeline.engine.options import Caller
 from pipeline.engine.running import session
-from pipeline.engine.running.cluster import engine_of
 from pipeline.errors import UsageError
 
 
@@ -63,9 +62,8 @@ def project(path, out=None, allow_roots=(), preview=False):
 
 
 def build_with(path, out, options, on_event=silent):
-    place = engine_of(options.engine) if options.engine else None
     caller = Caller(on_event=on_event, prepare=compiling if Path("compiling").exists() else None)
-    return session.build(project(path, out, options.allow_roots), options, engine=place, caller=caller)
+    return session.build(project(path, out, options.allow_roots), options, caller=caller)
 
 
 def compiling():

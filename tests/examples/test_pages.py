@@ -89,8 +89,9 @@ def words_of(line: str) -> list[str]:
 def parsed(words: list[str]) -> None:
     """Parse a command of `pipeline` as typer does, which raises where it cannot be; no file is read."""
     command, rest = typer.main.get_command(app), words[1:]
-    while rest and rest[0] in getattr(command, "commands", {}):
-        command = command.commands[rest.pop(0)]
+    while rest and hasattr(command, "get_command") and (below := command.get_command(None, rest[0])):
+        command = below
+        rest.pop(0)
     with contextlib.suppress(typer.Exit):  # --help, --list: they print and end
         command.make_context(command.name, rest)
 

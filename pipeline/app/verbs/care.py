@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.app.progress import human
 from pipeline.app.verbs.terminal import Json, Verb, new_family, note, number_of, say, say_json
 from pipeline.errors import Exit
+from pipeline.spelling import human
 
 cache = new_family(help="Inspect and clean the store of results, $PIPELINE_CACHE.")
 

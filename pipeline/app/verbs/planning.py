@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pipeline.app.progress import human
 from pipeline.app.verbs.terminal import (
     OUTPUT,
     Force,
@@ -25,7 +24,7 @@ from pipeline.app.verbs.terminal import (
     say_json,
 )
 from pipeline.errors import Exit, UsageError
-from pipeline.spelling import frames_in_words
+from pipeline.spelling import frames_in_words, human
 
 Specs = Annotated[
     Path | None,

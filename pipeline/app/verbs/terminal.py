@@ -4,12 +4,13 @@ import contextlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import typer.core
+import typer.main
 
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
@@ -115,12 +116,49 @@ class Family(_PlainFlags, typer.core.TyperGroup):
     """A group of verbs."""
 
 
+class Verbs(Family):
+    """The verbs of the core and those of plug-ins, which are loaded once they are listed, or another is not there."""
+
+    plug_ins: tuple[str, ...] = ()
+    """Verbs of plug-ins of ours: without them they say so."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of all verbs."""
+        self._plug_in()
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The verb of a name, or None."""
+        if cmd_name not in self.commands:
+            self._plug_in()
+        return super().get_command(ctx, cmd_name)
+
+    def _plug_in(self) -> None:
+        from pipeline.entry_points import VERBS, offered, plugged_in
+
+        for name in dict.fromkeys([*self.plug_ins, *offered(VERBS)]):
+            family = new_family()
+            try:
+                plugged_in(VERBS, name)(family)
+            except UsageError as error:
+                lenient = {"allow_extra_args": True, "ignore_unknown_options": True}
+                family.command(name, help=error.what, context_settings=lenient)(_raising(error))
+            for verb, command in typer.main.get_group(family).commands.items():
+                self.commands.setdefault(verb, command)
+
+
+def _raising(error: UsageError) -> Callable[[], None]:
+    def verb() -> None:
+        raise error
+
+    return verb
+
+
 def new_family(**settings: Any) -> typer.Typer:
     """A group of verbs that also accepts -h and prints plain tracebacks."""
     names = {"help_option_names": ["-h", "--help"]}
-    return typer.Typer(
-        cls=Family, no_args_is_help=True, pretty_exceptions_enable=False, context_settings=names, **settings
-    )
+    settings = {"cls": Family, "no_args_is_help": True, "context_settings": names, **settings}
+    return typer.Typer(pretty_exceptions_enable=False, **settings)
 
 
 class ReaderGone(Exception):

@@ -11,23 +11,23 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import BuildOptions
-from pipeline.engine.running.cluster import Dask, engine_of
 from pipeline.engine.running.driver import run
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, UsageError
+from pipeline.plugins.cluster.engine import Dask, engine_of
 
 
-@pytest.mark.parametrize("text", ["ray:auto", "dask:", "dask", "dask:/no/such/file.json"])
-def test_what_is_no_engine_is_refused(text):
+@pytest.mark.parametrize("where", ["", "/no/such/file.json"])
+def test_what_is_no_scheduler_is_refused(where):
     with pytest.raises(UsageError, match="hint"):
-        engine_of(text)
+        engine_of(where)
 
 
 def test_without_the_extra_the_engine_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(EnvironmentFault, match="cluster"):
-        engine_of("dask:tcp://localhost:1")
+        engine_of("tcp://localhost:1")
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
 
 def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(cluster, store, monkeypatch):
     engine = cluster.engine(store)
-    monkeypatch.setattr("pipeline.engine.running.cluster._NO_WORKERS_S", 1.0)
+    monkeypatch.setattr("pipeline.plugins.cluster.engine._NO_WORKERS_S", 1.0)
     for worker in cluster.workers:
         worker.kill()
     with pytest.raises(EnvironmentFault, match="no worker for"):
@@ -111,7 +111,7 @@ def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(clu
 
 @pytest.mark.heavy
 def test_a_scheduler_that_dies_ends_with_what_was_finished(tmp_path, cluster, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.running.cluster._CONNECT_S", 2)
+    monkeypatch.setattr("pipeline.plugins.cluster.engine._CONNECT_S", 2)
     slow = [(f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.2}) for n in range(30)]
     graph = toy.graph_of(*slow)
 
@@ -149,6 +149,6 @@ def test_a_task_that_takes_too_long_is_given_up_also_while_others_end_all_the_ti
 
 
 def test_a_scheduler_that_is_not_there_is_the_machines_fault(extra, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.running.cluster._CONNECT_S", 1)
+    monkeypatch.setattr("pipeline.plugins.cluster.engine._CONNECT_S", 1)
     with pytest.raises(EnvironmentFault, match="cannot reach"):
         Dask("tcp://127.0.0.1:1", store, ("toykit.tasks",))

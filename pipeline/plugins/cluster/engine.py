@@ -38,14 +38,13 @@ _SETTINGS = {
 }
 
 
-def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """The engine of `--engine dask:WHERE`; UsageError if the text is none, EnvironmentFault without [cluster]."""
-    kind, _, where = text.partition(":")
-    if kind != "dask" or not where:
+def engine_of(where: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
+    """The engine of `--engine dask:WHERE`; UsageError if it says no scheduler, EnvironmentFault without [cluster]."""
+    if not where:
         hint = (
             "write dask:tcp://host:8786, or dask:FILE for the file that `dask scheduler --scheduler-file FILE` writes"
         )
-        raise UsageError(f"unknown engine {text!r}", hint=hint)
+        raise UsageError("the engine dask has no scheduler", hint=hint)
     if "://" not in where and not Path(where).is_file():
         raise UsageError(f"there is no scheduler file {where}", hint="an address has the form tcp://host:8786")
     try:

@@ -1,0 +1,61 @@
+"""A plug-in is found by its entry points: its verbs and engines, what is broken, and what is not there."""
+
+import sys
+
+import pytest
+from places import TINY
+
+from pipeline.app.build import build
+from pipeline.errors import UsageError
+
+ENTRIES = """[plenoptic_pipeline.verbs]
+greet = stranger_of_ours:add_to
+broken = nowhere_to_be_found:add_to
+
+[plenoptic_pipeline.engines]
+toy = stranger_of_ours:engine_of
+"""
+CODE = """
+def add_to(app):
+    @app.command("greet")
+    def greet(name: str) -> None:
+        '''Greet somebody.'''
+        print("hello,", name)
+
+def engine_of(where, timeout_s):
+    raise LookupError(where, timeout_s)
+"""
+
+
+@pytest.fixture
+def stranger(tmp_path, monkeypatch):
+    """A package with two verbs, one of which cannot be loaded, and an engine."""
+    place = tmp_path / "site/stranger-1.dist-info"
+    place.mkdir(parents=True)
+    (place / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1\n")
+    (place / "entry_points.txt").write_text(ENTRIES)
+    (tmp_path / "site/stranger_of_ours.py").write_text(CODE)
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    yield
+    sys.modules.pop("stranger_of_ours", None)
+
+
+def test_verbs_of_another_package_are_listed_and_run_and_a_broken_one_says_so(stranger, run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    code, output, _ = run("--help")
+    assert code == 0 and "Greet somebody." in output
+    assert run("greet", "you") == (0, "hello, you\n", "")
+    code, output, log = run("broken", "--all", "of", "it")
+    assert (code, output) == (2, "")
+    assert 'the verb "broken" of the package stranger cannot be loaded: ModuleNotFoundError' in log
+
+
+def test_an_engine_is_asked_for_by_its_name_and_one_that_is_not_there_is_named(stranger, run):
+    with pytest.raises(LookupError, match=r"'here', 2\.0"):
+        build(TINY, engine="toy:here", timeout_s=2.0)
+    with pytest.raises(UsageError, match=r'no plug-in that is installed has the engine "ray"\n.*toy'):
+        build(TINY, engine="ray:auto")
+
+
+def test_a_misspelt_verb_of_a_plug_in_is_guessed(stranger, run):
+    assert "Did you mean 'greet'" in run("gret", "you")[2]
