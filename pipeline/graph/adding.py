@@ -27,8 +27,7 @@ _MODULES = {
     "truth": ("truth", "truth_tile"),
 }
 KINDS = {kind: f"pipeline.tasks.{module}:{kind}" for module, kinds in _MODULES.items() for kind in kinds} | {
-    kind: f"pipeline.tasks.{kind}"
-    for kind in ("certificate", "colour_image", "denoised", "export", "parts", "positions")
+    kind: f"pipeline.tasks.{kind}" for kind in ("certificate", "colour_image", "export", "parts", "positions")
 }
 """Kinds of tasks by the name with which names of their tasks begin."""
 

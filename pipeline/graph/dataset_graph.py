@@ -18,7 +18,6 @@ from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of, seen_through
 from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
-from pipeline.render.denoising import require_denoiser
 from pipeline.render.sensor.response import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
@@ -61,7 +60,6 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
             add_derivatives(graph, files, dataset, camera)
             _add_colours(graph, files, camera, dataset)
-            _add_denoised(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
     for camera in dataset.cameras:  # flow reads a camera in its next state, too
         add_labels(graph, files, dataset, camera, bare)
@@ -146,18 +144,6 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
         if params.is_spectral:
             files[f"{folder}/{outputs.SPECTRAL}"] = (joined, outputs.SPECTRAL)
-
-
-def _add_denoised(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
-    """The denoised previews of a camera, in all frames, if it asks for them; UsageError without their library."""
-    if not entry.denoised:
-        return
-    require_denoiser()
-    kind = "colour_image" if entry.channels else "image"
-    for frame in dataset.frames_of(entry):
-        name = f"{entry.name}/{frame.number:04d}"
-        task = add(graph, f"denoised/{name}", cameras.Nothing(), {"image": f"{kind}/{name}"})
-        files[f"frames/{frame.number:04d}/{entry.name}/{outputs.DENOISED}"] = (task, outputs.DENOISED)
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:

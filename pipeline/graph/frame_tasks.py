@@ -81,7 +81,7 @@ def settled_camera(entry: CameraEntry) -> cameras.SettledCamera:
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
-    kinds = ("image", "labels", "truth", "derivatives", "positions", "colour_image", "denoised", "expose")
+    kinds = ("image", "labels", "truth", "derivatives", "positions", "colour_image", "expose")
     of_frames = kind in kinds or kind.startswith("noise_")
     parts = task.name.split("/")
     if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame

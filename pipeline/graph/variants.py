@@ -52,8 +52,8 @@ def _coarse(asked: Camera | FocusRequest) -> Camera | FocusRequest:
 
 
 def only_images(project: Project) -> Project:
-    """The part of a project that makes pictures to look at: `image.png`, `denoised.png` and `white.png`."""
-    kept = ("/image.png", "/denoised.png", "/white.png")
+    """The part of a project that makes pictures to look at: `image.png` and `white.png`."""
+    kept = ("/image.png", "/white.png")
     files = {path: source for path, source in project.files.items() if path.endswith(kept)}
     tasks = {source[0] for source in files.values() if not isinstance(source, bytes)}
     return dataclasses.replace(

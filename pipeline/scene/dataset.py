@@ -92,7 +92,6 @@ class CameraEntry:
     #: Of further white images, in the order of the stage
     f_numbers: Annotated[tuple[float, ...], "plen:image:fNumbers"] = ()
     diffraction: Annotated[bool, "plen:image:diffraction"] = False  #: whether images show it
-    denoised: Annotated[bool, "plen:image:denoised"] = False  #: whether there is a denoised preview of each
     labels: tuple[str, ...] = ()  #: of pixels, in the order of the schema
     channels: tuple[Channel, ...] = ()  #: in the order of the stage; none: its light has the one wavelength
     #: The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one

@@ -400,7 +400,6 @@ CAMERAS = {
         Case(A, 0.05, IN_PASSES - {"noise_level"}, given=plen(A, image__noise=0.1)),
         Case(B, 0.1, IN_PASSES),
     ],
-    "plen:image:denoised": [Case(A, True, {"denoised"}), Case(B, True, {"denoised"})],
     "plen:image:diffraction": [Case(A, True, IMAGES), Case(B, True, IMAGES)],
     "plen:image:fNumbers": [
         Case(A, [8.0], FURTHER),

@@ -11,7 +11,6 @@ from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.frames import PlacedView
 
 SPECTRAL = "spectral.exr"
-DENOISED = "denoised.png"
 DERIVATIVES = "derivatives.npz"
 
 
