@@ -14,11 +14,16 @@ from typing import Annotated
 import typer
 
 from pipeline.app.verbs import after, building, planning
-from pipeline.app.verbs.authoring import designs, imports, library, new
+from pipeline.app.verbs.authoring import imports, library, new
 from pipeline.app.verbs.care import cache, doctor
 from pipeline.app.verbs.terminal import (
+    BUILD,
+    CARE,
     CHECKING,
+    LOOK,
     OUTPUT,
+    USE,
+    WRITE,
     Json,
     ReaderGone,
     Roots,
@@ -45,9 +50,6 @@ app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
     epilog=f"Documentation: {share('docs') / 'index.md'}",
 )
-
-WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
-"""Panels of `pipeline --help`, in this order."""
 
 
 @app.callback(invoke_without_command=True)
@@ -229,7 +231,6 @@ _VERBS = (
 for _panel, _name, _verb in _VERBS:
     app.command(_name, cls=Verb, rich_help_panel=_panel)(_verb)
 app.add_typer(new, name="new", rich_help_panel=WRITE)
-app.add_typer(designs, name="design", rich_help_panel=WRITE)
 app.add_typer(imports, name="import", rich_help_panel=WRITE)
 app.add_typer(cache, name="cache", rich_help_panel=CARE)
 

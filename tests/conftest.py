@@ -30,6 +30,14 @@ def in_this_process(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture
+def run(tmp_path, monkeypatch, in_this_process):
+    """The same in an empty folder, with a store of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    return in_this_process
+
+
 @pytest.fixture(scope="session")
 def common_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store for all processes of this test run: what one test has built, others start from."""

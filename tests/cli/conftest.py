@@ -31,14 +31,6 @@ def command(tmp_path, kit, cache):
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, in_this_process):
-    """The same in an empty folder, with a store of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-    return in_this_process
-
-
-@pytest.fixture
 def pipeline(tmp_path, kit, monkeypatch, in_this_process):
     """The same with toy tasks, in an empty folder."""
     monkeypatch.chdir(tmp_path)

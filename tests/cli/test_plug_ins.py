@@ -6,6 +6,7 @@ import pytest
 from places import TINY
 
 from pipeline.app.build import build
+from pipeline.app.verbs.terminal import Verbs
 from pipeline.errors import UsageError
 
 ENTRIES = """[plenoptic_pipeline.verbs]
@@ -59,3 +60,12 @@ def test_an_engine_is_asked_for_by_its_name_and_one_that_is_not_there_is_named(s
 
 def test_a_misspelt_verb_of_a_plug_in_is_guessed(stranger, run):
     assert "Did you mean 'greet'" in run("gret", "you")[2]
+
+
+@pytest.mark.parametrize("verb", Verbs.plug_ins)
+def test_without_its_plug_in_a_verb_says_so(verb, run, monkeypatch):
+    monkeypatch.setattr("pipeline.entry_points._offered", lambda group, path: {})
+    assert run("--help")[0] == 0
+    code, output, log = run(verb, "anything", "--json")
+    assert (code, output) == (2, "")
+    assert log.startswith(f'error: no plug-in that is installed has the verb "{verb}"\n    hint: ')

@@ -1,6 +1,4 @@
-"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `design plenoptic`, `import lens` and
-`import camera`.
-"""
+"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `import lens` and `import camera`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +10,6 @@ from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_j
 from pipeline.errors import Exit, UsageError
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
-designs = new_family(help="Compute cameras from what they shall do, and judge them by real rays.")
 imports = new_family(help="Turn files of other programs into stages.")
 
 NewFile = Annotated[Path, typer.Argument(metavar="OUT.usda", help="The new file.")]
@@ -84,7 +81,7 @@ def rig(
     from pipeline.app.authoring.new_rig import RigWish, new_rig
 
     wish = RigWish(
-        lens=_lens(lens, focal_length),
+        lens=lens_of_rig(lens, focal_length),
         sensor=sensor,
         focus_mm=focus,
         sensor_distance_mm=sensor_distance,
@@ -97,65 +94,8 @@ def rig(
     _end(out, new_rig(out, wish))
 
 
-@designs.command("plenoptic", cls=Verb)
-def plenoptic(
-    out: NewFile,
-    sensor: SensorOfRig,
-    lens: LensOfRig = None,
-    focal_length: FocalLength = None,
-    near: Annotated[float | None, _option("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
-    far: Annotated[float | None, _option("MM", "Its far end; inf.", min=0)] = None,
-    magnification: Annotated[
-        float | None, _option("M", "Instead of a range: of the main lens, in its middle.", min=1e-6, max=1e6)
-    ] = None,
-    types: Annotated[int | None, _option("N", "Focal lengths of the microlenses, 1 or 3; else 3.")] = None,
-    unfocused: Annotated[
-        bool, typer.Option("--unfocused", help="Microlenses at their focal length, of one type: plenoptic 1.0.")
-    ] = False,
-    micro_image: Annotated[float, _option("PX", "Diameter of micro-images.", min=2)] = 20.0,
-    layout: Annotated[
-        Literal["hexagonal", "hexagonal-columns", "square"], _option("LAYOUT", "Of the microlenses.")
-    ] = "hexagonal",
-    f_number: Annotated[
-        float | None, _option("N", "Of the main lens; else what matches the microlenses.", min=1e-3, max=1e4)
-    ] = None,
-    virtual_depth: Annotated[float | None, _option("V", "The least one; else 2.", min=1)] = None,
-    blur: Annotated[float, _option("PX", "Largest blur that counts as sharp.", min=0.01)] = 1.0,
-    as_json: Json = False,
-) -> None:
-    """Write a plenoptic rig for a depth of field or a magnification, and print what real rays make of it.
-
-    The page has the depth of field of each type, lateral and depth resolution, micro-images over the field, distances
-    of refocusing and viewpoints of views. Formulas design, rays judge.
-    """
-    from pipeline.app.authoring.new_plenoptic import new_plenoptic
-    from pipeline.camera.figures.plenoptic_design import PlenopticWish
-    from pipeline.report.plenoptic_design import page, plain
-
-    wish = PlenopticWish(
-        near_mm=near,
-        far_mm=far,
-        magnification=magnification,
-        types=types or (1 if unfocused else 3),
-        unfocused=unfocused,
-        image_px=micro_image,
-        layout=layout,
-        f_number=f_number,
-        virtual_depth=virtual_depth,
-        blur_px=blur,
-    )
-    rig = new_plenoptic(out, _lens(lens, focal_length), sensor, wish)
-    note(*rig.loaded.problems)
-    known = rig.design, rig.judgement, rig.loaded.cameras[0].wavelength_nm
-    if as_json:
-        say_json(plain(*known))
-    else:
-        say(*page(*known))
-    note(f"wrote {out}")
-
-
-def _lens(lens: Path | None, focal_length: float | None) -> Path | float:
-    """The lens of a rig, or the focal length of a thin one."""
+def lens_of_rig(lens: Path | None, focal_length: float | None) -> Path | float:
+    """The lens of a rig, or the focal length of a thin one; UsageError if there is neither, or both."""
     either = focal_length if lens is None else lens
     if either is None or (lens is not None and focal_length is not None):
         hint = "give --lens or, where nobody knows the prescription, --focal-length"

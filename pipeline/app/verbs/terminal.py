@@ -4,7 +4,7 @@ import contextlib
 import json
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,12 +12,15 @@ import typer
 import typer.core
 import typer.main
 
+from pipeline.entry_points import VERBS, offered, plugged_in
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
 from pipeline.spelling import for_terminals, printable
 
+WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
+"""Panels of `pipeline --help`, in this order."""
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
-"""Panels of `--help`."""
+"""Panels of the `--help` of a verb."""
 
 
 def option(panel: str, *names: str, **settings: Any) -> Any:
@@ -117,41 +120,26 @@ class Family(_PlainFlags, typer.core.TyperGroup):
 
 
 class Verbs(Family):
-    """The verbs of the core and those of plug-ins, which are loaded once they are listed, or another is not there."""
+    """The verbs of the core, and those of plug-ins, which are loaded when they are listed or asked for."""
 
-    plug_ins: tuple[str, ...] = ()
+    plug_ins = ("design",)
     """Verbs of plug-ins of ours: without them they say so."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names of all verbs."""
-        self._plug_in()
+        """Names of all verbs but broken ones."""
+        for name in offered(VERBS):
+            with contextlib.suppress(UsageError):  # whoever asks for it is told
+                self.get_command(ctx, name)
         return super().list_commands(ctx)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The verb of a name, or None."""
-        if cmd_name not in self.commands:
-            self._plug_in()
+        """The verb of a name, or None; UsageError if its plug-in is broken or not installed."""
+        if cmd_name not in self.commands and cmd_name in {*offered(VERBS), *self.plug_ins}:
+            plugged_in(VERBS, cmd_name)(family := new_family())
+            self.commands.update(typer.main.get_group(family).commands)
+        elif cmd_name not in self.commands:
+            self.list_commands(ctx)  # which verb was meant is guessed among all
         return super().get_command(ctx, cmd_name)
-
-    def _plug_in(self) -> None:
-        from pipeline.entry_points import VERBS, offered, plugged_in
-
-        for name in dict.fromkeys([*self.plug_ins, *offered(VERBS)]):
-            family = new_family()
-            try:
-                plugged_in(VERBS, name)(family)
-            except UsageError as error:
-                lenient = {"allow_extra_args": True, "ignore_unknown_options": True}
-                family.command(name, help=error.what, context_settings=lenient)(_raising(error))
-            for verb, command in typer.main.get_group(family).commands.items():
-                self.commands.setdefault(verb, command)
-
-
-def _raising(error: UsageError) -> Callable[[], None]:
-    def verb() -> None:
-        raise error
-
-    return verb
 
 
 def new_family(**settings: Any) -> typer.Typer:

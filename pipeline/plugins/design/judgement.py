@@ -1,7 +1,7 @@
 """A plenoptic camera judged by real rays: sharpness and resolution over depth, micro-images over the field, views.
 
 Distances are vision z [mm]. A view takes from every micro-image the pixel at the same place against its centre; views
-move by so many microlenses per pixel, see `camera.figures.plenoptic_design`.
+move by so many microlenses per pixel, see `plugins.design.formulas`.
 """
 
 import math
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.figures.plenoptic_design import refocused_mm
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera
 from pipeline.optics.first_order import first_order
+from pipeline.plugins.design.formulas import refocused_mm
 from pipeline.records.shapes import Float64
 from pipeline.results.ready_camera import POINT, ReadyCamera
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from pipeline.app.authoring.new_rig import RigWish, lens_of, new_rig
 from pipeline.app.stages import located, require_free
-from pipeline.camera.figures.plenoptic_design import PlenopticDesign, PlenopticWish, designed
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.plugins.design.formulas import PlenopticDesign, PlenopticWish, designed
+from pipeline.plugins.design.judgement import Judgement, judged
 from pipeline.results.opening import ready
-from pipeline.results.plenoptic_judgement import Judgement, judged
 from pipeline.scene.load import Loaded, sensor_figures
 from pipeline.scene.usd.values import UnreadableValue
 

@@ -10,7 +10,6 @@ import pytest
 from laws import rigs
 
 from pipeline.camera.bundle import bundle
-from pipeline.camera.figures.plenoptic_design import PlenopticDesign, PlenopticWish, designed, refocused_mm
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
@@ -21,6 +20,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.plugins.design.formulas import PlenopticDesign, PlenopticWish, designed, refocused_mm
 from pipeline.render.imaging import irradiance
 
 SENSOR = Sensor(width_px=160, height_px=120, pitch_mm=0.01)

@@ -1,6 +1,6 @@
 """Design of a plenoptic camera from what is known of it: where array and sensor stand, pitch, focal lengths, stop.
 
-Paraxial and in closed form; `results.plenoptic_judgement` judges by real rays. The scheme is that of Michels and Koch,
+Paraxial and in closed form; `plugins.design.judgement` judges by real rays. The scheme is that of Michels and Koch,
 "Ray Tracing-Guided Design of Plenoptic Cameras" (2022, arXiv 2203.04660): main lens and sensor are known, the rest
 follows from the wanted depth of field. Lengths count along the axis: T from exit pupil to array, B from array to
 sensor, d from exit pupil to the main lens's image of an object, a = d - T from the array to it.
