@@ -189,8 +189,8 @@ def verify(
     are judged by the certificate with another seed. All other columns and files are compared by digest only. Nothing
     is signed: this finds accidents and mistakes, not forgery.
     """
+    from pipeline.app.pages.ending import lines_of_verdict
     from pipeline.app.verify import verify as verdict_on
-    from pipeline.report.ending import lines_of_verdict
 
     verdict = verdict_on(out, seed)
     if as_json:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.app.build import build_with, default_out, run_together
+from pipeline.app.pages.ending import certificate_lines, failed
 from pipeline.app.stages import sound
 from pipeline.engine.files import chosen_place
 from pipeline.engine.options import BuildOptions
@@ -18,7 +19,6 @@ from pipeline.engine.running.result import Result
 from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.tables import write_table
-from pipeline.report.ending import certificate_lines, failed
 from pipeline.results.output import open_output
 from pipeline.results.spread import Figures, figures, rows
 from pipeline.scene.load import require_dataset

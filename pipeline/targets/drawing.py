@@ -1,7 +1,7 @@
 """Drawings: artwork of a target as shapes painted on a white sheet one after the other, exact and without a resolution.
 
 A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and of a box
-that has only one, and `report/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre
+that has only one, and `pages/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre
 of the sheet [mm]. In kernels `drawing` is a `DrawingArrays`.
 """
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from pipeline.app.pages.ending import certificate_lines
 from pipeline.cli import app
-from pipeline.report.ending import certificate_lines
 
 FIGURES = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4}
 

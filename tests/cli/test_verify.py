@@ -11,11 +11,11 @@ from builds import made
 from stage_text import edited, stage_in, tiny_text, without_method
 
 from pipeline import cli
+from pipeline.app.pages.ending import certificate_lines, failed, point_lines
 from pipeline.app.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
-from pipeline.report.ending import certificate_lines, failed, point_lines
 
 TABLE = "frames/0001/Rig.Camera/correspondences.csv"
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from targets.examples import EXAMPLES, name_of
 
+from pipeline.app.pages.artwork import pages_of, pdf_content, svg
 from pipeline.files.drawings import pdf_bytes
-from pipeline.report.artwork import pages_of, pdf_content, svg
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cube, Cylinder
 from pipeline.targets.target import Target

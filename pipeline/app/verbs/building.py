@@ -118,8 +118,8 @@ def build(
     allow_root: Roots = None,
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
+    from pipeline.app.pages.ending import certificate_lines, failed, point_lines
     from pipeline.engine.options import BuildOptions
-    from pipeline.report.ending import certificate_lines, failed, point_lines
     from pipeline.report.page.diary import Diary
 
     options = BuildOptions(
@@ -176,8 +176,8 @@ def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
     if result.delivery is not None:
         say(*(result.out / file for file in (("",) if result.asked is None else result.asked)))
     if profile:
+        from pipeline.app.pages.ending import profile_lines
         from pipeline.optics.kernels import crossings_per_second
-        from pipeline.report.ending import profile_lines
 
         times = _profile(result)
         if not times["now"]:
@@ -187,8 +187,8 @@ def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
 
 def _profile(result: Any) -> dict[str, Any]:
     """The profile of the tasks that ran now; if none ran, the recorded one of all tasks."""
+    from pipeline.app.pages.ending import profile
     from pipeline.engine.records import fields_of
-    from pipeline.report.ending import profile
 
     known = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
     ran = [task for task in known if task.state == "executed"]

@@ -1,6 +1,6 @@
 """Profiles: sums by kind and kernel, shares of all, the share of the limit."""
 
-from pipeline.report.ending import profile, profile_lines
+from pipeline.app.pages.ending import profile, profile_lines
 
 
 def made(cpu_s, **kernels):
