@@ -5,7 +5,7 @@
 The paper's plenoptic rig behind 6576 x 4384 pixels of 5.5 µm, K = 2, one frame, every method of ground truth. Each task
 runs in a process of its own. One tile of each kind runs as it is. The whole, at full size, is joined from that
 one and others of one value; tiles of micro-images and of target points run all. So position images see no point of the
-board: the ground truth searches all of them, and `moments` solves every row directly.
+board: the ground truth searches all of them.
 """
 
 import argparse
@@ -196,7 +196,7 @@ def work(spec: dict[str, Any]) -> None:
 def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str, Any]]:
     """All kinds of tasks; what each took."""
     print("task                                  peak MB     CPU s")
-    rig, searched = graph_with(folder, size, "direct"), graph_with(folder, size, "moments")
+    rig, searched = graph_with(folder, size, "direct"), graph_with(folder, size, "two-plane")
     for kind in ("focus", "planes", "pinhole"):
         bench.run(rig, f"{kind}/{CAMERA}", kind)
     bench.run_all(rig, "micro_images_tile")
@@ -206,8 +206,7 @@ def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str,
     bench.run_all(rig, "truth_tile")
     bench.run(rig, f"truth/{CAMERA}/0001", "truth, direct")
     bench.run(rig, f"certificate/{CAMERA}", "certificate")
-    bench.run(searched, f"truth/{CAMERA}/0001", "truth, moments")
-    bench.run(graph_with(folder, size, "two-plane"), f"truth/{CAMERA}/0001", "truth, two-plane")
+    bench.run(searched, f"truth/{CAMERA}/0001", "truth, two-plane")
     for kind, joined in (("white_tile", f"white/{CAMERA}"), ("image_tile", f"image/{CAMERA}/0001")):
         bench.one_for_all(rig, kind)
         bench.run(rig, joined, kind.partition("_")[0])

@@ -34,7 +34,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = [ROOT / "examples" / name / "dataset.usda" for name in ("01_conventional", "02_plenoptic")]
 TINY = [ROOT / "tests" / "data" / name / "dataset.usda" for name in ("tiny_conventional", "tiny_plenoptic")]
-METHODS = ("two-plane", "moments", "image", "direct")
+METHODS = ("two-plane", "image", "direct")
 _OTHER_SEED = 0x5EED0000
 _PARTS = ("grid_px", "bias_px", "sigma_px")
 Key = tuple[int, str, int, int, int]
@@ -194,10 +194,10 @@ def print_rays(found: dict, built: dict[str, Path], dataset: Dataset, entry: Cam
         for method in found
     }
     single = {
-        method: sum(int(number) for line in lines for number in re.findall(r"rays(?:_of_direct)? (\d+)", line))
+        method: sum(int(number) for line in lines for number in re.findall(r"rays (\d+)", line))
         for method, lines in comments.items()
     }
-    for method, images in {"two-plane": 1, "moments": 1, "image": frames + 1, "direct": 0}.items():
+    for method, images in {"two-plane": 1, "image": frames + 1, "direct": 0}.items():
         if method not in found:
             continue
         rays = image * images + single[method]

@@ -68,8 +68,8 @@ def plen(at: str, **values: Any) -> dict[tuple[str, str], Any]:
 
 
 def without_method(stage: str) -> str:
-    """The same stage without an opinion on `plen:truth:method`, so that a test can write its own."""
-    return re.sub(" *uniform token plen:truth:method = .*\n", "", stage)
+    """The same stage without an opinion on `plen:truth:method` and rays, so that a test can write its own."""
+    return re.sub(" *uniform (token plen:truth:method|bool plen:truth:rays) = .*\n", "", stage)
 
 
 def edited(stage: str, *edits: tuple[str, str]) -> str:

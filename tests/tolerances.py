@@ -133,8 +133,7 @@ DETECTED_PX = 0.1
 """A corner or disc found by OpenCV in an 8-bit picture of 16 samples per pixel [px]: its detectors claim less."""
 
 COARSE_GRID_PX = 2e-3
-"""Pixels of 1.3 mm on the target [px]: a position is interpolated linearly between four of them, and moments of the
-bundle leave its third ones out."""
+"""Pixels of 1.3 mm on the target [px]: a position is interpolated linearly between four of them."""
 
 DIRECT_PX = 1e-4
 """What method `direct` claims [px]; quadrature alone is some hundred times better where nothing is missed."""

@@ -83,7 +83,7 @@ def reference(results: Results, sampling: str, mapping: str) -> np.ndarray:
 
 def bars(results: Results) -> list[Bar]:
     """All bars."""
-    return [*_of_the_paper(results), *_of_moments(results), *_of_direct(results)]
+    return [*_of_the_paper(results), *_of_direct(results)]
 
 
 def _of_the_paper(results: Results) -> Iterator[Bar]:
@@ -95,14 +95,6 @@ def _of_the_paper(results: Results) -> Iterator[Bar]:
             errors = *mean_and_error(lengths(x, results.truth_px)), *mean_and_error(lengths(x, k10))
             share = float(np.mean(status == ACCEPTED))
             yield Bar(method, mapping, sampling, int(k), int(samples), len(status), share, *errors, *rejected)
-
-
-def _of_moments(results: Results) -> Iterator[Bar]:
-    k10 = reference(results, "ours", "half-pixel")
-    for (i, k), (j, samples) in itertools.product(enumerate(results.ks), enumerate(results.moments_samples)):
-        x = results.moments_px[i, j]
-        errors = *mean_and_error(lengths(x, results.truth_px)), *mean_and_error(lengths(x, k10))
-        yield Bar("moments", "half-pixel", "ours", int(k), int(samples), len(x), _there(x), *errors)
 
 
 def _of_direct(results: Results) -> Iterator[Bar]:

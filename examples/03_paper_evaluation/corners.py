@@ -119,7 +119,7 @@ def draw(
     drawn = listed.only(np.random.default_rng(_SEED).permutation(len(listed.solutions.point))[:count])
     rough = drawn.solutions
     start = Guess(np.arange(len(rough.point)), rough.cell, np.stack([rough.x_px, rough.y_px], axis=1))
-    sharp = solve(rig, start, plane[rough.point], ACCURACY_PX, 0.0, rough.jacobian)
+    sharp = solve(rig, start, plane[rough.point], ACCURACY_PX, 0.0)
     order = np.argsort(sharp.solutions.point)
     if len(order) != len(rough.point):
         raise RuntimeError(

@@ -2,8 +2,8 @@
 
     python examples/03_paper_evaluation/evaluate.py [--out FOLDER] [--corners N] [--jobs N] [--small]
 
-Writes results.csv, figures like the paper's (picture.png of `image`, figure_two_plane.png), one of `moments` and one of
-a camera without microlenses, and prints the tables. Rays are traced in windows around a random sample of the corners of
+Writes results.csv, figures like the paper's (picture.png of `image`, figure_two_plane.png) and one of a
+camera without microlenses, and prints the tables. Rays are traced in windows around a random sample of the corners of
 dataset.usda; each takes about 11 seconds of computing time.
 `--keep FOLDER` keeps all positions, lot by lot, `--again FOLDER` makes tables and figures from those.
 """
@@ -44,7 +44,6 @@ def main() -> None:
     results, all_bars = cameras["plenoptic"], bars_of["plenoptic"]
     draw_figure(given.out / "picture.png", _panels(results, all_bars, "image"), 2)
     draw_figure(given.out / "figure_two_plane.png", _panels(results, all_bars, "two-plane"), 2)
-    draw_figure(given.out / "figure_moments.png", [_of_moments(results, all_bars)], 1)
     cost = measured(1, 1024) if given.small else measured()
     sys.stdout.write(report(results, cameras["conventional"], cost))
 
@@ -92,27 +91,6 @@ def _matrix(results: Results, all_bars: list[Bar], name: str, method: str, mappi
     by = {(b.method, b.mapping, b.sampling, b.k, b.samples): getattr(b, name) for b in all_bars}
     key = method, mapping, sampling
     return np.array([[by[(*key, int(k), int(n))] for n in results.samples] for k in results.ks])
-
-
-def _of_moments(results: Results, all_bars: list[Bar]) -> Panel:
-    """Differences from the truth, and last of `direct` from random rays."""
-    by = {(b.k, b.samples): b for b in all_bars if b.method == "moments"}
-    rows = [[by[int(k), int(n)] for n in results.moments_samples] for k in results.ks]
-    (direct,) = (b for b in all_bars if b.method == "direct")
-    values = []
-    for name in ("mean_px", "sem_px", "detected"):
-        last = [getattr(direct, name), *[np.nan] * (len(rows[0]) - 1)]
-        values.append(np.array([*([getattr(b, name) for b in row] for row in rows), last]))
-    return Panel(
-        title="moments: position images, doubtful corners by direct",
-        left_label="from the truth, px",
-        right_label="detected",
-        groups=(*(f"K = {k}" for k in results.ks), "direct"),
-        series=tuple(f"{int(np.sqrt(n))} x {int(np.sqrt(n))}" for n in results.moments_samples),
-        bars=values[0],
-        errors=values[1],
-        dots=values[2],
-    )
 
 
 if __name__ == "__main__":

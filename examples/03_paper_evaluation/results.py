@@ -9,17 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import precision
-from corners import MIN_HIT_FRACTION, Corners
+from corners import Corners
 from sampling import SAMPLINGS
-from windows import ACCEPTED, METHODS, PLAIN, VARIANTS, Variant, moments, search
-
-from pipeline.truth.direct.direct_rows import Guess, solve
-from pipeline.truth.settings import TruthSettings
+from windows import ACCEPTED, METHODS, PLAIN, VARIANTS, Variant, search
 
 _LOT = 8
 _OTHER_SEED = 77
-_TRUSTED_ERRORS = 2.0
-"""As in a build: a row of `moments` is kept if so many of its expected errors stay below the claim."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +23,6 @@ class Grid:
 
     ks: tuple[int, ...]
     samples: tuple[int, ...]
-    moments_samples: tuple[int, ...]
     accuracies_px: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
     judged_px: float = 1e-4
 
@@ -36,9 +30,8 @@ class Grid:
 PAPER = Grid(
     ks=(1, 2, 4, 6, 8, 10),
     samples=(64**2, 128**2, 192**2, 256**2, 320**2),
-    moments_samples=(16**2, 32**2, 64**2),
 )
-SMALL = Grid(ks=(1, 2), samples=(32**2, 64**2), moments_samples=(16**2, 32**2), judged_px=1e-3)
+SMALL = Grid(ks=(1, 2), samples=(32**2, 64**2), judged_px=1e-3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +40,7 @@ class Results:
 
     Attributes
     ----------
-    ks, samples, moments_samples, accuracies_px
+    ks, samples, accuracies_px
         The grid.
     x_px : (kinds of rays, methods, ks, samples, n, 2)
         In the order of SAMPLINGS and METHODS; rays start anywhere on the fine pixel.
@@ -55,9 +48,6 @@ class Results:
         What became of each corner, see `windows`.
     sharp_px : (methods, ks, n, 2)
         Without noise and without the pixel's width: our rays from the centres of the fine pixels, 128 x 128.
-    moments_px : (ks, moments_samples, n, 2)
-    moments_kept : (ks, moments_samples, n)
-        Whether the position image could answer; else the position is solved directly.
     direct_px : (accuracies, n, 2)
     judged_px, judged_sigma_px : (n, 2)
         What random rays, as in a certificate, move the truth by, and their own standard error.
@@ -78,7 +68,6 @@ class Results:
 
     ks: np.ndarray
     samples: np.ndarray
-    moments_samples: np.ndarray
     accuracies_px: np.ndarray
     x_px: np.ndarray
     status: np.ndarray
@@ -86,8 +75,6 @@ class Results:
     variant_px: np.ndarray
     variant_status: np.ndarray
     traced_px: np.ndarray
-    moments_px: np.ndarray
-    moments_kept: np.ndarray
     direct_px: np.ndarray
     judged_px: np.ndarray
     judged_sigma_px: np.ndarray
@@ -135,7 +122,7 @@ _CORNER_AXIS = {
     **dict.fromkeys(("judged_px", "judged_sigma_px", "truth_px", "truth_sigma_px"), 0),
     **dict.fromkeys(("blur_px", "hit_fraction", "distance_mm"), 0),
     **dict.fromkeys(("direct_px", "traced_px"), 1),
-    **dict.fromkeys(("sharp_px", "other_px", "wide_px", "moments_px", "moments_kept"), 2),
+    **dict.fromkeys(("sharp_px", "other_px", "wide_px"), 2),
     **dict.fromkeys(("x_px", "status", "variant_px", "variant_status"), 4),
 }
 """Which axis counts corners."""
@@ -179,12 +166,10 @@ def _run(corners: Corners, grid: Grid, jobs: int) -> Results:
             wide[:, i, number] = search(corners, number, k, "independent", grid.samples[:1], margin_px=1.0)[0][0, :, 0]
 
     _each(one, n, jobs)
-    moments_px, kept = _by_moments(corners, grid, jobs)
     judged, judged_sigma = corners.judged(grid.judged_px)
     return Results(
         ks=np.array(grid.ks),
         samples=np.array(grid.samples),
-        moments_samples=np.array(grid.moments_samples),
         accuracies_px=np.array(grid.accuracies_px),
         x_px=x,
         status=status,
@@ -192,8 +177,6 @@ def _run(corners: Corners, grid: Grid, jobs: int) -> Results:
         variant_px=varied,
         variant_status=varied_status,
         traced_px=np.stack([precision.moved_px(corners, number, grid.samples[-1]) for number in range(n)], axis=1),
-        moments_px=moments_px,
-        moments_kept=kept,
         direct_px=np.stack([corners.solved(accuracy) for accuracy in grid.accuracies_px]),
         judged_px=judged,
         judged_sigma_px=judged_sigma,
@@ -207,31 +190,6 @@ def _run(corners: Corners, grid: Grid, jobs: int) -> Results:
         exist=np.array(corners.exist),
         is_conventional=np.array(corners.rig.images is None),
     )
-
-
-def _by_moments(corners: Corners, grid: Grid, jobs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Method `moments` as a build does it: what its position images cannot answer is solved directly."""
-    n, shape = len(corners), (len(grid.ks), len(grid.moments_samples), len(corners))
-    x, jacobian, error = np.full((*shape, 2), np.nan), np.full((*shape, 2, 2), np.nan), np.full(shape, np.nan)
-
-    def one(number: int) -> None:
-        for i, k in enumerate(grid.ks):
-            for j, samples in enumerate(grid.moments_samples):
-                place = i, j, number
-                x[place], jacobian[place], error[place] = moments(corners, number, k, samples)
-
-    _each(one, n, jobs)
-    claim_px = TruthSettings(method="moments").claim_px
-    assert claim_px is not None
-    kept = _TRUSTED_ERRORS * error <= claim_px
-    alone = corners.solved(claim_px / 4)
-    for place in np.ndindex(shape[:2]):
-        doubtful = np.flatnonzero(~kept[place] & np.isfinite(x[place][:, 0]))
-        guess = Guess(doubtful, corners.cell[doubtful], x[place][doubtful])
-        mended = solve(corners.rig, guess, corners.plane, claim_px / 4, MIN_HIT_FRACTION, jacobian[place][doubtful])
-        x[place] = np.where(kept[place][:, None], x[place], alone)
-        x[place][mended.solutions.point] = np.stack([mended.solutions.x_px, mended.solutions.y_px], axis=1)
-    return x, kept
 
 
 def _each(one: Callable[[int], None], count: int, jobs: int) -> None:

@@ -38,7 +38,7 @@ def _of_camera(results: Results) -> list[str]:
             chosen = [b for b in all_bars if (b.method, b.mapping, b.sampling) == (method, mapping, sampling)]
             parts += [f"## {method}, mapping {mapping}, rays {sampling}", _bars(chosen, results)]
     parts += ["## The printed mapping alone", _printed(results), "## Without noise", _without_noise(results)]
-    parts += ["## lambda_d = 0.15 and noise", _noise(results), "## moments", _moments(all_bars, results)]
+    parts += ["## lambda_d = 0.15 and noise", _noise(results)]
     return [*parts, "## direct", _direct(all_bars, results)]
 
 
@@ -115,21 +115,6 @@ def _noise(results: Results) -> str:
         for low, high, cases, share, ideal in reading.noise_law(results)
     ]
     return table(["rays / (K sigma / 0.03)²", "cases", "detected", "ideal grid"], rows)
-
-
-def _moments(all_bars: list[Bar], results: Results) -> str:
-    by = {(b.k, b.samples): b for b in all_bars if b.method == "moments"}
-    rows = []
-    for i, k in enumerate(results.ks):
-        kept = np.mean(results.moments_kept[i], axis=1)
-        cells = [by[int(k), int(n)] for n in results.moments_samples]
-        rows.append(
-            [
-                str(k),
-                *(f"{b.mean_px:.1e}; {b.detected:.0%}, kept {share:.0%}" for b, share in zip(cells, kept, strict=True)),
-            ]
-        )
-    return table(["K", *(f"{int(np.sqrt(n))}²" for n in results.moments_samples)], rows)
 
 
 def _direct(all_bars: list[Bar], results: Results) -> str:

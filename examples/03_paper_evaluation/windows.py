@@ -5,7 +5,7 @@ quad that holds it. So it says no more about the corner than in which pixel it l
 pixel, and random numbers depend on the place in the whole fine grid, not in the window.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from corners import Corners
@@ -14,7 +14,7 @@ from sampling import PRECISIONS, means
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.truth.grid.correspond import find
-from pipeline.truth.grid.position_image import corrected, on_target
+from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
 from pipeline.truth.settings import TruthSettings
 
@@ -156,26 +156,3 @@ def position_grid(k: int, cell: np.ndarray, microlenses: np.ndarray | None = Non
         microlenses=np.zeros((1, 3), np.int64) if microlenses is None else microlenses,
         centres_px=None,
     )
-
-
-def moments(corners: Corners, number: int, k: int, samples: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Method `moments` on a corner, as far as its position image goes: position (2,), derivative of J, expected error.
-
-    NaN where the search finds nothing. The window holds whole pixels, because second moments are kept once per pixel.
-    """
-    wide = 3 if k > 2 else 5
-    first = (np.rint(corners.x_px[number]).astype(int) - wide // 2) * k
-    around, tracer, pose = _window(corners, number, k, first, wide * k), corners.rig.tracer, corners.pose[number]
-    z = tracer.camera.near_mm, tracer.camera.far_mm
-    starts = around.positions_mm, around.lens.ravel(), parallel_planes(*z), samples, around.fine.reshape(-1, 2)
-    bundle = tracer.moments(*starts)
-    near, far = (bundle[:, i : i + 2].reshape(*around.shape, 2) for i in (0, 2))
-    covariance = bundle[:, 4:14].reshape(*around.shape, 10)[k // 2 :: k, k // 2 :: k]
-    planes = {"near_mm": z[0], "far_mm": z[1], "near": near, "far": far}
-    grid = replace(position_grid(k, around.cell), covariance=covariance, **planes)
-    image = corrected(on_target(near, far, *z, pose), grid, pose)
-    found, _ = find(image, corners.point_mm[number][None], grid, TruthSettings(method="moments"))
-    if not len(found.point):
-        return np.full(2, np.nan), np.full((2, 2), np.nan), float("nan")
-    inside = np.array([found.x_px[0], found.y_px[0]])
-    return inside + first / k, found.jacobian[0], float(found.error_px[0])

@@ -27,9 +27,9 @@ from pipeline.tasks.artefacts.truth_table import (
 )
 from pipeline.tasks.params.frames import Truth
 from pipeline.tasks.rays import MOMENTS
-from pipeline.truth.direct.direct_rows import guesses, polished, solve, with_own_bundles
+from pipeline.truth.direct.direct_rows import guesses, solve, with_own_bundles
 from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_sag_mm
-from pipeline.truth.grid.position_image import corrected, on_target
+from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
 from pipeline.truth.moving import solve_moving
 from pipeline.truth.planes import MovingPlanes, faces_camera, plane_name
@@ -134,7 +134,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         posed = PosedPoints(name, target.points(), pose)
         points = posed.points
         some = slice(0, len(points.kinds)) if params.points is None else slice(*params.points[name])
-        image_of = by_two_planes(settings.method)
+        image_of: ImageOf = by_two_planes
         if positions is not None:
             image_of = functools.partial(_traced, positions, name, len(points.frames))
         before = posed.before(rig, table.shutter, entry.motion)
@@ -205,7 +205,7 @@ def correspondences(
         asked[:, 0], asked[some] = planes[:, 0], planes[some]
         return solved(rig, settings, asked)
     rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), image_of)
-    return None if rows is None else finished(rig, rows, planes, settings)
+    return None if rows is None else with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
 
 
 def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Correspondences:
@@ -221,13 +221,6 @@ def unfiltered(settings: TruthSettings) -> TruthSettings:
     return dataclasses.replace(settings, min_hit_fraction=0.0)
 
 
-def finished(rig: Rig, rows: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
-    """Rows of a search in position images, with light and blur of their own bundles, polished if the method asks so."""
-    if settings.method == "moments" and settings.search == "quad":
-        rows = polished(rig, rows, planes, settings)
-    return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
-
-
 def _traced(
     positions: ExrWindows, target: str, planes: int, number: int, pose: np.ndarray, rays: RayGrid
 ) -> np.ndarray:
@@ -235,14 +228,9 @@ def _traced(
     return window_of(positions, plane_name(target, number, planes), *rays.fine, "X", "Y")
 
 
-def by_two_planes(method: str) -> ImageOf:
-    """J from the rays of two planes, with the correction of method `moments`."""
-
-    def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
-        image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
-        return corrected(image, rays, pose) if method == "moments" else image
-
-    return image_of
+def by_two_planes(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+    """J on a plane by method `two-plane`."""
+    return on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
 
 
 def truth_tile(params: Truth, inputs: Inputs, out: Path) -> None:

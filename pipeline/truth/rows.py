@@ -21,8 +21,6 @@ class Solutions:
     # derivative of J by image position, mm on the target per px; columns are x and y
     jacobian: Float64[np.ndarray, "n 2 2"]
     noise_gain: Float64[np.ndarray, "n"]  # standard error of the solution over that of a single position of the grid
-    # expected error from noise and from the assumptions of the search; NaN if unknown
-    error_px: Float64[np.ndarray, "n"]
 
     @property
     def xy_px(self) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
 CLAIM_PX = 1e-3
-"""Claim where a stage states none [px]: `direct` and `moments` keep it, which the certificate of every build tests."""
+"""Claim where a stage states none [px]: `direct` keeps it, which the certificate of every build tests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +30,7 @@ class TruthSettings:
     @property
     def claim_px(self) -> float | None:
         """The accuracy that rows claim [px]; None: nothing is authored, and the method has no default claim."""
-        default = CLAIM_PX if self.method in ("direct", "moments") else None
+        default = None if self.searches else CLAIM_PX
         return default if self.accuracy_px is None else self.accuracy_px
 
     @property

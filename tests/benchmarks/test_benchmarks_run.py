@@ -56,7 +56,7 @@ def test_lit_images_have_little_noise_at_few_rays(tmp_path: Path) -> None:
 def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> None:
     """A conventional camera loses no corner, no search finds rows that do not exist, the reference is the finer one.
 
-    Method `direct`, and `moments` with it, finds rows in the penumbra whose candidates the reference does not guess.
+    Method `direct` finds rows in the penumbra whose candidates the reference does not guess.
     """
     text = output_of("truth.py", tmp_path)
     lines = re.findall(r"^  (two-plane|image) +all +(\d+) +(\d+) +[\d.]+% +(.*)$", text, re.MULTILINE)

@@ -38,7 +38,7 @@ def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
     return Rows(Pairs.still(planes[rows.point]), rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
 
 
-UNFILTERED = TruthSettings(method="moments", filter="none")
+UNFILTERED = TruthSettings(method="two-plane", filter="none")
 
 
 def correspond(

@@ -16,7 +16,7 @@ from pipeline.files.tables import read_table
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load, open_dataset
 
-_METHOD = '            uniform token plen:truth:method = "moments"\n'
+_RAYS = "            uniform bool plen:truth:rays = true\n"
 _SENSOR = '        over "Sensor"\n        {\n'
 _SEED = "    uniform int plen:seed = 3\n"
 _EXPORTS = f'{_SEED}    uniform token[] plen:exports = ["colmap", "opencv"]\n'
@@ -26,7 +26,7 @@ def stage(path: Path, camera: str, *edits: tuple[str, str], sensor: str = "", le
     """The tiny stage with lines of its camera, its sensor and its lens, and with a board that stands still after 2."""
     own = f'        over "Lens"\n        {{\n{lens}\n        }}\n\n' if lens else ""
     ended = ("endTimeCode = 2", f"endTimeCode = {end}"), (_SENSOR, f"{own}{_SENSOR}{sensor}\n")
-    text = tiny_text("conventional", (_METHOD, f"{camera}\n"), *ended, *edits)
+    text = tiny_text("conventional", (_RAYS, f"{camera}\n"), *ended, *edits)
     for sample in re.findall(r"2: (\(.*\)),", text) if end > 2 else ():
         text = text.replace(f"2: {sample}", ", ".join(f"{number}: {sample}" for number in range(2, end + 1)))
     path.write_text(text, encoding="utf-8")

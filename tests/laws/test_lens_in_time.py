@@ -45,7 +45,7 @@ def stage(folder: Path, kind: str, camera: str, sensor: str = "", lines: int = 2
     ]
     edits.append(('over "Sensor"\n        {\n', f'over "Sensor"\n        {{\n{sensor}\n'))
     if kind == "conventional":
-        edits += [('            uniform token plen:truth:method = "moments"\n', ""), ("= (32, 24)", f"= (32, {lines})")]
+        edits += [("            uniform bool plen:truth:rays = true\n", ""), ("= (32, 24)", f"= (32, {lines})")]
     folder.mkdir(exist_ok=True)
     return stage_in(folder, tiny_text(kind, *edits))
 

@@ -1,4 +1,4 @@
-"""Claim: whatever the camera, target and pose, the four methods give the same rows within what each of them states.
+"""Claim: whatever the camera, target and pose, the three methods give the same rows within what each of them states.
 
 `direct` is judged by random rays, and then judges the others.
 """
@@ -12,7 +12,6 @@ from laws import rigs
 from laws.random_scenes import random_camera, random_pose, random_target
 from laws.solving import correspond, judged_rows, rig_of, solved
 from scipy import stats
-from shorter import few
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE, ONCE_IN_A_MILLION
 
 from pipeline.camera.integrals import Bundles, integrals, square_nodes
@@ -26,12 +25,11 @@ from pipeline.targets.target import Target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import by_two_planes, correspondences
-from pipeline.truth.direct.direct_rows import polished
 from pipeline.truth.grid import correspond as searching
-from pipeline.truth.grid.correspond import correspond_points
-from pipeline.truth.grid.position_image import corrected, correction, crossing_share, on_target
+from pipeline.truth.grid.correspond import ImageOf, correspond_points
+from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
-from pipeline.truth.judging import WITHIN, WORST, Rows, certify
+from pipeline.truth.judging import Rows, certify
 from pipeline.truth.planes import Pairs, tangent_planes
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -59,7 +57,7 @@ class Scene:
 
     def rows(self, settings: TruthSettings) -> Correspondences:
         grid = None if settings.method == "direct" else self.grid
-        image_of = by_two_planes(settings.method)
+        image_of: ImageOf = by_two_planes
         if settings.method == "image":
             images = [self._traced(frame) for frame in self.points.frames]
 
@@ -67,12 +65,6 @@ class Scene:
                 return images[number][rays.fine]
 
         found = correspondences(self.rig, grid, settings, PosedPoints("Board", self.points, self.pose), image_of)
-        assert found is not None
-        return found
-
-    def second_order(self) -> Correspondences:
-        settings = TruthSettings(method="moments")
-        found = correspond_points(self.points, self.grid, self.pose, settings, by_two_planes("moments"))
         assert found is not None
         return found
 
@@ -110,18 +102,20 @@ def most_by_chance(rows: int) -> float:
     return float(np.sqrt(stats.f.isf(ONCE_IN_A_MILLION, 2 * rows, 6 * rows)))
 
 
-def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
-    """What two planes leave out, to second order, from moments by quadrature at each row, (n, 2) [px]."""
-    x = rows.solutions.xy_px
+def bias_of_two_planes_px(scene: Scene, rows: Correspondences) -> np.ndarray:
+    """Distance of the hit of the mean ray from the mean of the hits, by quadrature at each row, (n, 2) [px]."""
+    x, lens = rows.solutions.xy_px, scene.rig.microlens(rows.solutions.cell)
     near_far = scene.grid.near_mm, scene.grid.far_mm
-    planes = np.repeat(parallel_planes(*near_far)[None], len(x), axis=0)
-    flat = integrals(scene.rig.tracer, Bundles(x, scene.rig.microlens(rows.solutions.cell), planes), 2).moments
-    shift = np.empty((len(x), 2))
-    for row, (moments, point) in enumerate(zip(flat, rows.solutions.point, strict=True)):
-        pose = scene.pose @ scene.points.frames[scene.points.plane[point]]
-        share, _, way = crossing_share(moments[None, :2], moments[None, 2:4], *near_far, pose)
-        shift[row] = correction(moments[None, COVARIANCE:WEIGHT], share, way, pose)[0]
-    return np.linalg.solve(rows.solutions.jacobian, shift[..., None])[..., 0]
+    poses = [scene.pose @ scene.points.frames[scene.points.plane[point]] for point in rows.solutions.point]
+    flat, own = (
+        integrals(scene.rig.tracer, Bundles(x, lens, np.array(planes)), 2).moments
+        for planes in ([parallel_planes(*near_far)] * len(x), [[target_plane(pose)] * 2 for pose in poses])
+    )
+    shift = [
+        hit - on_target(mean[:2], mean[2:], *near_far, pose)
+        for hit, mean, pose in zip(own[:, :2], flat[:, :4], poses, strict=True)
+    ]
+    return np.linalg.solve(rows.solutions.jacobian, np.array(shift)[..., None])[..., 0]
 
 
 QUICK = (7,)
@@ -142,15 +136,7 @@ def test_all_methods_agree_within_what_they_state(scene: Scene) -> None:
     biased = judged(scene, direct, 0.02, 5e-4)
     assert biased["passed"] is False and abs(biased["mean_px"] - 0.02) < 1e-3
 
-    moments = scene.rows(TruthSettings(method="moments"))
-    apart, known = scene.apart(moments)
-    length = np.hypot(*apart.T)
-    claim_px = TruthSettings(method="moments").claim_px
-    assert claim_px is not None
-    assert np.mean(length <= claim_px) >= WITHIN and length.max() <= WORST * claim_px
-    assert abs(len(moments.solutions.point) - len(direct.solutions.point)) <= 2 and np.sum(~known) <= 1
-
-    by_method = {"two-plane": scene.rows(TruthSettings(method="two-plane")), "moments": scene.second_order()}
+    by_method = {"two-plane": scene.rows(TruthSettings(method="two-plane"))}
     if len(scene.points.frames) <= 3:
         by_method["image"] = scene.rows(TruthSettings(method="image"))
     for method, rows in by_method.items():
@@ -159,7 +145,7 @@ def test_all_methods_agree_within_what_they_state(scene: Scene) -> None:
         if np.sum(lit) < 4:
             continue
         stated = np.sqrt(np.mean(rows.sigma_px[known][lit] ** 2))
-        bias = second_order_px(scene, rows)[known][lit] if method == "two-plane" else 0.0
+        bias = bias_of_two_planes_px(scene, rows)[known][lit] if method == "two-plane" else 0.0
         ratio = np.sqrt(np.mean((apart[lit] - bias) ** 2)) / stated
         assert ratio < most_by_chance(int(np.sum(lit))), method
 
@@ -193,16 +179,14 @@ SHARE, TRACE = 0.002, 0.01
 """What 65,536 random rays err by, with room: of a hit fraction, and of a trace [relative]."""
 
 
-@pytest.mark.parametrize("method", few(["moments"], "two-plane"))
-def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(method: str, tmp_path: Path) -> None:
+def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(tmp_path: Path) -> None:
     """Behind microlenses, where both change within a pixel, against random rays from the row's position."""
     camera, board, pose = rigs.plenoptic(2.0), Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0)
     rig, grid = rig_of(camera), rigs.ray_grid(tmp_path, camera, 1, 256)
-    settings = TruthSettings(method=method, filter="none", accuracy_px=0.2 if method == "moments" else None)
+    settings = TruthSettings(method="two-plane", filter="none")
     points = Target(board).points()
-    rows = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), by_two_planes(method))
-    assert rows is not None
-    traced = rows.only(rows.method != "direct")
+    traced = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), by_two_planes)
+    assert traced is not None
     found = traced.solutions
     assert len(found.point) > 20 and traced.hit_fraction.min() < 0.6
     x, planes = found.xy_px, tangent_planes(pose, points.position_mm)[found.point]
@@ -254,11 +238,9 @@ def test_all_methods_find_the_same_rows(pixel: Rig, direct: Correspondences, tmp
     images = {
         "two-plane": flat,
         "image": position_image(pixel, POSE, sampling).astype(float),
-        "moments": corrected(flat, grid, POSE),
     }
-    settings = TruthSettings(method="moments", filter="none")
     for name, image in images.items():
-        rows = correspond(image, BOARD.points_mm(), grid, POSE, dataclasses.replace(settings, method=name))
+        rows = correspond(image, BOARD.points_mm(), grid, POSE, TruthSettings(method=name, filter="none"))
         number = {pair: i for i, pair in enumerate(zip(direct.solutions.point, direct.solutions.cell, strict=True))}
         own = [number.get(pair, -1) for pair in zip(rows.solutions.point, rows.solutions.cell, strict=True)]
         assert len(own) > 5 and own.count(-1) <= 1
@@ -266,11 +248,6 @@ def test_all_methods_find_the_same_rows(pixel: Rig, direct: Correspondences, tmp
             rows.solutions.x_px - direct.solutions.x_px[own], rows.solutions.y_px - direct.solutions.y_px[own]
         )
         assert np.median(apart[np.array(own) >= 0]) < 0.01  # K = 1: J bends within four pixels
-        if name == "moments":
-            whole = polished(pixel, rows, PLANES, settings)
-            assert whole.solutions.cell.tolist() == direct.solutions.cell.tolist()
-            both = whole.solutions.x_px - direct.solutions.x_px, whole.solutions.y_px - direct.solutions.y_px
-            assert np.hypot(*both).max() < 2e-3
 
 
 def test_blur_is_that_of_the_point(point: Rig, pixel: Rig, direct: Correspondences) -> None:

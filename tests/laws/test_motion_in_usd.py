@@ -20,7 +20,7 @@ SHARES = {"Rig": 0.25, "Board": 1.0, "Ball": -0.5, "Lamp": 2.0}
 """What of the motion each of them takes."""
 TIMES, X = (0.0, 1.0, 1.125, 2.0, 3.0), (-4.0, 0.0, 1.0, 4.0, 4.5)
 ORDER = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:translateX"]'
-METHOD = '            uniform token plen:truth:method = "moments"\n'
+RAYS = "            uniform bool plen:truth:rays = true\n"
 SHUTTER = """over "Camera" {
 uniform double2 plen:shutter:lineOffset = (1, 24000)
 uniform double2 plen:shutter:exposure = (1, 500)
@@ -136,7 +136,7 @@ def test_rows_of_a_board_that_a_spline_moves_are_those_of_time_samples(tmp_path,
     moved = order.replace('["', '["xformOp:translateX", "')
     for motion in (samples(1.0), knots(1.0)):
         lines = "\n".join(SHUTTER.splitlines()[1:-1])
-        text = tiny_text("conventional", (order, f"{motion}\n{moved}"), (METHOD, f"{lines}\n"))
+        text = tiny_text("conventional", (order, f"{motion}\n{moved}"), (RAYS, f"{lines}\n"))
         folder = tmp_path / str(len(tables))
         folder.mkdir()
         files = sorted(made(stage_in(folder, text), folder / "out", common_store).out.rglob("correspondences.csv"))

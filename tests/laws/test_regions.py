@@ -253,7 +253,7 @@ def test_rows_have_the_hit_fraction_of_their_position(hole_grid: RayGrid) -> Non
     image = on_target(hole_grid.near, hole_grid.far, hole_grid.near_mm, hole_grid.far_mm, pose)
     row, column = np.rint(fine_from_image(x[:, ::-1], 2)).astype(int).T
     points = np.column_stack([image[row, column] + 0.3, np.zeros(len(x))])  # not in the middle of pixels
-    rows = correspond(image, points, hole_grid, pose, TruthSettings(method="moments", filter="none"))
+    rows = correspond(image, points, hole_grid, pose, TruthSettings(method="two-plane", filter="none"))
     assert len(rows.solutions.point) > 90
     np.testing.assert_allclose(rows.hit_fraction, share_of_light(rows.solutions.x_px, rows.solutions.y_px), rtol=0.01)
 

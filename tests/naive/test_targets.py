@@ -62,7 +62,7 @@ ROWS, GROUPS, RAYS = 6, 8, 4_000
 
 
 class Built:
-    def __init__(self, folder: Path, file: str, turn: str, method: str = "moments", finer: int = 1) -> None:
+    def __init__(self, folder: Path, file: str, turn: str, method: str = "direct", finer: int = 1) -> None:
         stage, text = folder / "dataset.usda", STAGE
         for name, value in (("FILE", file), ("TURN", turn), ("METHOD", method), ("FINER", str(finer))):
             text = text.replace(name, value)
@@ -168,17 +168,17 @@ def test_points_that_face_away_have_no_rows(build) -> None:
 
 @pytest.mark.heavy
 def test_methods_agree_on_a_cube(build, tmp_path) -> None:
-    """Position images traced to each face's own plane, against moments.
+    """Position images traced to each face's own plane, against `direct`.
 
     They are twice as fine, because the search in them is linear and pixels are coarse here.
     """
     (tmp_path / "other").mkdir()
-    moments = build("aprilgrid_cube", "25, -30, 0")
+    direct = build("aprilgrid_cube", "25, -30, 0")
     traced = Built(tmp_path / "other", "aprilgrid_cube", "25, -30, 0", "image", 2)
-    assert np.array_equal(moments.column("point_id"), traced.column("point_id"))
+    assert np.array_equal(direct.column("point_id"), traced.column("point_id"))
     for axis in "xy":
-        apart = np.abs(moments.column(f"{axis}_px") - traced.column(f"{axis}_px"))
-        sigma = np.hypot(moments.column(f"sigma_{axis}_px"), traced.column(f"sigma_{axis}_px"))
+        apart = np.abs(direct.column(f"{axis}_px") - traced.column(f"{axis}_px"))
+        sigma = np.hypot(direct.column(f"sigma_{axis}_px"), traced.column(f"sigma_{axis}_px"))
         assert (apart < SIGMAS * sigma + COARSE_GRID_PX).all()
 
 

@@ -62,10 +62,9 @@ POLYGON = plen(STOP, apertureShape="polygonal", blades=6)
 FOCUSED = plen(B, camera__focusDistance=420.0, camera__sensorDistance=None)
 CATALOGUE = plen(LENS, indexSource="catalogue")
 SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
-MOMENTS = plen(A, truth__method="moments")
 PINHOLE_MODEL = plen(A, camera__model="pinhole")
 TWO_PLANE = plen(A, truth__method="two-plane")
-NEAREST = MOMENTS | plen(A, truth__search="nearest")
+NEAREST = TWO_PLANE | plen(A, truth__search="nearest")
 DELIVERED = plen(A, truth__rays=True)
 SADDLE = plen(A, truth__columns=["saddle"])
 AUTHORED = plen(A, camera__near=400.0, camera__far=500.0)
@@ -123,7 +122,7 @@ DATASET = {
     "plen:frames": [Case("", [2], {"certificate"} | POSES)],
     "plen:seed": [
         Case("", 9, IMAGES | TRUTH),
-        Case("", 9, RAYS | IMAGES | TRUTH, given=MOMENTS),
+        Case("", 9, RAYS | IMAGES | TRUTH, given=TWO_PLANE),
         Case("", 9, RAYS | IMAGES | TRUTH, given=DELIVERED),
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
@@ -154,11 +153,11 @@ MAIN_LENS = {
             LENS,
             587.6,
             {"first_order", "rays"} | IMAGES | TRUTH,
-            given=MOMENTS,
+            given=TWO_PLANE,
             along=plen(A, camera__wavelength=587.6),
         ),
     ],
-    "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
+    "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=TWO_PLANE)],
     "plen:apertureShape": [Case(STOP, "polygonal", CAMERA, along=plen(STOP, blades=6))],
     "plen:innerSemiDiameter": [Case(STOP, 1.0, CAMERA, along=plen(STOP, apertureShape="annular"))],
     "plen:halfWidths": [Case(STOP, (3.0, 3.0), CAMERA, along=plen(STOP, apertureShape="rectangular"))],
@@ -372,21 +371,21 @@ CAMERAS = {
     # Planes of J: no image depends on them, and no truth that is solved without position images.
     "plen:camera:circleOfConfusion": [
         Case(A, 90.0, PLANES),
-        Case(A, 90.0, PLANES | RAYS | TRUTH, given=MOMENTS),
+        Case(A, 90.0, PLANES | RAYS | TRUTH, given=TWO_PLANE),
         # Within a tenth of the focus distance the depth of field moves no plane.
-        Case(A, 2.0, {"planes", "first_order"}, given=MOMENTS),
-        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED | MOMENTS),
+        Case(A, 2.0, {"planes", "first_order"}, given=TWO_PLANE),
+        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED | TWO_PLANE),
     ],
     "plen:camera:near": [
         Case(A, 400.0, PLANES),
-        Case(A, 400.0, PLANES | RAYS | TRUTH, given=MOMENTS),
+        Case(A, 400.0, PLANES | RAYS | TRUTH, given=TWO_PLANE),
         Case(B, 400.0, PLANES),
         Case(B, 400.0, PLANES | RAYS | TRUTH, given=plen(B, truth__method="two-plane")),
         Case(B, 400.0, PLANES | RAYS, given=plen(B, truth__rays=True)),
     ],
     "plen:camera:far": [
         Case(A, 500.0, PLANES),
-        Case(A, 500.0, PLANES | RAYS | TRUTH, given=MOMENTS),
+        Case(A, 500.0, PLANES | RAYS | TRUTH, given=TWO_PLANE),
         Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
     "plen:image:labels": [
@@ -419,43 +418,41 @@ CAMERAS = {
 
 METHOD = {
     "plen:truth:method": [
-        Case(A, "two-plane", TRUTH, given=MOMENTS),
-        Case(A, "direct", TRUTH, given=MOMENTS),
-        Case(A, "image", POSITIONS, given=BOARDS | MOMENTS),
-        Case(A, "moments", TRUTH | RAYS),
-        Case(A, "moments", TRUTH, given=DELIVERED),
+        Case(A, "direct", TRUTH, given=TWO_PLANE),
+        Case(A, "image", POSITIONS, given=BOARDS | TWO_PLANE),
+        Case(A, "two-plane", TRUTH | RAYS),
+        Case(A, "two-plane", TRUTH, given=DELIVERED),
     ],
     # One more product: the others do not need it.
-    "plen:truth:rays": [Case(A, True, RAYS), Case(A, True, given=MOMENTS)],
+    "plen:truth:rays": [Case(A, True, RAYS), Case(A, True, given=TWO_PLANE)],
     "plen:truth:extent": [Case(A, "full"), Case(A, "full", POSITIONS, given=IMAGE)],
     "plen:truth:search": [
         Case(A, "nearest"),
-        Case(A, "nearest", TRUTH, given=MOMENTS),
         Case(A, "nearest", TRUTH, given=TWO_PLANE),
     ],
-    "plen:truth:filter": [Case(A, "none"), Case(A, "none", TRUTH, given=MOMENTS)],
-    "plen:truth:lambdaD": [Case(A, 0.2), Case(A, 0.2, TRUTH, given=MOMENTS)],
-    "plen:truth:lambdaAlpha": [Case(A, 20.0), Case(A, 20.0, TRUTH, given=MOMENTS)],
+    "plen:truth:filter": [Case(A, "none"), Case(A, "none", TRUTH, given=TWO_PLANE)],
+    "plen:truth:lambdaD": [Case(A, 0.2), Case(A, 0.2, TRUTH, given=TWO_PLANE)],
+    "plen:truth:lambdaAlpha": [Case(A, 20.0), Case(A, 20.0, TRUTH, given=TWO_PLANE)],
     "plen:truth:nearestThreshold": [Case(A, 0.1), Case(A, 0.1, TRUTH, given=NEAREST)],
     "plen:truth:supersampling": [
         Case(A, 2),
         Case(A, 2, RAYS, given=DELIVERED),
-        Case(A, 2, TRUTH | RAYS, given=MOMENTS),
+        Case(A, 2, TRUTH | RAYS, given=TWO_PLANE),
         Case(A, 2, POSITIONS | RAYS, given=IMAGE),
         Case(A, 2, TRUTH, given=plen(A, truth__footprint="pixel")),
     ],
     "plen:truth:samples": [
         Case(A, 128),
         Case(A, 128, RAYS, given=DELIVERED),
-        Case(A, 128, TRUTH | RAYS, given=MOMENTS),
+        Case(A, 128, TRUTH | RAYS, given=TWO_PLANE),
         Case(A, 128, POSITIONS | RAYS, given=IMAGE),
     ],
     "plen:truth:footprint": [
         Case(A, "pixel", TRUTH | {"first_order"}),
-        Case(A, "pixel", TRUTH | RAYS | {"first_order"}, given=MOMENTS),
+        Case(A, "pixel", TRUTH | RAYS | {"first_order"}, given=TWO_PLANE),
         Case(A, "pixel", POSITIONS | RAYS | {"first_order"}, given=IMAGE),
     ],
-    "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
+    "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=TWO_PLANE)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
     "plen:truth:derivatives": [Case(A, ["Two"], {"derivatives"}, given=BOARDS | plen(A, truth__derivatives=["One"]))],
     "plen:truth:blurDerivatives": [

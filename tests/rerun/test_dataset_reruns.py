@@ -156,7 +156,7 @@ def test_moving_rig_and_board_together_never_touches_rays(conventional):
 
 
 def test_rays_that_are_asked_for_are_one_more_product_and_no_row_knows_of_them(plenoptic):
-    """The same J_near and J_far that `moments` needs: from there they come from the store."""
+    """The same J_near and J_far that `two-plane` needs: from there they come from the store."""
     assert not (plenoptic.out / "cameras/Rig.Camera/rays.exr").exists()
     tables = sorted(plenoptic.out.glob("frames/*/*/correspondences.csv"))
     before = [table.read_bytes() for table in tables]
@@ -165,7 +165,7 @@ def test_rays_that_are_asked_for_are_one_more_product_and_no_row_knows_of_them(p
     rays = (plenoptic.out / "cameras/Rig.Camera/rays.exr").read_bytes()
     assert [table.read_bytes() for table in tables] == before
     assert verify(plenoptic.out).agrees
-    plenoptic.use_method("moments")
+    plenoptic.use_method("two-plane")
     assert set(plenoptic.run()) == TRUTH
     assert (plenoptic.out / "cameras/Rig.Camera/rays.exr").read_bytes() == rays
 

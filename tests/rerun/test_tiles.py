@@ -42,7 +42,7 @@ def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         pytest.param(
             "plenoptic",
-            'uniform token plen:truth:method = "moments"',
+            'uniform token plen:truth:method = "two-plane"',
             TILED | {"rays_tile"},
             marks=pytest.mark.heavy,
         ),

@@ -10,14 +10,14 @@ from pipeline.scene.load import load
 
 OPEN = "double2 exposure = (1, 100)"
 ROLLS = 'token scanOrder = "bottomToTop"\ndouble2 lineOffset = (1, 1000)'
-_METHOD = '            uniform token plen:truth:method = "moments"\n'
+_RAYS = "            uniform bool plen:truth:rays = true\n"
 _LAST = "2: (0.3, -0.2, -432),"
 
 
 def problems(folder: Path, camera: str, *edits: tuple[str, str], last: str = f"{_LAST}\n3: (1, 0, -432),") -> list:
     lines = "".join(f"            uniform {line.strip()}\n" for line in camera.splitlines())
     lines = re.sub(r"uniform (token|double2|int) (?!plen)", r"uniform \1 plen:shutter:", lines)
-    path = stage_in(folder, tiny_text("conventional", (_METHOD, lines), (_LAST, last), *edits))
+    path = stage_in(folder, tiny_text("conventional", (_RAYS, lines), (_LAST, last), *edits))
     return load(path).problems
 
 
@@ -38,7 +38,7 @@ def test_shutters_that_say_all_are_right(tmp_path, camera):
         ('token scanOrder = "topToBottom"', "shutter", "plen:shutter:lineOffset", "rolling shutter needs both"),
         ("double2 lineOffset = (1, 1000)", "shutter", "plen:shutter:lineOffset", "a global one neither"),
         ('token scanOrder = "inwards"', "bad-token", "plen:shutter:scanOrder", "topToBottom"),
-        (f"{OPEN}\n{_METHOD.strip()[8:]}", "not-yet-supported", "plen:truth:method", "direct"),
+        (f'{OPEN}\ntoken plen:truth:method = "two-plane"', "not-yet-supported", "plen:truth:method", "direct"),
     ],
 )
 def test_mistakes_of_a_shutter_are_told_once_where_they_are(tmp_path, camera, code, where, says):
@@ -121,7 +121,7 @@ def test_what_flies_from_pose_to_pose_while_a_shutter_is_open_is_said_with_its_s
     """A board that turns in no frame and is 9.6 mm aside in the second one, 24 frames a second: 2.304 mm in 10 ms."""
     still = ("2: (0.9762960071199334, 0, 0.21643961393810288, 0)", "2: (0.9990482215818578, 0, 0, 0.043619387365336)")
     exposed = f"            uniform {OPEN.replace(' exp', ' plen:shutter:exp')}\n"
-    text = tiny_text("conventional", (_METHOD, exposed), still, (_LAST, f"2: (9.6, 0, -434.4),{more}"))
+    text = tiny_text("conventional", (_RAYS, exposed), still, (_LAST, f"2: (9.6, 0, -434.4),{more}"))
     found = [one for one in load(stage_in(tmp_path, text), look=True).problems if one.code == "flying"]
     assert [one.at for one in found] == ["/TinyConventional/Board"] * is_said
     for one in found:

@@ -58,6 +58,8 @@ _APIS = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI", "Material": "Plen
 """The schema to apply where a prim of a type has attributes of ours."""
 _NAMED = 5
 """Number of wrong values of one attribute that are listed."""
+_USE_INSTEAD = {("plen:truth:method", "moments"): 'the method is gone; use "direct", which is more exact;'}
+"""Hints for values that were allowed once, by attribute and value."""
 
 
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
@@ -322,7 +324,7 @@ def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> I
     wrong = dict.fromkeys([value] if isinstance(value, str) else value) if allowed else {}
     for token in [token for token in wrong if token not in allowed][:_NAMED]:
         choices = f"allowed: {', '.join(allowed)}"
-        guess = did_you_mean(token, allowed)
+        guess = _USE_INSTEAD.get((attribute.GetName(), token)) or did_you_mean(token, allowed)
         message = f'"{shortened(token)}" is not a value of "{attribute.GetName()}"'
         yield problem(attribute, "bad-token", message, hint=f"{guess} {choices}" if guess else choices, time=time)
 

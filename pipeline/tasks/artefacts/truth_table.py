@@ -203,5 +203,4 @@ def _search(settings: TruthSettings) -> str:
     if settings.search == "nearest":
         return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
     filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
-    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
-    return f"search: quad, filter {filtered}{surface}"
+    return f"search: quad, filter {filtered}"

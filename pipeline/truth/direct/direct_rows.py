@@ -1,9 +1,8 @@
 """Rows of correspondences by method `direct`: candidates from forward tracing, solutions, and the rules for existing
 rows; and the other way round, the mean rays of image positions.
 
-Rows of position images use it, too: for their light, for the nearest position of the grid is not sufficient (in the
-penumbra of a micro-image its hit fraction is off by 0.1, and its blur by a quarter of the trace), and in place of
-themselves where they are not accurate enough.
+Rows of position images use it, too, for their light: the nearest position of the grid is not sufficient (in the
+penumbra of a micro-image its hit fraction is off by 0.1, and its blur by a quarter of the trace).
 """
 
 import dataclasses
@@ -28,7 +27,6 @@ from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Integrate, Searc
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Pairs, Planes, StillPlanes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
-from pipeline.truth.settings import TruthSettings
 
 _AT_ONCE = 1 << 14
 """Positions that are integrated together: bounds memory, and no result depends on it."""
@@ -119,10 +117,6 @@ _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
 rounding would do.
 """
-_SIGMAS = 2.0
-"""Expected errors of a row that must stay below the claim [1]: only one row in twenty has an error above two of
-them.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +145,8 @@ def solve(
     planes: Float64[np.ndarray, "p 4 3"] | Planes,
     accuracy_px: float,
     min_hit_fraction: float,
-    jacobian: Float64[np.ndarray, "n 2 2"] | None = None,
 ) -> Correspondences:
-    """Solve J(x) = p for pairs and keep the rows that exist; `jacobian`: guesses are rough solutions already."""
+    """Solve J(x) = p for pairs and keep the rows that exist."""
     of_points = StillPlanes(planes) if isinstance(planes, np.ndarray) else planes
 
     def pairs(rows: np.ndarray, x_px: np.ndarray) -> Pairs:
@@ -165,10 +158,7 @@ def solve(
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
 
-    if jacobian is None:
-        search.approach(may_exist)
-    else:
-        search.begin_at(jacobian)
+    search.approach(may_exist)
     known = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
     somewhere = np.where(known[:, None], search.x_px, 0.0)
     near = known & may_exist(somewhere, np.arange(len(known)), NEARLY_PX)
@@ -201,9 +191,8 @@ def _with_blur(
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
     on = planes.instants(point, search.x_px[rows])
     blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], on, jacobian, moments)
-    error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T
-    solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)
+    solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)))
     solved = Correspondences(
         solutions,
         search.sigma_px[rows],
@@ -263,52 +252,22 @@ def with_own_bundles(
     rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
 ) -> Correspondences:
     """Rows with light and blur of their own bundles, as `direct` has them; rows too dark are dropped and counted."""
-    others = np.flatnonzero(rows.method != "direct")
-    solutions = rows.solutions.only(others)
-    x_px, on = solutions.xy_px, planes[solutions.point]
+    solutions, on = rows.solutions, planes[rows.solutions.point]
+    x_px = solutions.xy_px
     wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
     bundles = integrals(rig.tracer, wanted, BLUR_LEVEL)
     # That of the search is over steps of the grid, where J may bend.
     held = Held(rig.tracer, wanted, BLUR_LEVEL, STEADY)
     by_position = mean_hit(by_x(lambda x: held.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px))
     is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
-    jacobian = rows.solutions.jacobian.copy()
-    jacobian[others] = np.where(is_known, by_position, solutions.jacobian)
-    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, Pairs.still(on), jacobian[others], bundles.moments)
-    hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
-    hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho
+    jacobian = np.where(is_known, by_position, solutions.jacobian)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, Pairs.still(on), jacobian, bundles.moments)
+    hit_fraction = rig.hit_fraction(bundles.moments)
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
-    whole = dataclasses.replace(rows.solutions, jacobian=jacobian)
-    traced = dataclasses.replace(rows, solutions=whole, hit_fraction=hit_fraction, blur_px2=blur_px2, rho_px=rho_px)
+    whole = dataclasses.replace(solutions, jacobian=jacobian)
+    traced = dataclasses.replace(rows, solutions=whole, hit_fraction=hit_fraction, blur_px2=blurred, rho_px=rho)
     return traced.only(kept).recounted(
         dropped_hit_fraction=rows.counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept)),
         rays_of_bundles=bundles.rays + held.rays + rays,
         rows=int(kept.sum()),
     )
-
-
-def polished(
-    rig: Rig, estimated: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
-) -> Correspondences:
-    """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`."""
-    assert settings.claim_px is not None
-    rows = estimated.solutions
-    trusted = _SIGMAS * rows.error_px <= settings.claim_px
-    doubtful = rows.only(~trusted)
-    seeds = Guess(doubtful.point, doubtful.cell, doubtful.xy_px)
-    limits = settings.claim_px / 4, settings.min_hit_fraction
-    mended = solve(rig, seeds, planes, *limits, doubtful.jacobian)
-    everywhere, rays = guesses(rig, planes)
-    width = int(max(everywhere.cell.max(initial=0), rows.cell.max(initial=0))) + 1
-    new = ~np.isin(everywhere.point * width + everywhere.cell, rows.point * width + rows.cell)
-    added = solve(rig, everywhere.only(new), planes, *limits)
-    whole = estimated.only(trusted).joined(mended).joined(added)
-    counted = whole.recounted(
-        kept=int(trusted.sum()),
-        polished=len(mended.solutions.point),
-        added=len(added.solutions.point),
-        inaccurate=mended.counts["inaccurate"] + added.counts["inaccurate"],
-        rows=len(whole.solutions.point),
-        rays_of_direct=mended.counts["rays"] + added.counts["rays"] + rays,
-    )
-    return counted.sorted_by(rig.axial)

@@ -145,8 +145,7 @@ class Search:
     `x_px`: solutions after `approach` and `refine`; NaN if there is none.
     `jacobian`: derivative of J by image position [mm per px]; columns are x and y. Before `sharpen` it is that of the
         way to the solution.
-    `bend`: distance of J from the middle of its values at both ends of that derivative, over half of theirs; infinite
-        where it was given.
+    `bend`: distance of J from the middle of its values at both ends of that derivative, over half of theirs.
     `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
     `moments`: of the bundle at the solution, on the tangent plane.
     `lit`: moments of the last bundle with light on the way; NaN if none had any.
@@ -200,10 +199,6 @@ class Search:
         rows = np.arange(len(self.x_px))
         self.residual[rows] = self._j(rows, self.x_px)
         self._derive(rows[~np.isnan(self.residual[:, 0])])
-
-    def begin_at(self, jacobian: Float64[np.ndarray, "n 2 2"]) -> None:
-        """Accept the guesses as rough solutions, with known derivatives (n, 2, 2)."""
-        self.jacobian, self.inverse = jacobian.copy(), inverse(jacobian)
 
     def refine(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""

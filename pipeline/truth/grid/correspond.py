@@ -92,22 +92,11 @@ def _in_quads(
     corner = quads[:, 1:] + np.array(grid.first_px) * grid.supersampling
     column, row = corner.T + [_from_corner(best[:, i], quads[:, 1 + i], share) for i, share in ((0, s), (1, t))]
     gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
-    derivatives, error = best[:, quad_search.BY_COLUMN : quad_search.ALONG], np.full(len(best), np.nan)
+    derivatives = best[:, quad_search.BY_COLUMN : quad_search.ALONG]
     jacobian = derivatives.reshape(-1, 2, 2).transpose(0, 2, 1)
-    if settings.method == "moments":
-        fit = quad_search.solve_surfaces(image, grid.cell, quads[:, 1:], points[quads[:, 0]])
-        known = ~np.isnan(fit.error)
-        column, row = (
-            np.where(known, first + 0.5 + x, linear)
-            for first, x, linear in zip(corner.T, fit.x.T, (column, row), strict=True)
-        )
-        gain, error = np.where(known, fit.noise_gain, gain), fit.error
-        jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
     k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
-    return RawSolutions(
-        Solutions(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, quad_search.DISTANCE], counts
-    )
+    return RawSolutions(Solutions(quads[:, 0], cell, x, y, jacobian * k, gain), best[:, quad_search.DISTANCE], counts)
 
 
 def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -134,7 +123,6 @@ def _nearest(
         image_from_fine(row + first[1], grid.supersampling),
         _central_jacobian(image, column, row) * grid.supersampling,
         np.ones(len(point)),
-        np.full(len(point), np.nan),
     )
     return RawSolutions(solutions, best[point, cell], {"quads": 0})
 
