@@ -204,11 +204,6 @@ FURNACE = 5e-4
 """Light that a white surface returns, less 1 [relative]: tables of reflected light are right to 2e-4, and linear
 between 64 nodes along each axis."""
 
-PROFILE_FLUX = 2e-3
-"""Sum over 6,480 directions of the light of a luminaire over the integral of its table, less 1 [relative]: between its
-angles both are linear, and the sum has a kink at each.
-"""
-
 COAT_OVER_PLASTIC, COAT_OVER_METAL = 0.007, 0.045
 """Light that a white plastic and a white metal lose below a clear coat [relative]: what single facets reflect leaves by
 the direction in which the coat lets less through; 0.006 and 0.042 at most, with roughnesses of 0.4 and 0.5.

@@ -1,7 +1,4 @@
-"""Pictures of other programs, for surfaces and skies: those that USD's own reader reads, as linear numbers.
-
-Profiles of luminaires are tables like these.
-"""
+"""Pictures of other programs, for surfaces and skies: those that USD's own reader reads, as linear numbers."""
 
 import io
 import re
@@ -14,13 +11,11 @@ from PIL import Image, UnidentifiedImageError
 from pipeline.errors import PipelineError
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_foreign_exr
-from pipeline.files.ies import SUFFIX as PROFILE
-from pipeline.files.ies import read_ies
 from pipeline.limits import how_to_raise, limits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tga": "TGA", ".bmp": "BMP"}
 """Formats of Pillow, by the end of the name of a file."""
-SUFFIXES = (*_FORMATS, ".exr", ".hdr", PROFILE)
+SUFFIXES = (*_FORMATS, ".exr", ".hdr")
 """Ends of the names of files that are read."""
 _HDR_SIZE = re.compile(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n")
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
@@ -34,8 +29,7 @@ _LARGEST = 1e9
 def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     """A picture as linear numbers, (h, w, 4) float32, the first row at the top; opaque without a fourth component.
 
-    `space`: `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear. A profile is as `read_ies`
-    leaves it.
+    `space`: `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear.
     Raises PipelineError: the file cannot be read, has too many pixels, or one that is no finite number.
     """
     is_float = suffix not in _FORMATS
@@ -116,7 +110,7 @@ def _require_few(values: int) -> None:
 
 
 def _floats(content: bytes, suffix: str) -> np.ndarray:
-    values = np.asarray({".exr": _from_exr, ".hdr": _from_hdr, PROFILE: read_ies}[suffix](content), np.float32)
+    values = np.asarray((_from_exr if suffix == ".exr" else _from_hdr)(content), np.float32)
     odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
     if odd:
         hint = "denoise it, or clip it where the sun is"

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
-from pipeline.files.ies import SUFFIX as PROFILE
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp, Rgb, Shaping
@@ -15,7 +14,7 @@ from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, need, plain, take, target_paths
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, take, target_paths
 from pipeline.spelling import frames_in_words
 
 KINDS = {
@@ -149,24 +148,17 @@ def _shows_picture(prim: Usd.Prim) -> bool:
 
 def _shaping(prim: Usd.Prim, kind: str) -> Shaping | None:
     """The shape of the light of a lamp; None if it shines alike in all directions of its bright side."""
-    file = prim.GetAttribute("inputs:shaping:ies:file")
-    if is_picture(file) and picture_of(file).suffix != PROFILE:
-        raise UnreadableValue(f"@{file.Get().path}@ is no profile of a luminaire", file, hint=f"name a file *{PROFILE}")
+    profile = prim.GetAttribute("inputs:shaping:ies:file")
+    if is_picture(profile):
+        hint = "shape the lamp by inputs:shaping:cone:angle, cone:softness and focus, or use one of another size"
+        raise NotSupported("lamps have no IES profiles of luminaires", profile, hint=hint)
     focus, tint = need(prim, "inputs:shaping:focus"), need(prim, "inputs:shaping:focusTint")
     cone = math.radians(min(max(need(prim, "inputs:shaping:cone:angle"), 0.0), 180.0))
     softness = min(max(need(prim, "inputs:shaping:cone:softness"), 0.0), 1.0)
     full = math.pi / 2 if kind in ("rect", "disk") else math.pi
-    if focus <= 0 and cone >= full and not softness and not is_picture(file):
+    if focus <= 0 and cone >= full and not softness:
         return None
-    return Shaping(
-        focus=max(focus, 0.0),
-        focus_tint=tint,
-        cone=cone,
-        softness=softness,
-        profile=name_of(file) if is_picture(file) else "",
-        angle_scale=need(prim, "inputs:shaping:ies:angleScale"),
-        is_normalized=need(prim, "inputs:shaping:ies:normalize"),
-    )
+    return Shaping(focus=max(focus, 0.0), focus_tint=tint, cone=cone, softness=softness)
 
 
 def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:

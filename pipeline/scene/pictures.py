@@ -21,8 +21,6 @@ from pipeline.scene.usd.values import NotSupported, UnreadableValue, having, rea
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
-OF_LIGHTS = ("inputs:texture:file", "inputs:shaping:ies:file")
-"""Attributes of a light that name a picture, and a profile."""
 _ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
 
 
@@ -85,8 +83,8 @@ def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
         files, spaces = (each.GetValueProducingAttributes() if each else [] for each in given)
         space = str(first_of(spaces[0]) or "auto") if spaces else "auto"
         return [(files[0], space)] if files and is_picture(files[0]) else []
-    named = map(prim.GetAttribute, OF_LIGHTS if prim.HasAPI(UsdLux.LightAPI) else ())
-    return [(attribute, "auto") for attribute in named if is_picture(attribute)]
+    file = prim.GetAttribute("inputs:texture:file") if prim.HasAPI(UsdLux.LightAPI) else None
+    return [(file, "auto")] if file and is_picture(file) else []
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:

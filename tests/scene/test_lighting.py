@@ -396,33 +396,29 @@ LAMP = """
     }
 """
 """A lamp a metre before the wall, which shines onto it."""
-NADIR = b"IESNA:LM-63-1995\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 40\n0 90\n0\n8 0\n"
-"""Light of a luminaire that falls from 8 straight down to 0 at the horizon, evenly by angle."""
 
 
-def test_a_lamp_is_shaped_as_its_stage_says_and_its_profile_is_delivered(tmp_path):
-    (tmp_path / "down.ies").write_bytes(NADIR)
+def test_a_lamp_is_shaped_as_its_stage_says(tmp_path):
     plain = "float inputs:radius = 5"
     cone = plain + "\nfloat inputs:shaping:cone:angle = 30\nfloat inputs:shaping:focus = 2"
-    profile = plain + "\nfloat inputs:shaping:cone:angle = 180\nasset inputs:shaping:ies:file = @down.ies@"
     lights = {
         at: [
-            wall_light(tmp_path, LAMP % ("SphereLight", lines) + WALL % "", at, rays=1 << 12)
-            for lines in (plain, cone, profile)
+            wall_light(tmp_path, LAMP % ("SphereLight", lines) + WALL % "", at, rays=1 << 12) for lines in (plain, cone)
         ]
         for at in ((30.0, 0.0, 500.0), (-45.0, 45.0, 500.0))
     }
-    for (x, y, _), (even, focused, profiled) in lights.items():
+    for (x, y, _), (even, focused) in lights.items():
         angle = math.atan(math.hypot(x, y) / 1000.0)
         assert focused == pytest.approx(even * math.cos(angle) ** 2, rel=2e-4)
-        assert profiled == pytest.approx(even * 8 * (1 - angle / (math.pi / 2)), rel=2e-4)
     away = LAMP.replace("(0, 0, 500)", "(0, 0, -400)") % ("SphereLight", cone) + WALL % ""
     assert wall_light(tmp_path, away, (-45.0, 45.0, 500.0)) == 0.0
-    found = loaded(tmp_path, LAMP % ("SphereLight", profile))
-    assert [one.file for one in found.dataset.pictures] == [f"pictures/{hashlib.sha256(NADIR).hexdigest()[:16]}.ies"]
-    assert found.dataset.pictures[0].file in found.flattened
-    errors = loaded(tmp_path, LAMP % ("SphereLight", profile.replace("down.ies", "scene.usda"))).errors
-    assert errors and "ies:file" in errors[0].at
+
+
+def test_a_profile_of_a_luminaire_is_refused(tmp_path):
+    (tmp_path / "down.ies").touch()
+    profile = LAMP % ("SphereLight", "float inputs:radius = 5\nasset inputs:shaping:ies:file = @down.ies@")
+    (error,) = loaded(tmp_path, profile).errors
+    assert "IES" in error.message and "cone:angle" in error.hint and error.line and "ies:file" in error.at
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from pipeline.render.lighting.emitting import (
     COLUMNS,
     PART,
     PICTURE,
-    PROFILE,
     TINT,
     Emitting,
     shape_of,
@@ -340,8 +339,7 @@ def lamps_of(
         away_mm = corners[glow.triangle].mean(axis=(0, 1)) - middle_mm
         area = float(1.0 / glow.per_mm2[glow.triangle].mean())
         glow = glow._replace(estimate=power_mm2 / (4 * float(np.sum(away_mm**2)) + area / math.pi))
-    for k, (profile, picture) in enumerate(emitting.places):
-        table[k, PROFILE], table[k, PICTURE] = profile, picture
+    table[:, PICTURE] = emitting.starts
     return Lamps(table, emitting.numbers, sky._replace(raised=raised), background, glow)
 
 

@@ -20,10 +20,6 @@ class Shaping:
     focus_tint: Rgb = (0.0, 0.0, 0.0)
     cone: float = math.pi / 2  # largest angle from the axis [rad]
     softness: float = 0.0  # part of the cone in which light fades out
-    # name of the task's input that holds the profile of a luminaire, as `files.ies` has it; empty: there is none
-    profile: str = ""
-    angle_scale: float = 0.0  # of the profile, as UsdLux has it
-    is_normalized: bool = False  # whether the mean of the profile counts as 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
