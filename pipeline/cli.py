@@ -79,14 +79,10 @@ def check(
     ],
     as_json: Json = False,
     allow_root: Roots = None,
-    fix: Annotated[
-        bool, typer.Option("--fix", help="Insert into STAGE what USD viewers without our plug-in need.")
-    ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
     from pipeline.graph.sizes import cost_lines
     from pipeline.scene.load import load
-    from pipeline.scene.write.viewers import note_on_viewers
 
     stages_read = [(path, load(path, tuple(allow_root or ()), look=True)) for path in stages]
     problems = [(path, problem) for path, loaded in stages_read for problem in loaded.problems]
@@ -100,9 +96,6 @@ def check(
         note(f"{number_of(len(stages), 'stage')} checked: {counts}")
         for _, loaded in stages_read:
             note(*cost_lines(loaded.dataset, loaded.cameras))
-    for path in stages if not errors else ():
-        if advice := note_on_viewers(path, write=fix):
-            note(advice)
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 

@@ -22,7 +22,6 @@ from pipeline.optics.printed import Lost
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.write.text import camera_text, lens_text
-from pipeline.scene.write.viewers import fix
 from pipeline.spelling import did_you_mean
 
 
@@ -149,18 +148,18 @@ def write_stage(text: str, out: Path) -> list[Problem]:
     return load(out, look=True).problems
 
 
-def write_whole(text: str, out: Path) -> Loaded:
-    """Write a new stage with the lines that viewers need, and read it; one with errors, StageError, is not kept."""
+def write_sound(text: str, out: Path) -> Loaded:
+    """Write a new stage and read it; one with errors, StageError, is not kept."""
     require_free(out)
+    write_new(text, out)
     try:
-        if errors := [problem for problem in write_stage(text, out) if problem.is_error]:
-            raise StageError(unwritten(errors, out, out))
-        with chosen_place("write", out):
-            fix(out)
+        loaded = load(out, look=True)
+        if loaded.errors:
+            raise StageError(unwritten(loaded.errors, out, out))
     except BaseException:
         out.unlink(missing_ok=True)
         raise
-    return load(out, look=True)
+    return loaded
 
 
 def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:

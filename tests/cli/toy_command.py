@@ -46,10 +46,6 @@ def load(path, allow_roots=(), *, look=False):
     return types.SimpleNamespace(dataset=None, cameras=(), problems=problems, flattened="")
 
 
-def note_on_viewers(path, *, write):
-    return
-
-
 def project(path, out=None, allow_roots=(), preview=False):
     """A project, if the stage has no errors."""
     errors = [str(problem) for problem in load(path).problems if problem.is_error]
@@ -76,7 +72,7 @@ def compiling():
 def fakes() -> dict[str, types.ModuleType]:
     """What the command imports of other rooms."""
     modules = {}
-    rooms = {"app.build": (project, build_with), "scene.load": (load,), "scene.write.viewers": (note_on_viewers,)}
+    rooms = {"app.build": (project, build_with), "scene.load": (load,)}
     for name, functions in {f"pipeline.{room}": functions for room, functions in rooms.items()}.items():
         modules[name] = types.ModuleType(name)
         modules[name].TASKS = ("toykit.tasks",)

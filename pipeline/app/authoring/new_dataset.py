@@ -22,7 +22,7 @@ from pipeline.app.authoring.poses import (
     poses_that_fill,
     predicted,
 )
-from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_whole
+from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_sound
 from pipeline.camera.focusing.depth_of_field import view_of
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
@@ -139,7 +139,7 @@ def new_dataset(
     frames = [(world_from_camera @ pose.vision_from_target, _comment(pose)) for pose in poses]
     lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
     plan = dataclasses.replace(plan, doc=_documentation(lines, fields), held=_held(dataset))
-    loaded = write_whole(plan.text(frames), out)
+    loaded = write_sound(plan.text(frames), out)
     for line in lines:
         tell(line)
     return loaded

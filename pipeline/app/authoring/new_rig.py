@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.app.stages import asset_path, located, require_free, sound, write_whole
+from pipeline.app.stages import asset_path, located, require_free, sound, write_sound
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
@@ -56,7 +56,7 @@ def new_rig(out: Path, wish: RigWish) -> Loaded:
             hint="give --microlenses and --microlens-distance, or neither",
         )
     try:
-        return write_whole(_text(out, wish, _lens(out, wish)), out)
+        return write_sound(_text(out, wish, _lens(out, wish)), out)
     except StageError as error:
         mended = [replace(problem, hint=_AS_OPTIONS.get(str(problem.hint), problem.hint)) for problem in error.problems]
         raise StageError(mended) from None

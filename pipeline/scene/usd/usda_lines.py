@@ -58,14 +58,12 @@ class Flaw(NamedTuple):
 @dataclass(slots=True)
 class TextMap:
     """Lines of statements in one file: of `/A`, `/A.x`, `/A.x[3]` (the time sample, or knot, at 3) and, inside
-    variants, `/A{set=name}B`; of the first mention of each asset path; and of the metadata of the layer. `bodies` has
-    the offset [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
+    variants, `/A{set=name}B`; of the first mention of each asset path; and of the metadata of the layer.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
     flaws: list[Flaw] = field(default_factory=list)
     assets: dict[str, int] = field(default_factory=dict)
-    bodies: dict[str, int] = field(default_factory=dict)
     metadata: dict[str, int] = field(default_factory=dict)
 
 
@@ -184,8 +182,6 @@ class _Scanner:
         if token == "{":
             self._open_brace()
         elif token in "([":
-            if token == "(" and not self.stack and not self.map.lines and not self.opening:
-                self.map.bodies.setdefault("", self.end)
             if self.words and token == "(":
                 self._property()
             self.stack.append(None)
@@ -207,7 +203,6 @@ class _Scanner:
             kind, name, line, _ = self.opening
             self.stack.append((kind, name))
             self.map.lines.setdefault(self._path(), line)
-            self.map.bodies.setdefault(self._path(), self.end)
             self.opening = None
         elif self.samples:
             self.stack.append(("samples", self.samples))

@@ -1,33 +1,26 @@
-"""Aids for USD viewers without our plug-in: in the dataset.usda of a build, or inserted into the text of a stage.
+"""Aids for USD viewers without our plug-in, in the dataset.usda of a build.
 
 The dataset.usda of an output folder is a stage in one layer. Beside the composed stage it has fallback types for our
 prim types, the field of view of each Camera as a USD pinhole, a mesh for each target, and what a build makes besides:
 pictures of targets and parts of cameras. They do not affect a build. Values that follow from a lens or a target replace
-existing ones. `pipeline check --fix` inserts types and fields of view that a stage lacks into its text, in which
-comments, layout and existing statements stay.
+existing ones.
 """
 
 import math
-import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
-from pipeline.errors import PipelineError, UsageError
-from pipeline.folders import put
+from pipeline.errors import PipelineError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.pictures import named_by
-from pipeline.scene.states import read_camera_entries
 from pipeline.scene.targets import PREVIEW
-from pipeline.scene.usd.opening import PARTS, open_stage, write_out_instances
-from pipeline.scene.usd.problems import shown_path
-from pipeline.scene.usd.usda_lines import text_map
+from pipeline.scene.usd.opening import PARTS
 from pipeline.targets.preview import PreviewFaces, preview_faces
 from pipeline.targets.target import Target
 
@@ -212,93 +205,3 @@ def _paint(stage: Usd.Stage, mesh: UsdGeom.Mesh, faces: PreviewFaces, picture: s
 
 def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))
-
-
-def _lacking(stage: Usd.Stage) -> dict[str, list[str]]:
-    """Statements that viewers need and a root layer lacks, by the path of their prim; "" is its metadata."""
-    write_out_instances(stage)
-    layer, lines = stage.GetRootLayer(), dict[str, list[str]]()
-    used = {prim.GetTypeName() for prim in stage.TraverseAll()}
-    authored = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
-    missing = {name: kind[0] for name, kind in _fallback_types(used).items() if name not in authored}
-    if missing:
-        lines[""] = [f'token[] {name} = ["{kind}"]' for name, kind in missing.items()]
-    for entry in read_camera_entries(stage):
-        prim, unit_mm = stage.GetPrimAtPath(entry.prim_path), mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
-        view = {name: value for name, (_, value) in pinhole(_view_of(entry), unit_mm).items()}
-        names = [*VIEW, *SHIFT] if any(view.get(name) for name in SHIFT) else VIEW
-        wanted = [name for name in names if name in view and not prim.GetAttribute(name).HasAuthoredValue()]
-        if wanted and layer.GetPrimAtPath(prim.GetPath()):
-            lines[entry.prim_path] = [f"float {name} = {view[name]:.7g}" for name in wanted]
-    return lines
-
-
-def fix(path: Path) -> int:
-    """Insert the missing lines into the text of a stage, and count them; UsageError if there is no safe place."""
-    stage, _ = open_stage(path)
-    wanted = _lacking(stage)
-    if not wanted:
-        return 0
-    text = raw = path.read_bytes().decode("utf-8", errors="replace")
-    for at, block in sorted(_inserts(raw, path, wanted), reverse=True):
-        text = text[:at] + block + text[at:]
-    lines = [line for block in wanted.values() for line in block]
-    if not _states(text, stage.GetRootLayer(), wanted):
-        hint = "write them by hand:\n" + "\n".join(f"        {line}" for line in lines)
-        raise UsageError(f"{shown_path(path)}: no place was found for {len(lines)} lines", hint=hint)
-    put(path, text.encode("utf-8"))
-    return len(lines)
-
-
-def note_on_viewers(path: Path, *, write: bool) -> str | None:
-    """A line for a person about the statements that viewers miss; with `write` they are inserted first."""
-    name = shown_path(path.resolve())
-    if write:
-        count = fix(path)
-        return f"{name}: added for USD viewers, lines: {count}" if count else None
-    if not _lacking(open_stage(path)[0]):
-        return None
-    offer = f"to look at {name} in usdview or Blender, let `pipeline check --fix` add what they need"
-    return f"{offer}; the dataset.usda of a build has it"
-
-
-def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:
-    """Pieces of text with the position at which to insert them."""
-    bodies, inserts = text_map(path).bodies, list[tuple[int, str]]()
-    for prim, lines in wanted.items():
-        if prim:
-            inserts.append(_after(text, bodies.get(prim, 0), lines, 4 * prim.count("/")))
-        elif dictionary := re.compile(r"\bfallbackPrimTypes\s*=\s*\{").search(text):
-            inserts.append(_after(text, dictionary.end(), lines, 8))
-        else:
-            whole = ["fallbackPrimTypes = {", *(f"    {line}" for line in lines), "}"]
-            inserts.append(_after(text, bodies.get("", 0), whole, 4))
-    return inserts
-
-
-def _after(text: str, at: int, lines: list[str], indent: int) -> tuple[int, str]:
-    """The insertion of lines after a bracket: below the comment behind it, above anything else."""
-    rest = text[at:].partition("\n")[0]
-    is_free = not rest.strip() or rest.lstrip().startswith("#")
-    block = "".join(f"\n{' ' * indent}{line}" for line in lines)
-    return (at + len(rest), block) if is_free else (at, block + "\n")
-
-
-def _states(text: str, layer: Sdf.Layer, wanted: dict[str, list[str]]) -> bool:
-    """Whether a text states exactly the content of a layer plus the inserted lines."""
-    after, before = Sdf.Layer.CreateAnonymous(".usda"), Sdf.Layer.CreateAnonymous(".usda")
-    before.TransferContent(layer)
-    try:
-        if not after.ImportFromString(text):
-            return False
-    except Tf.ErrorException:
-        return False
-    types = _fallback_types(re.findall(r"token\[\] (\w+)", "\n".join(wanted.get("", ()))))
-    authored = before.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
-    if types:
-        before.pseudoRoot.SetInfo("fallbackPrimTypes", {**authored, **types})
-    for prim, lines in wanted.items():
-        for line in lines if prim else ():
-            _, name, _, value = line.split()
-            Sdf.AttributeSpec(before.GetPrimAtPath(prim), name, Sdf.ValueTypeNames.Float).default = float(value)
-    return bool(after.ExportToString() == before.ExportToString())
