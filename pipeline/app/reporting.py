@@ -4,23 +4,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.app.build import project_from
 from pipeline.engine.output import manifest
-from pipeline.engine.planning.collapsed_graph import overview
-from pipeline.engine.planning.plan import PlannedTask
-from pipeline.engine.project import Project
 from pipeline.engine.store.store import Store
 from pipeline.errors import PipelineError
 from pipeline.jit.files import say
-from pipeline.report import graph
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.page import is_current, place_of, write_page
 from pipeline.report.page.records import History, InformationPart, TaskRun
 from pipeline.scene.load import Loaded, load
 
 _STAGE = "dataset.usda"
-_DONE = {"executed": "run", "failed": "run"}
-"""States of a build in the words of the picture of the graph."""
 
 
 def report(
@@ -42,7 +35,7 @@ def report(
     ran = diary is not None and diary.has_run
     if not ran and (where / "data/history.js").is_file():
         return write_page(out, where, loaded, None, informed)
-    return write_page(out, where, loaded, _history(out, loaded, diary if ran else None), informed)
+    return write_page(out, where, loaded, _history(out, diary if ran else None), informed)
 
 
 def report_of_build(out: Path, diary: Diary, *, warn: Callable[[str], None]) -> Path | None:
@@ -70,16 +63,14 @@ def _loaded(out: Path, warn: Callable[[str], None]) -> Loaded | None:
     return loaded
 
 
-def _history(out: Path, loaded: Loaded | None, diary: Diary | None) -> History:
+def _history(out: Path, diary: Diary | None) -> History:
     """History of all tasks of the manifest: from the notes about a build, and from records of the store."""
     store, runs = Store(), diary.runs if diary else {}
     tasks = tuple(_run(store, name, key, runs.get(name)) for name, key in manifest.read(out).tasks.items())
-    project = project_from(loaded, out / _STAGE, out) if loaded else None
     return History(
         tasks=tasks,
         seconds=diary.seconds if diary else None,
         workers=diary.workers if diary else None,
-        graph=_picture(project, tasks) if project else "",
     )
 
 
@@ -96,14 +87,3 @@ def _run(store: Store, name: str, key: str, noted: TaskRun | None) -> TaskRun:
         peak_bytes=made_by.peak_bytes if made_by else None,
     )
     return replace(made, state=noted.state, start_s=noted.start_s, end_s=noted.end_s) if noted else made
-
-
-def _picture(project: Project, tasks: tuple[TaskRun, ...]) -> str:
-    """The graph of tasks as SVG, frames collapsed."""
-    states = {task.name: _DONE.get(task.state, "cached") for task in tasks}
-    planned = [
-        PlannedTask(name=name, kind=project.graph[name].short_kind, state=states[name])
-        for name in project.graph
-        if name in states
-    ]
-    return graph.svg(overview(project.graph, planned), str(project.head.get("stage")))

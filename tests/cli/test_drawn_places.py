@@ -8,7 +8,6 @@ DRAWINGS = [
     ("show", str(ROOT / "stages/lenses/cooke_triplet_50mm.usda"), "--plot", ".svg"),
     ("target", TINY, "--svg", ".svg"),
     ("target", TINY, "--pdf", ".pdf"),
-    ("graph", TINY, "--picture", ".svg"),
 ]
 
 

@@ -66,7 +66,7 @@ def test_the_page_counts_what_the_manifest_counts(built):
     assert page["files"] == len(manifest["files"])
     history = data(place, page["history"].removeprefix("data/").removesuffix(".js"))
     assert sorted(task["name"] for task in history["tasks"]) == sorted(manifest["tasks"])
-    assert all(task["cpu_s"] >= 0 for task in history["tasks"]) and history["graph"].startswith("<svg")
+    assert all(task["cpu_s"] >= 0 for task in history["tasks"])
 
 
 def test_the_histogram_of_the_certificate_counts_all_rows_that_it_solved_again(built):

@@ -175,12 +175,11 @@ export interface TaskRun {
   peak_bytes: number | null;
 }
 
-/** History of the folder: its tasks, and the picture of their graph as SVG (empty without a stage). */
+/** History of the folder: its tasks. */
 export interface History {
   tasks: TaskRun[];
   seconds: number | null;
   workers: number | null;
-  graph: string;
 }
 
 /** Everything that the page shows at once; the rest are scripts that it loads when they are looked at. */

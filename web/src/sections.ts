@@ -157,9 +157,7 @@ function informed(found: InformationPart): Node[] {
 export function history(state: State): HTMLElement {
   const place = h("div", {});
   whenSeen(place, () => load<History>(state.page.history).then((found) => {
-    place.replaceChildren(...timelineOf(found),
-      ...(found.graph ? [h("div", { class: "panel" }, h("h3", {}, "Graph of tasks"), h("p", { class: "muted" }, "Frames and tiles are one box; orange ran in the last build, green was in the store."), h("div", { class: "drawing scroll", role: "img", "aria-label": "graph of tasks" }, svg(found.graph)))] : []),
-      versions(state.page));
+    place.replaceChildren(...timelineOf(found), versions(state.page));
   }));
   return place;
 }

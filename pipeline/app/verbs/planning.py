@@ -19,7 +19,6 @@ from pipeline.app.verbs.terminal import (
     note,
     option,
     project_of,
-    require_suffix,
     say,
     say_json,
 )
@@ -165,12 +164,7 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
 
 def graph(
     stage: Stage,
-    form: Annotated[
-        Literal["mermaid", "dot", "json"], option(OUTPUT, "--format", help="Format of the output.")
-    ] = "mermaid",
-    picture: Annotated[
-        Path | None, option(OUTPUT, "--picture", metavar="FILE.svg", help="Draw the graph into this file instead.")
-    ] = None,
+    form: Annotated[Literal["mermaid", "json"], option(OUTPUT, "--format", help="Format of the output.")] = "mermaid",
     every: Annotated[
         bool, option(OUTPUT, "--all", help="Show every task, instead of one node for all frames.")
     ] = False,
@@ -178,25 +172,16 @@ def graph(
     out: Out = None,
     allow_root: Roots = None,
 ) -> None:
-    """Print or draw the graph of tasks, and which of them are done."""
-    from pipeline.engine.planning.collapsed_graph import as_dot, as_mermaid, overview
+    """Print the graph of tasks, and which of them are done: a flow chart that Markdown viewers draw."""
+    from pipeline.engine.planning.collapsed_graph import as_mermaid, overview
     from pipeline.engine.running.session import plan_of
-    from pipeline.report.graph import svg
 
-    require_suffix(picture, ".svg")
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
-    if picture is not None:
-        from pipeline.engine.files import chosen_place
-        from pipeline.files.drawings import write_drawing
-
-        with chosen_place("write", picture):
-            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
-        note(f"wrote {picture}")
-    elif as_json or form == "json":
+    if as_json or form == "json":
         say_json({"groups": [group.to_dict() for group in groups]})
     else:
-        say("\n".join(as_mermaid(groups) if form == "mermaid" else as_dot(groups)))
+        say("\n".join(as_mermaid(groups)))
 
 
 def logs(

@@ -1,6 +1,5 @@
 """A condensed graph of tasks: tasks that differ only in a number (frame, tile) are one node."""
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -65,19 +64,6 @@ def as_mermaid(groups: list[Node]) -> Iterator[str]:
         yield f"    style {number[group.name]} fill:{group.colour}"
     for group in groups:
         yield from (f"    {number[read]} --> {number[group.name]}" for read in group.reads)
-
-
-def as_dot(groups: list[Node]) -> Iterator[str]:
-    """Lines for Graphviz."""
-    yield "digraph tasks {"
-    yield "    rankdir=LR; node [shape=box, style=filled];"
-    for group in groups:
-        name, states = group.label
-        label = json.dumps(f"{name}\n{states}", ensure_ascii=False)
-        yield f"    {json.dumps(group.name)} [label={label}, fillcolor={json.dumps(group.colour)}];"
-    for group in groups:
-        yield from (f"    {json.dumps(read)} -> {json.dumps(group.name)};" for read in group.reads)
-    yield "}"
 
 
 def _collapsed(name: str) -> str:

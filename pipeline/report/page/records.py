@@ -215,12 +215,11 @@ class TaskRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """History of the folder: its tasks, and the picture of their graph as SVG (empty without a stage)."""
+    """History of the folder: its tasks."""
 
     tasks: tuple[TaskRun, ...]
     seconds: float | None
     workers: int | None
-    graph: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
