@@ -163,7 +163,9 @@ def solve(
     somewhere = np.where(known[:, None], search.x_px, 0.0)
     near = known & may_exist(somewhere, np.arange(len(known)), NEARLY_PX)
     search.refine(np.flatnonzero(near), accuracy_px)
-    rows = np.flatnonzero(near & np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1))
+    ended = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1)
+    strayed = ~search.reached & ~search.is_random & (search.left_over > 1)  # its last step led away from the point
+    rows = np.flatnonzero(near & ended & ~strayed)
     missed = ~known | near
     missed[rows] = False
     # Steps lead from too little light into none where a rim hides the point: no row, however near the search came.

@@ -5,7 +5,6 @@ from differences, and Newton's method with Broyden's updates converges in a few 
 """
 
 import itertools
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -20,20 +19,13 @@ from pipeline.optics.table import INNER_SQUARED
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
+from pipeline.truth.direct.starts import AROUND_PX, BEYOND_PX, MayExist, least_miss
 from pipeline.truth.planes import Pairs
 
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
 _RETREATS = 8
 """Most halvings of a step that leads to a position without light: down to 1/256 of it."""
-_AROUND_PX = np.array(
-    [
-        2**i * np.array([math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)])
-        for i in np.arange(-2, 6.5, 0.5)
-        for k in range(16)
-    ]
-)
-"""Places around a guess where light is looked for (n, 2) [px]: on rings, as far as across a micro-image of 64 px."""
 _DIFFERENCES_PX = 0.25, 1 / 32, 1 / 256
 """Half the steps of difference quotients [px]: large beside the errors of a rough integral, small beside a micro-image.
 The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut; the last one
@@ -49,6 +41,8 @@ _ROUGH_PX = 0.05
 _SHARP_LEVEL = 2
 """Level of the last derivatives where rays are random: of level 0 they err by 1 %, and twice as much the blur that is
 mapped by them."""
+_LOST = 0.25
+"""Part of a step left after it that asks for new derivatives [1]: those of a smooth J leave a tenth at most."""
 _LONGEST_STEP_PX = 8.0
 """Longest step [px]: a wrong derivative far from the solution must not throw a row out of its micro-image."""
 _FINE_STEPS = 3
@@ -58,25 +52,13 @@ _TRUST = 0.1
 it: at least this, and as much as the last step left, which tells more where J bends. With random rays the derivative is
 noisy; then the latter alone counts.
 """
-
-
 GRACE_PX, NEARLY_PX = 1.0, 0.25
 """Distance outside a cell or the image [px] up to which a search goes on, because its next step may lead back: on the
 way, where it also counts for where the next step leads, and once steps are shorter than `_ROUGH_PX`, when five more
 would have to add up.
 """
-
-
-MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
-"""Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
-exist at most so far from there, (m,) bool.
-"""
-
-
 PairsOf = Callable[[np.ndarray, np.ndarray], Pairs]
 """Function of row indices (m,) and image positions (m, 2) that returns their planes."""
-
-
 Integrate = Callable[[int, slice | np.ndarray, np.ndarray], Integral]
 """Function of a state of the camera, of rows (m,), and of planes (m, 2, 4, 3), that returns the integrals of these rows
 by the camera in that state.
@@ -190,6 +172,7 @@ class Search:
         is_hollow = self.tracer_in(0).table[:, INNER_SQUARED].any()
         self._derive(rows[is_hollow | np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         self._step_nearer(rows, may_exist)
+        self._look_beyond(rows, may_exist)
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
         rows = rows[may_exist(self.x_px[rows], rows, NEARLY_PX)]
         self._derive(rows)
@@ -209,6 +192,10 @@ class Search:
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
             if not len(rows):
                 break
+            # Between slivers of a bundle rough integrals jump, and what was derived from them leads nowhere.
+            lost = rows[(self.left_over[rows] > _LOST) & np.isfinite(self.left_over[rows]) & ~self.is_random[rows]]
+            self.residual[lost] = self._j(lost, self.x_px[lost], level)
+            self._derive(lost, level)
         random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
         self._derive(random, _SHARP_LEVEL)
 
@@ -281,17 +268,31 @@ class Search:
             if not len(dark):
                 break
             self.x_px[dark] = (self.x_px[dark] + self.home_px[dark]) / 2
-        least_mm = np.full(len(self.x_px), np.inf)
-        for offset in _AROUND_PX if len(dark) else ():
-            x_px = guess[dark] + offset
-            may = may_exist(x_px, dark, 0.0)
-            j = np.full(x_px.shape, np.nan)
-            j[may] = self._j(dark[may], x_px[may])
-            miss = np.hypot(*j.T)
-            nearer = miss < least_mm[dark]
-            rows = dark[nearer]
-            self.x_px[rows], self.residual[rows], least_mm[rows] = x_px[nearer], j[nearer], miss[nearer]
+        self._restart(dark, guess[dark] + AROUND_PX[:, None], may_exist)
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
+
+    def _look_beyond(self, rows: np.ndarray, may_exist: MayExist) -> None:
+        """Search again beyond solutions outside the image: where rims cut bundles J turns back, and passes the point a
+        second time farther from where all light arrives.
+        """
+        rows = rows[np.isfinite(self.x_px[rows]).all(axis=1)]
+        rows = rows[~may_exist(self.x_px[rows], rows, NEARLY_PX)]
+        away = self.x_px[rows] - self.home_px[rows]
+        away /= np.maximum(np.hypot(*away.T), _ROUGH_PX)[:, None]
+        before = [values.copy() for values in (self.x_px, self.residual, self.inverse)]
+        again = rows[self._restart(rows, self.x_px[rows] + BEYOND_PX[:, None, None] * away, may_exist)]
+        self._derive(again)
+        self._step_nearer(again, may_exist)
+        vain = again[~may_exist(self.x_px[again], again, NEARLY_PX)]
+        for values, old in zip((self.x_px, self.residual, self.inverse), before, strict=True):
+            values[vain] = old[vain]
+
+    def _restart(self, rows: np.ndarray, places_px: np.ndarray, may_exist: MayExist) -> np.ndarray:
+        """Move rows to those of their places, (m, k, 2), from which J misses least; which have one with light."""
+        x_px, j = least_miss(self._j, rows, places_px, may_exist)
+        lit = np.isfinite(j[:, 0])
+        self.x_px[rows[lit]], self.residual[rows[lit]] = x_px[lit], j[lit]
+        return lit
 
     def _derive(self, rows: np.ndarray, level: int = 0) -> None:
         """Derivatives of J by central differences, shorter where J bends, one-sided at the edge of the light."""
@@ -339,9 +340,18 @@ class Search:
             steps[done] += 1
             done = done[(np.hypot(*step[done].T) > _ROUGH_PX) & (steps[done] < _STEPS)]
             step[done], retreats[done] = self._next_step(done), 0
-            may = may_exist(self.x_px[done], done, GRACE_PX)
-            done = done[may | may_exist(self.x_px[done] + step[done], done, GRACE_PX)]
+            # Where rims cut bundles chief rays misjudge how J moves: near by none is given up for what they foretell.
+            may = self._may_go_on(done, step, may_exist)
+            misled = done[~may & (steps[done] == 1) & may_exist(self.x_px[done], done, _LONGEST_STEP_PX)]
+            self._derive(misled)
+            step[misled] = self._next_step(misled)
+            done = done[self._may_go_on(done, step, may_exist)]
             rows = np.sort(np.concatenate([dark, done]))
+
+    def _may_go_on(self, rows: np.ndarray, step: np.ndarray, may_exist: MayExist) -> np.ndarray:
+        """Whether a solution may exist where rows are, or where they step next, (k,) bool."""
+        may = may_exist(self.x_px[rows], rows, GRACE_PX)
+        return may | may_exist(self.x_px[rows] + step[rows], rows, GRACE_PX)
 
     def _next_step(self, rows: np.ndarray) -> np.ndarray:
         """Steps of Newton's method from where rows are, (n, 2), shortened to what may be trusted; NaN without light."""

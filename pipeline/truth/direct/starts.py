@@ -1,0 +1,37 @@
+"""Further places from which J(x) = p is searched, where first guesses lead to no row."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+"""Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
+exist at most so far from there, (m,) bool.
+"""
+AROUND_PX = np.array(
+    [
+        2**i * np.array([math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)])
+        for i in np.arange(-2, 6.5, 0.5)
+        for k in range(16)
+    ]
+)
+"""Places around a guess where light is looked for (n, 2) [px]: on rings, as far as across a micro-image of 64 px."""
+BEYOND_PX = np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0])
+"""Distances beyond a solution outside the image at which J may come back to the point [px]."""
+
+
+def least_miss(
+    j: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: np.ndarray, places_px: np.ndarray, may_exist: MayExist
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the places of each row, (m, n, 2), that from which J misses the point least, with J there, (n, 2) each; NaN
+    where none has light. `j` is a function of rows and positions; only places where a solution may exist count.
+    """
+    best_px, best_mm = np.full((2, len(rows), 2), np.nan)
+    for x_px in places_px if len(rows) else ():
+        may = may_exist(x_px, rows, 0.0)
+        miss_mm = np.full(x_px.shape, np.nan)
+        miss_mm[may] = j(rows[may], x_px[may])
+        nearer = ~(np.hypot(*miss_mm.T) >= np.hypot(*best_mm.T)) & np.isfinite(miss_mm[:, 0])
+        best_px[nearer], best_mm[nearer] = x_px[nearer], miss_mm[nearer]
+    return best_px, best_mm
