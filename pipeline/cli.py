@@ -214,7 +214,6 @@ _VERBS = (
     (LOOK, "graph", planning.graph),
     (LOOK, "logs", planning.logs),
     (LOOK, "verify", verify),
-    (USE, "report", after.report),
     (USE, "export", after.export),
     (USE, "fit", after.fit),
     (USE, "inform", after.inform),

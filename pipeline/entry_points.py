@@ -1,6 +1,8 @@
-"""Entry points by which verbs, engines and formats of plug-ins are found, in this package and in others.
+"""Entry points: how plug-ins are found, folders of `plugins/` and packages of others, which nothing imports.
 
-A plug-in is a folder of `plugins/` or a package of its own. Nothing imports it: entry points name what it adds.
+Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
+timeout_s)` of `--engine NAME:WHERE`; `.products`: a listener of builds that makes something of the delivered folder;
+`.formats`: a module, see docs/export_format.md.
 """
 
 import sys
@@ -12,17 +14,10 @@ from pipeline.errors import UsageError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint  # it takes a tenth of the time of `pipeline --help`
 
-VERBS = "plenoptic_pipeline.verbs"
-"""Group of functions that add verbs to the command: `add_to(app)`."""
-ENGINES = "plenoptic_pipeline.engines"
-"""Group of functions that give the engine of `--engine NAME:WHERE`: `engine_of(where, timeout_s)`."""
-FORMATS = "plenoptic_pipeline.formats"
-"""Group of the modules of export formats: docs/export_format.md."""
 
-
-def offered(group: str) -> dict[str, list["EntryPoint"]]:
-    """Name -> entry points of the distributions on `sys.path`; none is loaded."""
-    return _offered(group, tuple(sys.path))
+def offered(kind: str) -> dict[str, list["EntryPoint"]]:
+    """Name -> entry points of a kind, such as "verb", of the distributions on `sys.path`; none is loaded."""
+    return _offered(f"plenoptic_pipeline.{kind}s", tuple(sys.path))
 
 
 @cache
@@ -40,10 +35,9 @@ def package_of(entry: "EntryPoint") -> str:
     return entry.dist.name if entry.dist else entry.module
 
 
-def plugged_in(group: str, name: str) -> Any:
+def plugged_in(kind: str, name: str) -> Any:
     """Load what an entry point names; UsageError if no plug-in has it, or if that is broken."""
-    kind, entries = group.rpartition(".")[2].removesuffix("s"), offered(group)
-    if name not in entries:
+    if name not in (entries := offered(kind)):
         hint = f"{kind}s of plug-ins: {', '.join(sorted(entries)) or 'none; install plenoptic-pipeline again'}"
         raise UsageError(f'no plug-in that is installed has the {kind} "{name}"', hint=hint)
     entry = entries[name][0]

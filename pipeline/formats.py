@@ -20,7 +20,7 @@ from types import ModuleType
 import numpy as np
 
 from pipeline.channel_names import body_and_channel
-from pipeline.entry_points import FORMATS, offered, package_of
+from pipeline.entry_points import offered, package_of
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
@@ -252,7 +252,7 @@ def folder_of(name: str, position: str) -> str:
 
 def names() -> list[str]:
     """Names of all formats of the installed packages, sorted; none of them is loaded."""
-    return sorted(offered(FORMATS))
+    return sorted(offered("format"))
 
 
 def format_of(name: str) -> Format:
@@ -297,7 +297,7 @@ def entry_of(name: str) -> EntryPoint:
 
     Raises ExportError: there is none, or two packages have one of that name.
     """
-    entries = offered(FORMATS).get(name, [])
+    entries = offered("format").get(name, [])
     if len(entries) > 1:
         packages = " and ".join(sorted(map(package_of, entries)))
         what = f'the packages {packages} each have an export format "{name}"'

@@ -7,7 +7,7 @@ import { createHash } from "node:crypto";
 import { readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 
-const place = "../pipeline/report/page/assets";
+const place = "../pipeline/plugins/report/assets";
 const names = [...readdirSync("src").map((name) => `src/${name}`), "package.json", "package-lock.json", "build.mjs"].sort();
 const digest = createHash("sha256");
 for (const name of names) digest.update(`${name}\0`).update(readFileSync(name)).update("\0");

@@ -11,7 +11,7 @@ import types
 import typing
 from pathlib import Path
 
-from pipeline.report.page import records
+from pipeline.plugins.report import records
 
 PLACE = Path(__file__).parent / "src/records.ts"
 _WORDS = {int: "number", float: "number", str: "string", bool: "boolean", type(None): "null", typing.Any: "any"}
@@ -39,7 +39,7 @@ def type_of(hint: object) -> str:
 def text() -> str:
     """The whole module."""
     kinds = [kind for kind in vars(records).values() if dataclasses.is_dataclass(kind)]
-    lines = ["// Written by web/record_types.py from pipeline/report/page/records.py: edit that.", ""]
+    lines = ["// Written by web/record_types.py from pipeline/plugins/report/records.py: edit that.", ""]
     for kind in kinds:
         hints = typing.get_type_hints(kind)
         lines += [f"/** {(inspect.getdoc(kind) or '').splitlines()[0]} */", f"export interface {kind.__name__} {{"]

@@ -172,10 +172,10 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
     engine = None
     if options.engine:  # tasks run on a cluster, and not in workers of this machine
-        from pipeline.entry_points import ENGINES, plugged_in
+        from pipeline.entry_points import plugged_in
 
         kind, _, where = options.engine.partition(":")
-        engine = plugged_in(ENGINES, kind)(where, options.timeout_s)
+        engine = plugged_in("engine", kind)(where, options.timeout_s)
     try:
         return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
     finally:

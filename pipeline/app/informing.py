@@ -11,7 +11,6 @@ from pipeline.files.jsonfile import Json
 from pipeline.fits.field import FitError
 from pipeline.fits.knowledge import Knowledge, Prediction, knowledge
 from pipeline.fits.result import THIN_LENS
-from pipeline.report.page.records import InformationPart
 from pipeline.results.opening import ready
 from pipeline.results.output import open_output
 
@@ -121,13 +120,12 @@ def document(known: Knowledge) -> Json:
     }
 
 
-def part(known: Knowledge) -> InformationPart:
-    """The same for the report of the build."""
+def maps(known: Knowledge) -> str:
+    """The drawing, or an empty text where there is nothing to draw."""
     try:
-        maps = drawing(known)
+        return drawing(known)
     except FitError:
-        maps = ""
-    return InformationPart(lines=tuple(page(known)), drawing=maps)
+        return ""
 
 
 def drawing(known: Knowledge) -> str:

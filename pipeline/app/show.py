@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app.pages import point_images as point_report
+from pipeline.app.pages import text
 from pipeline.app.pages.artwork import pages_of, paper_of, pdf_content, svg
 from pipeline.app.stages import chosen, draw, lacking, sound
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -21,7 +22,6 @@ from pipeline.files.drawings import pdf_bytes
 from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
-from pipeline.report import text
 from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry, TargetEntry
 from pipeline.scene.usd.problems import Problem, blamed_on

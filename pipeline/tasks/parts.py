@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.camera.figures.shapes import SurfaceShape, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply
-from pipeline.report.page.records import SurfaceShape
-from pipeline.report.page.shapes import ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.scene.write.parts import Part, PartCopies, PartMesh, PartRays, parts_text
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.params.cameras import PARTS, Parts

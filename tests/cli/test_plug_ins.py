@@ -10,18 +10,21 @@ from pipeline.app.verbs.terminal import Verbs
 from pipeline.errors import UsageError
 
 ENTRIES = """[plenoptic_pipeline.verbs]
-greet = stranger_of_ours:add_to
-broken = nowhere_to_be_found:add_to
+greet = stranger_of_ours:verbs
+broken = nowhere_to_be_found:verbs
 
 [plenoptic_pipeline.engines]
 toy = stranger_of_ours:engine_of
 """
 CODE = """
-def add_to(app):
-    @app.command("greet")
-    def greet(name: str) -> None:
-        '''Greet somebody.'''
-        print("hello,", name)
+import typer
+
+verbs = typer.Typer()
+
+@verbs.command("greet")
+def greet(name: str) -> None:
+    '''Greet somebody.'''
+    print("hello,", name)
 
 def engine_of(where, timeout_s):
     raise LookupError(where, timeout_s)

@@ -17,7 +17,6 @@ from stage_text import head
 
 from pipeline import formats
 from pipeline.app.build import build, project
-from pipeline.entry_points import FORMATS
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 from pipeline.exports.writer_code import code_of_writer
@@ -127,6 +126,7 @@ def test_a_preview_exports_nothing(tmp_path):
     assert not any(name.startswith("export") for name in (*found.graph, *found.files))
 
 
+GROUP = "plenoptic_pipeline.formats"
 PAGE = Path(__file__).resolve().parents[2] / "docs/export_format.md"
 
 
@@ -136,8 +136,8 @@ def install(folder: Path, code: str, project: dict) -> None:
     place.mkdir(parents=True)
     (folder / "corner_table.py").write_text(code)
     (place / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    entries = "\n".join(f"{name} = {module}" for name, module in project["entry-points"][FORMATS].items())
-    (place / "entry_points.txt").write_text(f"[{FORMATS}]\n{entries}\n")
+    entries = "\n".join(f"{name} = {module}" for name, module in project["entry-points"][GROUP].items())
+    (place / "entry_points.txt").write_text(f"[{GROUP}]\n{entries}\n")
 
 
 @pytest.fixture
@@ -202,7 +202,7 @@ def test_a_broken_package_is_named_and_disturbs_no_other(laboratory, code, said)
 
 def test_two_packages_with_one_name_are_both_named(laboratory, tmp_path, monkeypatch):
     laboratory()
-    project = {"name": "another", "version": "2", "entry-points": {FORMATS: {"corner-table": "corner_table"}}}
+    project = {"name": "another", "version": "2", "entry-points": {GROUP: {"corner-table": "corner_table"}}}
     install(tmp_path / "other", "", project)
     monkeypatch.syspath_prepend(tmp_path / "other")
     with pytest.raises(ExportError, match="the packages another and laboratory each have"):

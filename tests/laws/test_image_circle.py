@@ -11,6 +11,7 @@ import pytest
 from laws import rigs
 
 import pipeline
+from pipeline.app.pages import text
 from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
@@ -22,7 +23,6 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, towards_scene, unbounded
-from pipeline.report import text
 from pipeline.results.drawing import bundle
 from pipeline.scene.load import load
 

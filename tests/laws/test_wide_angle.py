@@ -18,6 +18,7 @@ from pipeline.camera.figures.doubts import doubts
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.field_curves import field_of_view_deg
 from pipeline.camera.figures.outlook import Fate, outlook
+from pipeline.camera.figures.shapes import ray_fans
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
@@ -28,7 +29,6 @@ from pipeline.fits.field import FitError, field_rays
 from pipeline.fits.fitting import fitted, rms
 from pipeline.fits.result import fit_camera
 from pipeline.frames import apply
-from pipeline.report.page.shapes import ray_fans
 from pipeline.results import answers
 from pipeline.results.drawing import bundle
 from pipeline.results.ready_camera import ReadyCamera

@@ -1,4 +1,4 @@
-// Written by web/record_types.py from pipeline/report/page/records.py: edit that.
+// Written by web/record_types.py from pipeline/plugins/report/records.py: edit that.
 
 /** A row of the page of `pipeline show`. */
 export interface Figure {
@@ -11,6 +11,21 @@ export interface Figure {
 export interface Figures {
   heading: string;
   rows: Figure[];
+}
+
+/** Real rays of one sensor position, each a polyline from the sensor into the scene, vision frame [mm]. */
+export interface RayFan {
+  place: string;
+  rays: [number, number, number][][];
+}
+
+/** A surface of the lens for the 3-D view, vision frame. */
+export interface SurfaceShape {
+  height_mm: number[];
+  z_mm: number[];
+  has_glass_behind: boolean;
+  is_stop: boolean;
+  moved: number[][];
 }
 
 /** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
@@ -102,21 +117,6 @@ export interface Chart {
   x: (number | null)[];
   lines: Line[];
   y_range: [number, number] | null;
-}
-
-/** A surface of the lens for the 3-D view, vision frame. */
-export interface SurfaceShape {
-  height_mm: number[];
-  z_mm: number[];
-  has_glass_behind: boolean;
-  is_stop: boolean;
-  moved: number[][];
-}
-
-/** Real rays of one sensor position, each a polyline from the sensor into the scene, vision frame [mm]. */
-export interface RayFan {
-  place: string;
-  rays: [number, number, number][][];
 }
 
 /** The optical part of a camera. */

@@ -1,4 +1,4 @@
-"""The verbs after a build: `pipeline export`, `fit`, `inform` and `report`."""
+"""The verbs after a build: `pipeline export`, `fit` and `inform`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -188,38 +188,18 @@ def inform(
     And how well the calibrated model then projects, over the image and at several distances. docs/information.md.
     """
     from pipeline.app import stages
-    from pipeline.app.informing import document, drawing, page, part
+    from pipeline.app.informing import document, drawing, maps, page
     from pipeline.app.informing import inform as informed
-    from pipeline.app.reporting import report as written
+    from pipeline.entry_points import plugged_in
     from pipeline.files.jsonfile import json_bytes
 
     require_suffix(plot, ".svg")  # before anything is computed
+    report, written = plugged_in("product", "report")() if to_report else None, None
     known = informed(out, camera, model, noise, tuple(allow_root or ()))
     if plot is not None:
         stages.draw(drawing(known), plot)
-    report = written(out, warn=note, informed={known.camera: part(known)}) if to_report else None
+    if report is not None:
+        report.inform(known.camera, page(known), maps(known))
+        written = report.write(out, warn=note)
     say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
-    note(*(f"wrote {file}" for file in (plot, report) if file is not None))
-
-
-def report(
-    out: BuiltFolder,
-    folder: Annotated[
-        Path | None,
-        option(OUTPUT, "--out", "-o", metavar="FOLDER", help="Folder of the report; by default OUT.report."),
-    ] = None,
-    show: Annotated[bool, option(OUTPUT, "--open", help="Open the page in the browser of this desktop.")] = False,
-    as_json: Json = False,
-) -> None:
-    """Write one page about a build: certificate, images with their truth, scene, lens, spots, residuals, tasks.
-
-    It works from disk, without a network. `pipeline build` writes it, too, unless told --no-report.
-    """
-    from pipeline.app.reporting import report as written
-    from pipeline.engine.files import chosen_place
-
-    with chosen_place("write", folder or out):
-        page = written(out, folder, warn=note)
-    say_json({"report": str(page)}) if as_json else say(page)
-    if show:
-        typer.launch(page.absolute().as_uri())
+    note(*(f"wrote {file}" for file in (plot, written) if file is not None))

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json
+from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json, valued
 from pipeline.errors import Exit, UsageError
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
@@ -19,32 +19,27 @@ StageOrStdout = Annotated[
 _LIBRARY = "a file, or a name of the library such as"
 
 
-def _option(metavar: str, text: str, **limits: Any) -> Any:
-    """An option with a value, named after its parameter."""
-    return typer.Option(metavar=metavar, help=text, **limits)
-
-
-SensorOfRig = Annotated[Path, _option("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")]
-LensOfRig = Annotated[Path | None, _option("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")]
-FocalLength = Annotated[float | None, _option("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)]
+SensorOfRig = Annotated[Path, valued("SENSOR", f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")]
+LensOfRig = Annotated[Path | None, valued("LENS", f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")]
+FocalLength = Annotated[float | None, valued("MM", "Instead of a lens: an ideal thin lens.", min=1e-3, max=1e7)]
 
 
 @new.command("dataset", cls=Verb)
 def dataset(
     out: NewFile,
-    rig: Annotated[Path, _option("RIG", f"{_LIBRARY} rigs/conventional_100mm.usda.")],
-    target: Annotated[Path, _option("TARGET", f"{_LIBRARY} targets/charuco_8x5.usda.")],
-    poses: Annotated[int | None, _option("N", "Frames, one pose each; else 12.", min=1, max=1000)] = None,
-    camera: Annotated[str | None, _option("NAME", "One of the rig; else all see each pose.")] = None,
-    tilt: Annotated[float, _option("DEGREES", "Largest tilt of the target.", min=0, max=80)] = 40.0,
-    seen: Annotated[float, _option("SHARE", "Least share of its points that a pose shows.", min=0.01, max=1)] = 1.0,
+    rig: Annotated[Path, valued("RIG", f"{_LIBRARY} rigs/conventional_100mm.usda.")],
+    target: Annotated[Path, valued("TARGET", f"{_LIBRARY} targets/charuco_8x5.usda.")],
+    poses: Annotated[int | None, valued("N", "Frames, one pose each; else 12.", min=1, max=1000)] = None,
+    camera: Annotated[str | None, valued("NAME", "One of the rig; else all see each pose.")] = None,
+    tilt: Annotated[float, valued("DEGREES", "Largest tilt of the target.", min=0, max=80)] = 40.0,
+    seen: Annotated[float, valued("SHARE", "Least share of its points that a pose shows.", min=0.01, max=1)] = 1.0,
     blur: Annotated[
-        float | None, _option("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1, max=1e4)
+        float | None, valued("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1, max=1e4)
     ] = None,
-    seed: Annotated[int, _option("S", "Other poses of the same kind.", min=0)] = 1,
+    seed: Annotated[int, valued("S", "Other poses of the same kind.", min=0)] = 1,
     fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
     best: Annotated[
-        int | None, _option("N", "Instead of --poses: the N of many that tell a calibration most.", min=2, max=100)
+        int | None, valued("N", "Instead of --poses: the N of many that tell a calibration most.", min=2, max=100)
     ] = None,
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
@@ -69,13 +64,13 @@ def rig(
     sensor: SensorOfRig,
     lens: LensOfRig = None,
     focal_length: FocalLength = None,
-    focus: Annotated[float | None, _option("MM", "Object distance from the stop in focus; inf.", min=0)] = None,
-    sensor_distance: Annotated[float | None, _option("MM", "Instead of --focus: from stop to sensor.")] = None,
-    f_number: Annotated[float | None, _option("N", "By default as the lens is.", min=1e-3, max=1e4)] = None,
-    microlenses: Annotated[Path | None, _option("ARRAY", f"{_LIBRARY} mlas/michels_2019.usda.")] = None,
-    microlens_distance: Annotated[float | None, _option("MM", "From the sensor to the microlenses.")] = None,
-    near: Annotated[float | None, _option("MM", "Plane of rays, where focus is at infinity.")] = None,
-    far: Annotated[float | None, _option("MM", "The other one, beyond it.")] = None,
+    focus: Annotated[float | None, valued("MM", "Object distance from the stop in focus; inf.", min=0)] = None,
+    sensor_distance: Annotated[float | None, valued("MM", "Instead of --focus: from stop to sensor.")] = None,
+    f_number: Annotated[float | None, valued("N", "By default as the lens is.", min=1e-3, max=1e4)] = None,
+    microlenses: Annotated[Path | None, valued("ARRAY", f"{_LIBRARY} mlas/michels_2019.usda.")] = None,
+    microlens_distance: Annotated[float | None, valued("MM", "From the sensor to the microlenses.")] = None,
+    near: Annotated[float | None, valued("MM", "Plane of rays, where focus is at infinity.")] = None,
+    far: Annotated[float | None, valued("MM", "The other one, beyond it.")] = None,
 ) -> None:
     """Write a rig of a lens and a sensor, focused at a distance."""
     from pipeline.app.authoring.new_rig import RigWish, new_rig
@@ -124,22 +119,22 @@ def import_lens(
     ],
     out: StageOrStdout = None,
     spacing: Annotated[
-        Literal["before", "after"] | None, _option("before|after", "Position of thicknesses in a pbrt table.")
+        Literal["before", "after"] | None, valued("before|after", "Position of thicknesses in a pbrt table.")
     ] = None,
     apertures: Annotated[
         Literal["diameter", "semi-diameter"] | None,
-        _option("diameter|semi-diameter", "Meaning of the column semi_ap of a FlareSim lens."),
+        valued("diameter|semi-diameter", "Meaning of the column semi_ap of a FlareSim lens."),
     ] = None,
-    scenario: Annotated[int | None, _option("N", "Focal length and focus of an Optical Bench text, from 1.")] = None,
-    f_number: Annotated[float | None, _option("N", "For a table without semi-diameters: F-number at infinity.")] = None,
+    scenario: Annotated[int | None, valued("N", "Focal length and focus of an Optical Bench text, from 1.")] = None,
+    f_number: Annotated[float | None, valued("N", "For a table without semi-diameters: F-number at infinity.")] = None,
     half_field: Annotated[
-        float | None, _option("DEGREES", "For a table without semi-diameters: largest field angle.")
+        float | None, valued("DEGREES", "For a table without semi-diameters: largest field angle.")
     ] = None,
     glasses: Annotated[
-        list[Path] | None, _option("FILE.agf", "Catalogue of a glass maker, which counts first; may be repeated.")
+        list[Path] | None, valued("FILE.agf", "Catalogue of a glass maker, which counts first; may be repeated.")
     ] = None,
     glass: Annotated[
-        list[str] | None, _option("NAME=vendor:OTHER", "Glass in place of one of the file; may be repeated.")
+        list[str] | None, valued("NAME=vendor:OTHER", "Glass in place of one of the file; may be repeated.")
     ] = None,
 ) -> None:
     """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
@@ -158,7 +153,7 @@ def import_lens(
 def import_camera(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
     out: StageOrStdout = None,
-    lens: Annotated[Path | None, _option("FILE.csv", "Lens table for a camera of the Blender add-on.")] = None,
+    lens: Annotated[Path | None, valued("FILE.csv", "Lens table for a camera of the Blender add-on.")] = None,
 ) -> None:
     """Write the camera of another program's file as a rig, and report what could not be kept."""
     from pipeline.app.stages import import_camera

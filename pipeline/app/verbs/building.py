@@ -26,6 +26,7 @@ from pipeline.app.verbs.terminal import (
     say,
     say_json,
 )
+from pipeline.entry_points import plugged_in
 from pipeline.errors import Exit, PipelineError, UsageError
 
 if TYPE_CHECKING:
@@ -120,7 +121,6 @@ def build(
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.app.pages.ending import certificate_lines, failed, point_lines
     from pipeline.engine.options import BuildOptions
-    from pipeline.report.page.diary import Diary
 
     options = BuildOptions(
         jobs=jobs,
@@ -141,19 +141,20 @@ def build(
             raise UsageError("--device does not go with --dry-run", hint="results of a device have keys of their own")
         print_plan(stage, out, options, as_json=as_json)
         return
-    diary = Diary()
+    report = None if no_report or preview or os.environ.get("PIPELINE_REPORT") == "no" else _report()
     try:
-        result = _run(stage, out, options, verbose - quiet, events, diary)
+        result = _run(stage, out, options, verbose - quiet, events, report)
     except PipelineError as error:
         if as_json:  # also after a failure one JSON object ends the output
             say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
         raise
     _say_result(result, as_json=as_json, profile=profile)
-    is_told, cameras = quiet <= verbose, result.certificate or {}
+    is_told, is_refuted = quiet <= verbose, failed(result.certificate)
     note(*(point_lines(result.points or {}) if is_told else ()))
-    _write_report(result, options, diary, is_wanted=not no_report, is_told=is_told)
-    is_refuted = failed(cameras)
-    note(*(certificate_lines(cameras) if is_refuted or is_told else ()))
+    if report and result.delivery is not None and result.asked is None:
+        page = report.write_after_build(result.out, warn=note)
+        note(*([f"report: {page}"] if page is not None and is_told else ()))
+    note(*(certificate_lines(result.certificate or {}) if is_refuted or is_told else ()))
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
@@ -195,19 +196,16 @@ def _profile(result: Any) -> dict[str, Any]:
     return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or known)}
 
 
-def _write_report(result: Any, options: Any, diary: Any, *, is_wanted: bool, is_told: bool) -> None:
-    """Write the report of a whole build, and print where it is."""
-    is_whole = result.delivery is not None and result.delivery.asked is None
-    if not (is_wanted and is_whole) or options.preview or os.environ.get("PIPELINE_REPORT") == "no":
-        return
-    from pipeline.app.reporting import report_of_build
-
-    page = report_of_build(result.out, diary, warn=note)
-    if page is not None and is_told:
-        note(f"report: {page}")
+def _report() -> Any:
+    """A report that listens to the build; None, with a note, where no plug-in writes one."""
+    try:
+        return plugged_in("product", "report")()
+    except UsageError as error:
+        note(f"no report is written: {error.what}")
+        return None
 
 
-def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Path | None, diary: Any) -> Any:
+def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Path | None, report: Any) -> Any:
     from pipeline.app.build import build_with
     from pipeline.app.progress import Ending, display
     from pipeline.engine.events import EventFile, fan_out
@@ -218,7 +216,7 @@ def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Pa
     ending = Ending(verbosity, again)
     try:
         with display(verbosity) as shown:
-            return build_with(stage, out, options, fan_out([*filter(None, [shown, ending, file, diary])]))
+            return build_with(stage, out, options, fan_out([*filter(None, [shown, ending, file, report])]))
     finally:
         if file:
             file.close()
@@ -247,10 +245,9 @@ def ensemble(
     from pipeline.app.progress import display
     from pipeline.engine.events import silent
     from pipeline.engine.options import BuildOptions
-    from pipeline.report.page.diary import Diary
 
     def run(path: Path, place: Path, options: BuildOptions) -> Any:
-        return _run(path, place, options, -1, None, Diary())
+        return _run(path, place, options, -1, None, None)
 
     def together(stages: Mapping[Path, Path], options: BuildOptions) -> Any:
         with display(0) as shown:

@@ -12,7 +12,7 @@ import typer
 import typer.core
 import typer.main
 
-from pipeline.entry_points import VERBS, offered, plugged_in
+from pipeline.entry_points import offered, plugged_in
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
 from pipeline.spelling import for_terminals, printable
@@ -21,6 +21,11 @@ WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and w
 """Panels of `pipeline --help`, in this order."""
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of the `--help` of a verb."""
+
+
+def valued(metavar: str, text: str, **limits: Any) -> Any:
+    """An option with a value, named after its parameter."""
+    return typer.Option(metavar=metavar, help=text, **limits)
 
 
 def option(panel: str, *names: str, **settings: Any) -> Any:
@@ -122,21 +127,20 @@ class Family(_PlainFlags, typer.core.TyperGroup):
 class Verbs(Family):
     """The verbs of the core, and those of plug-ins, which are loaded when they are listed or asked for."""
 
-    plug_ins = ("design",)
+    plug_ins = ("design", "report")
     """Verbs of plug-ins of ours: without them they say so."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of all verbs but broken ones."""
-        for name in offered(VERBS):
+        for name in offered("verb"):
             with contextlib.suppress(UsageError):  # whoever asks for it is told
                 self.get_command(ctx, name)
         return super().list_commands(ctx)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The verb of a name, or None; UsageError if its plug-in is broken or not installed."""
-        if cmd_name not in self.commands and cmd_name in {*offered(VERBS), *self.plug_ins}:
-            plugged_in(VERBS, cmd_name)(family := new_family())
-            self.commands.update(typer.main.get_group(family).commands)
+        if cmd_name not in self.commands and cmd_name in {*offered("verb"), *self.plug_ins}:
+            self.commands.update(typer.main.get_group(plugged_in("verb", cmd_name)).commands)
         elif cmd_name not in self.commands:
             self.list_commands(ctx)  # which verb was meant is guessed among all
         return super().get_command(ctx, cmd_name)

@@ -3,10 +3,10 @@
 import math
 from dataclasses import asdict
 
+from pipeline.app.pages.text import table
 from pipeline.files.jsonfile import Json
 from pipeline.plugins.design.formulas import PlenopticDesign
 from pipeline.plugins.design.judgement import Judgement
-from pipeline.report.text import table
 
 
 def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> Json:

@@ -5,14 +5,11 @@ from typing import Annotated, Literal
 import typer
 
 from pipeline.app.verbs.authoring import FocalLength, LensOfRig, NewFile, SensorOfRig, lens_of_rig
-from pipeline.app.verbs.terminal import WRITE, Json, Verb, new_family, note, say, say_json
+from pipeline.app.verbs.terminal import WRITE, Json, Verb, new_family, note, say, say_json, valued
 
+verbs = new_family()
 designs = new_family(help="Compute cameras from what they shall do, and judge them by real rays.")
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the verb to the command."""
-    app.add_typer(designs, name="design", rich_help_panel=WRITE)
+verbs.add_typer(designs, name="design", rich_help_panel=WRITE)
 
 
 @designs.command("plenoptic", cls=Verb)
@@ -21,30 +18,24 @@ def plenoptic(
     sensor: SensorOfRig,
     lens: LensOfRig = None,
     focal_length: FocalLength = None,
-    near: Annotated[
-        float | None, typer.Option(metavar="MM", help="Near end of the depth of field, from the stop.", min=0)
-    ] = None,
-    far: Annotated[float | None, typer.Option(metavar="MM", help="Its far end; inf.", min=0)] = None,
+    near: Annotated[float | None, valued("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
+    far: Annotated[float | None, valued("MM", "Its far end; inf.", min=0)] = None,
     magnification: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Instead of a range: of the main lens, in its middle.", min=1e-6, max=1e6),
+        float | None, valued("M", "Instead of a range: of the main lens, in its middle.", min=1e-6, max=1e6)
     ] = None,
-    types: Annotated[
-        int | None, typer.Option(metavar="N", help="Focal lengths of the microlenses, 1 or 3; else 3.")
-    ] = None,
+    types: Annotated[int | None, valued("N", "Focal lengths of the microlenses, 1 or 3; else 3.")] = None,
     unfocused: Annotated[
         bool, typer.Option("--unfocused", help="Microlenses at their focal length, of one type: plenoptic 1.0.")
     ] = False,
-    micro_image: Annotated[float, typer.Option(metavar="PX", help="Diameter of micro-images.", min=2)] = 20.0,
+    micro_image: Annotated[float, valued("PX", "Diameter of micro-images.", min=2)] = 20.0,
     layout: Annotated[
-        Literal["hexagonal", "hexagonal-columns", "square"], typer.Option(metavar="LAYOUT", help="Of the microlenses.")
+        Literal["hexagonal", "hexagonal-columns", "square"], valued("LAYOUT", "Of the microlenses.")
     ] = "hexagonal",
     f_number: Annotated[
-        float | None,
-        typer.Option(metavar="N", help="Of the main lens; else what matches the microlenses.", min=1e-3, max=1e4),
+        float | None, valued("N", "Of the main lens; else what matches the microlenses.", min=1e-3, max=1e4)
     ] = None,
-    virtual_depth: Annotated[float | None, typer.Option(metavar="V", help="The least one; else 2.", min=1)] = None,
-    blur: Annotated[float, typer.Option(metavar="PX", help="Largest blur that counts as sharp.", min=0.01)] = 1.0,
+    virtual_depth: Annotated[float | None, valued("V", "The least one; else 2.", min=1)] = None,
+    blur: Annotated[float, valued("PX", "Largest blur that counts as sharp.", min=0.01)] = 1.0,
     as_json: Json = False,
 ) -> None:
     """Write a plenoptic rig for a depth of field or a magnification, and print what real rays make of it.

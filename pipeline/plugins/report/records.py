@@ -6,12 +6,11 @@ Lists of numbers hold None where a value is unknown. `web/record_types.py` write
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.app.pages.text import Figure as Figure  # of `Figures`, for web/src/records.ts
+from pipeline.app.pages.text import Figures
+from pipeline.camera.figures.shapes import Matrix, RayFan, SurfaceShape
 from pipeline.files.jsonfile import Json
-from pipeline.report.text import Figure as Figure  # of `Figures`, for web/src/records.ts
-from pipeline.report.text import Figures
 from pipeline.results.spots import Numbers, Spot
-
-Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,30 +119,6 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SurfaceShape:
-    """A surface of the lens for the 3-D view, vision frame.
-
-    `height_mm`, `z_mm`: its profile from the axis to the rim.
-    `has_glass_behind`: whether glass follows towards the sensor.
-    `moved`: transform of a displaced surface, else the identity.
-    """
-
-    height_mm: tuple[float, ...]
-    z_mm: tuple[float, ...]
-    has_glass_behind: bool
-    is_stop: bool
-    moved: Matrix
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RayFan:
-    """Real rays of one sensor position, each a polyline from the sensor into the scene, vision frame [mm]."""
-
-    place: str
-    rays: tuple[tuple[tuple[float, float, float], ...], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
     """The optical part of a camera."""
 
@@ -207,10 +182,10 @@ class TaskRun:
     name: str
     kind: str
     state: str
-    start_s: float | None
-    end_s: float | None
-    cpu_s: float | None
-    peak_bytes: int | None
+    start_s: float | None = None
+    end_s: float | None = None
+    cpu_s: float | None = None
+    peak_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

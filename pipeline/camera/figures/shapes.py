@@ -1,6 +1,7 @@
 """Solid parts of the 3-D view: surfaces of a lens and real rays through them, vision frame [mm]."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements, towards_scene
-from pipeline.report.page.records import Matrix, RayFan, SurfaceShape
+from pipeline.records.shapes import Float64
 
 _PROFILE = 13
 """Points of a profile from the axis to the rim: a smooth curve in a picture."""
@@ -24,6 +25,33 @@ _RIM = 0.95
 """Share of the image circle whose rays stand for a dark corner: at the rim itself hardly any pass."""
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Vision frame from the frame of the stop with z towards the sensor: a half turn about x; it is its own inverse."""
+
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceShape:
+    """A surface of the lens for the 3-D view, vision frame.
+
+    `height_mm`, `z_mm`: its profile from the axis to the rim.
+    `has_glass_behind`: whether glass follows towards the sensor.
+    `moved`: transform of a displaced surface, else the identity.
+    """
+
+    height_mm: tuple[float, ...]
+    z_mm: tuple[float, ...]
+    has_glass_behind: bool
+    is_stop: bool
+    moved: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayFan:
+    """Real rays of one sensor position, each a polyline from the sensor into the scene, vision frame [mm]."""
+
+    place: str
+    rays: tuple[tuple[tuple[float, float, float], ...], ...]
 
 
 def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
@@ -45,7 +73,7 @@ def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
     return tuple(shapes)
 
 
-def matrix(transform: np.ndarray) -> Matrix:
+def matrix(transform: Float64[np.ndarray, "r c"]) -> Matrix:
     """Rows of a transform."""
     return tuple(tuple(row) for row in transform.tolist())
 

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.figures.shapes import matrix
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.files.png import png_size, read_png, write_png
 from pipeline.folders import put
 from pipeline.frames import apply
-from pipeline.records.plain import to_plain
-from pipeline.report.page.records import (
+from pipeline.plugins.report.records import (
     CameraPart,
     Histogram,
     MicroImageData,
@@ -30,7 +30,7 @@ from pipeline.report.page.records import (
     TargetPart,
     View,
 )
-from pipeline.report.page.shapes import matrix
+from pipeline.records.plain import to_plain
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltTarget, BuiltView
 from pipeline.results.spots import drawn

@@ -12,12 +12,11 @@ import pytest
 from builds import cells, tiny
 from PIL import Image
 
-from pipeline.app.reporting import report
 from pipeline.files import svg
 from pipeline.files.png import write_png
+from pipeline.plugins.report.parts import picture_of
+from pipeline.plugins.report.report import Report
 from pipeline.records.plain import to_plain
-from pipeline.report.page.parts import picture_of
-from pipeline.report.page.records import InformationPart
 from pipeline.results.records import BuiltFolder
 
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
@@ -27,8 +26,9 @@ pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 def page(tmp_path_factory, common_store) -> tuple[Path, Path]:
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
     maps = svg.document((300, 200), svg.element("rect", x=10, y=10, width=280, height=180, fill="#08306b"))
-    part = InformationPart(lines=("fx  645.2", "fy  645.3"), drawing=maps)
-    return out, report(out, informed={"Rig.Camera": part})
+    report = Report()
+    report.inform("Rig.Camera", ["fx  645.2", "fy  645.3"], maps)
+    return out, report.write(out)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ wherever it was made. Images that an earlier report holds are not made again: th
 
 import hashlib
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,16 @@ from typing import Any
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.folders import put
-from pipeline.report.page.optics import optics
-from pipeline.report.page.parts import ReportedBuild, Scripts, camera_part, target_part
-from pipeline.report.page.records import CameraPart, History, InformationPart, Page
+from pipeline.plugins.report.optics import optics
+from pipeline.plugins.report.parts import ReportedBuild, Scripts, camera_part, target_part
+from pipeline.plugins.report.records import CameraPart, History, InformationPart, Page
 from pipeline.results.output import open_output
 from pipeline.results.records import finished_folder
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.load import Loaded
+from pipeline.scene.load import Loaded, load
 
 INDEX = "index.html"
+_STAGE = "dataset.usda"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
@@ -57,12 +58,23 @@ def is_current(out: Path, report: Path) -> bool:
     return made_of.is_file() and made_of.read_text(encoding="utf-8") == state_of(out)
 
 
+def stage_of(out: Path, warn: Callable[[str], None]) -> Loaded | None:
+    """The stage in the output folder; None, with a warning, if it does not pass `check`."""
+    if not (out / _STAGE).is_file():
+        return None
+    loaded = load(out / _STAGE)
+    if loaded.errors or loaded.dataset is None:
+        warn(f"the report has no optics and no 3-D view: {out / _STAGE} does not pass `pipeline check`")
+        return None
+    return loaded
+
+
 def write_page(
     out: Path,
     report: Path,
     loaded: Loaded | None,
     history: History | None,
-    informed: Mapping[str, InformationPart] | None = None,
+    informed: Mapping[str, InformationPart],
 ) -> Path:
     """Write the report of an output folder; returns its page.
 
@@ -81,7 +93,7 @@ def write_page(
     information = {}
     for name in output.cameras:
         script = f"information.{name}.{state[:16]}"
-        part = (informed or {}).get(name)
+        part = informed.get(name)
         information[name] = scripts.keep(script) if part is None else scripts.write(script, part)
     source = ReportedBuild(
         output=output,
@@ -146,4 +158,4 @@ def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:
 
 def _asset(name: str) -> bytes:
     """A file of the page that ships with this package; `make web` builds them from `web/`."""
-    return (resources.files("pipeline.report.page") / "assets" / name).read_bytes()
+    return (resources.files("pipeline.plugins.report") / "assets" / name).read_bytes()

@@ -13,19 +13,17 @@ import pytest
 from builds import cells, tiny
 from places import ROOT
 
-from pipeline.app.reporting import report, report_of_build
 from pipeline.errors import UsageError
 from pipeline.files.png import read_png, write_png
-from pipeline.report.page.diary import Diary
-from pipeline.report.page.optics import field_curvature, transfer
-from pipeline.report.page.parts import picture_of
-from pipeline.report.page.records import InformationPart
+from pipeline.plugins.report.optics import field_curvature, transfer
+from pipeline.plugins.report.parts import picture_of
+from pipeline.plugins.report.report import Report
 from pipeline.results.records import BuiltFolder
 from pipeline.results.spots import field_bundles, spots
 from pipeline.scene.load import open_dataset
 
 WEB = ROOT / "web"
-ASSETS = ROOT / "pipeline/report/page/assets"
+ASSETS = ROOT / "pipeline/plugins/report/assets"
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +31,7 @@ def built(tmp_path_factory, common_store):
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PIPELINE_CACHE", str(common_store))
-        return out, report(out, warn=pytest.fail).parent
+        return out, Report().write(out, warn=pytest.fail).parent
 
 
 def data(place: Path, name: str):
@@ -90,7 +88,7 @@ def test_a_second_report_makes_nothing_again_and_another_build_leaves_nothing_be
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     (place / "images/0123456789abcdef.png").write_bytes(b"of an earlier build")
     (place / "data/rows.Gone.0001.js").write_text("")
-    report(out, warn=pytest.fail)
+    Report().write(out, warn=pytest.fail)
     after = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     assert {path.name for path in before if before[path] != after.get(path)} <= {"made_of"}
     assert after.keys() == before.keys()
@@ -103,14 +101,16 @@ def test_what_inform_said_stays_in_the_report_as_long_as_the_build_is_the_same(b
     def shown() -> str | None:
         return data(place, "page")["cameras"][0]["information"]
 
-    report(out)
+    Report().write(out)
     assert shown() is None
-    report(out, informed={"Rig.Camera": InformationPart(lines=("rank 9",), drawing="<svg/>")})
-    report(out)
+    informed = Report()
+    informed.inform("Rig.Camera", ["rank 9"], "<svg/>")
+    informed.write(out)
+    Report().write(out)
     assert data(place, shown().removeprefix("data/").removesuffix(".js")) == {"lines": ["rank 9"], "drawing": "<svg/>"}
     with (out / "manifest.json").open("a") as manifest:
         manifest.write("\n")
-    report(out)
+    Report().write(out)
     assert shown() is None and not list(place.glob("data/information*"))
 
 
@@ -119,12 +119,12 @@ def test_a_report_is_not_written_over_other_files_and_fails_no_build(built, tmp_
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/index.html").write_text("my page")
     with pytest.raises(UsageError, match="no report of ours"):
-        report(out, tmp_path / "mine")
+        Report().write(out, tmp_path / "mine")
     shutil.copytree(out, tmp_path / "out")
     (tmp_path / "out.report").mkdir()
     (tmp_path / "out.report/notes.txt").write_text("mine")
     said: list[str] = []
-    assert report_of_build(tmp_path / "out", Diary(), warn=said.append) is None
+    assert Report().write_after_build(tmp_path / "out", warn=said.append) is None
     assert len(said) == 1 and "no report was written" in said[0]
     assert (tmp_path / "mine/index.html").read_text() == "my page"
 

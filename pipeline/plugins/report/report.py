@@ -1,0 +1,106 @@
+"""The report of a build: what is noted while its tasks run, and the page that is written from that and its folder."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.engine.events import Begun, Done, Event, Started
+from pipeline.engine.output import manifest
+from pipeline.engine.store.store import Store
+from pipeline.errors import PipelineError
+from pipeline.jit.files import say
+from pipeline.plugins.report.records import History, InformationPart, TaskRun
+
+
+class Report:
+    """Listener of one build, which then writes its page; without a build it reports what a folder holds.
+
+    `runs`: runs by task name, in the order in which they ended; times are from the first event.
+    `seconds`: time of the last event.
+    `informed`: what `pipeline inform` has just said, by camera.
+    """
+
+    def __init__(self) -> None:
+        self.runs: dict[str, TaskRun] = {}
+        self.informed: dict[str, InformationPart] = {}
+        self.seconds, self.workers = 0.0, 1
+        self._begun: float | None = None
+        self._started: dict[str, float] = {}
+
+    def __call__(self, event: Event) -> None:
+        if self._begun is None:
+            self._begun = event.time
+        self.seconds = event.time - self._begun
+        match event:
+            case Begun():
+                self.workers = event.jobs
+            case Started():
+                self._started[event.task] = self.seconds
+            case Done():
+                self._note(event)
+
+    def _note(self, event: Done) -> None:
+        task = event.result
+        ran = task.state in ("executed", "failed")
+        start = self._started.get(task.name)
+        if ran and start is not None and task.seconds:
+            start = max(start, self.seconds - task.seconds)  # it may have waited for a worker
+        self.runs[task.name] = TaskRun(
+            name=task.name,
+            kind=task.name.split("/")[0],
+            state=task.state,
+            start_s=start if ran else None,
+            end_s=self.seconds if ran else None,
+        )
+
+    def inform(self, camera: str, lines: list[str], drawing: str) -> None:
+        """Add what `pipeline inform` says of a camera: its lines, and its maps as SVG."""
+        self.informed[camera] = InformationPart(lines=tuple(lines), drawing=drawing)
+
+    @property
+    def has_run(self) -> bool:
+        """Whether a task ran."""
+        return any(run.start_s is not None for run in self.runs.values())
+
+    def write(self, out: Path, place: Path | None = None, *, warn: Callable[[str], None] = say) -> Path:
+        """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
+
+        If no task ran, the history of an earlier report stays, or is made of the records in the store. It raises as
+        `write_page`.
+        """
+        from pipeline.plugins.report.page import place_of, stage_of, write_page  # loads the tracer
+
+        where, loaded = place or place_of(out), stage_of(out, warn)
+        is_told = not self.has_run and (where / "data/history.js").is_file()
+        return write_page(out, where, loaded, None if is_told else self._history(out), self.informed)
+
+    def write_after_build(self, out: Path, *, warn: Callable[[str], None]) -> Path | None:
+        """Write it for a build that has just ended, unless it is there already; its failure fails no build."""
+        from pipeline.plugins.report.page import INDEX, is_current, place_of
+
+        where = place_of(out)
+        try:
+            if not self.has_run and is_current(out, where):
+                return where / INDEX
+            return self.write(out, warn=warn)
+        except PipelineError as error:
+            warn(f"no report was written: {error.what}")
+        except OSError as error:
+            warn(f"no report was written to {where}: {error.strerror}")
+        return None
+
+    def _history(self, out: Path) -> History:
+        """History of all tasks of the manifest: from the notes about a build, and from records of the store."""
+        store, runs = Store(), self.runs if self.has_run else {}
+        return History(
+            tasks=tuple(_run(store, name, key, runs.get(name)) for name, key in manifest.read(out).tasks.items()),
+            seconds=self.seconds if self.has_run else None,
+            workers=self.workers if self.has_run else None,
+        )
+
+
+def _run(store: Store, name: str, key: str, noted: TaskRun | None) -> TaskRun:
+    record = store.peek(key)
+    made_by = record.made_by if record else None
+    run = noted or TaskRun(name=name, kind=name.split("/")[0], state="made before")
+    return replace(run, cpu_s=made_by.cpu_seconds, peak_bytes=made_by.peak_bytes) if made_by else run
