@@ -1,5 +1,6 @@
 """Options of the whole test run."""
 
+import collections
 import gc
 import os
 import signal
@@ -39,3 +40,13 @@ def pytest_runtest_setup():
 def pytest_addoption(parser):
     """`--update-golden` is the only writer of golden files."""
     parser.addoption("--update-golden", action="store_true", help="write tests/golden anew and show what changes")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say how long the tests of the core took, and those of each plug-in."""
+    seconds = collections.Counter()
+    for report in (report for reports in terminalreporter.stats.values() for report in reports):
+        if hasattr(report, "duration"):
+            folders = report.nodeid.split("/")
+            seconds[folders[2] if folders[1:2] == ["plugins"] else "core"] += report.duration
+    terminalreporter.write_line(", ".join(f"{room} {spent:.0f} s" for room, spent in seconds.most_common()))

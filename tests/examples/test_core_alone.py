@@ -1,0 +1,41 @@
+"""The core without any plug-in: it builds, and says what is not there."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from places import ROOT
+
+
+@pytest.mark.heavy
+def test_the_core_builds_an_example_without_the_folder_of_plug_ins(tmp_path):
+    """A copy whose package has its own metadata, without the entry points of plug-ins, and compiles its own kernels."""
+    for folder in ("pipeline", "schemas", "stages", "examples/01_conventional"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__", "plugins"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    place = tmp_path / f"plenoptic_pipeline-{project['version']}.dist-info"
+    place.mkdir()
+    (place / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    group = "plenoptic_pipeline.formats"
+    formats = "\n".join(f"{name} = {module}" for name, module in project["entry-points"][group].items())
+    (place / "entry_points.txt").write_text(f"[{group}]\n{formats}\n")
+    settings = {"PYTHONPATH": str(tmp_path), "PIPELINE_CACHE": str(tmp_path / "store"), "PIPELINE_REPORT": ""}
+
+    def run(*words):
+        command = [sys.executable, "-m", "pipeline", *words]
+        return subprocess.run(command, cwd=tmp_path, env={**os.environ, **settings}, capture_output=True, text=True)
+
+    assert not (tmp_path / "pipeline/plugins").exists()
+    assert run("--help").returncode == 0
+    built = run("build", "examples/01_conventional/dataset.usda", "-o", "out")
+    assert built.returncode == 0, built.stderr
+    assert (tmp_path / "out/manifest.json").is_file()
+    assert 'no report is written: no plug-in that is installed has the product "report"' in built.stderr
+    for words in (["report", "out"], ["design", "plenoptic", "a.usda"], ["inform", "out", "--report"]):
+        refused = run(*words)
+        assert refused.returncode == 2 and "no plug-in that is installed has the" in refused.stderr
+    refused = run("build", "examples/01_conventional/dataset.usda", "-o", "out", "--engine", "dask:here")
+    assert refused.returncode == 2 and 'has the engine "dask"' in refused.stderr
