@@ -1,9 +1,8 @@
-"""Care of a store: counting its content, removing the least recently used results, and checking every byte.
+"""Care of a store: counting its content, and removing the least recently used results.
 
-Nothing here can make a result wrong: a removed or damaged entry is a miss afterwards, and is computed again.
+Nothing here can make a result wrong: a removed entry is a miss afterwards, and is computed again.
 """
 
-import contextlib
 import os
 import re
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from pipeline.engine.files import is_unreadable
 from pipeline.engine.locks import locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles
-from pipeline.engine.records import Blob
 from pipeline.engine.store.store import Store
 from pipeline.engine.store.store_folder import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
@@ -34,8 +32,6 @@ class Inventory:
     bytes: int
     pinned_bytes: int
     limit_bytes: int
-    quarantined: int
-    quarantine_bytes: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,22 +43,7 @@ class Collected:
     bytes: int
     bytes_left: int
     limit_bytes: int
-    quarantined: int = 0
     busy: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
-    """Number of entries read, and names of those that are wrong, or in the place of a folder.
-
-    They are now in quarantine. Unreadable ones count as damaged but stay, as do records that refer to them.
-    """
-
-    records: int
-    blobs: int
-    bytes: int
-    damaged: tuple[str, ...]
-    incomplete: tuple[str, ...]
 
 
 def limit_from_environment() -> int:
@@ -84,15 +65,12 @@ def info(store: Store) -> Inventory:
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     pinned = filter(None, map(store.peek, pinned_keys(store)))
     kept = {blob.sha256 for record in pinned for blob in record.outputs.values()}
-    damaged = store.quarantined()
     return Inventory(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
         bytes=sum(sizes.values()),
         pinned_bytes=sum(sizes.get(name, 0) for name in kept),
         limit_bytes=limit_from_environment(),
-        quarantined=len(damaged),
-        quarantine_bytes=sum(path.lstat().st_size for path in damaged),
     )
 
 
@@ -109,7 +87,6 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         keys, blobs = _to_keep(store, sizes, limit_bytes)
         drop_records = [name for name, _ in store.entries("record") if name not in keys]
         drop_blobs = [name for name in sizes if name not in blobs]
-        damaged = len(store.quarantined())
         freed = sum(sizes[name] for name in drop_blobs)
         if not dry_run:
             _remove(store, drop_records, drop_blobs)
@@ -119,35 +96,6 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         bytes=freed,
         bytes_left=sum(sizes.values()) - freed,
         limit_bytes=limit_bytes,
-        quarantined=damaged,
-    )
-
-
-def check(store: Store) -> Checked:
-    """Read every byte and move damaged entries to quarantine; the next build makes them again."""
-    damaged, incomplete, unreadable = list(store.displaced), list[str](), set[str]()
-    blobs = list(store.entries("blob"))
-    for name, facts in blobs:
-        if not store.is_whole(Blob(sha256=name, size=facts.st_size)):
-            damaged.append(name)
-            if _stays(store, "blob", name):
-                unreadable.add(name)
-    keys = [name for name, _ in store.entries("record")]
-    for key in keys:
-        record = store.peek(key)
-        if record is None:
-            damaged.append(key)
-            _stays(store, "record", key)
-        elif store.complete(record) is None:
-            incomplete.append(key)
-            if not unreadable & {blob.sha256 for blob in record.outputs.values()}:
-                store.give_up(key)
-    return Checked(
-        records=len(keys),
-        blobs=len(blobs),
-        bytes=sum(facts.st_size for _, facts in blobs),
-        damaged=tuple(damaged),
-        incomplete=tuple(incomplete),
     )
 
 
@@ -192,22 +140,12 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
     return keys, blobs
 
 
-def _stays(store: Store, table: str, name: str) -> bool:
-    """Whether a wrong entry is merely unreadable at present, which is reported."""
-    if unreadable := is_unreadable(path := store.path(table, name)):
-        store.warn(f"cannot be read and stays in place: {path}")
-    return unreadable
-
-
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
-    """Remove entries, with what belongs to their records, the quarantine and what dead processes left."""
+    """Remove entries, with what belongs to their records, and what dead processes left."""
     tables = {"record": records, "blob": blobs, "log": records, "spec": records, "lock": records}
     for path in (store.path(table, name) for table, names in tables.items() for name in names):
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
             raise EnvironmentFault(f"cannot remove {path}: {error.strerror}", hint="is the store read-only?") from error
-    for path in store.quarantined():
-        with contextlib.suppress(OSError):  # a folder that is not empty was not made by the store and stays
-            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
     store.sweep(older_than_s=ABANDONED_S)

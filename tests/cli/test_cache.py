@@ -53,13 +53,3 @@ def _impatient(monkeypatch):
     from pipeline.engine.locks import locked
 
     return lambda path, timeout_s, doing: locked(path, timeout_s=0.1)
-
-
-def test_fsck_ends_with_4_until_the_damage_is_in_quarantine(pipeline, store, record):
-    assert pipeline("cache", "fsck")[:2] == (0, "1 tasks, 1 files, 9 bytes read: 0 damaged\n")
-    blob = store.path("blob", record.outputs["a"].sha256)
-    blob.chmod(0o644)
-    blob.write_bytes(b"nine bits")
-    code, output, log = pipeline("cache", "fsck")
-    assert code == 4 and "2 damaged" in output and "quarantine" in log
-    assert pipeline("cache", "fsck")[0] == 0

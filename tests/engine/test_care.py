@@ -7,7 +7,7 @@ import shutil
 import pytest
 from engine import toy
 
-from pipeline.engine.maintenance import bytes_of, check, collect, info, pinned_keys
+from pipeline.engine.maintenance import bytes_of, collect, info, pinned_keys
 from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
@@ -35,7 +35,6 @@ def test_what_was_unused_longest_goes_first(store):
     done = collect(store, 2000)
     assert (done.records, done.bytes, done.bytes_left) == (3, 3000, 2000)
     assert [key for key in keys if store.record(key)] == [keys[1], keys[4]]
-    assert check(store).damaged == ()
 
 
 def test_looking_a_record_up_is_a_use(store):
@@ -95,7 +94,7 @@ def test_nothing_is_collected_under_a_running_build(store):
     assert all(store.record(key) for key in keys)
 
 
-def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, store):
+def test_a_build_deletes_what_is_damaged_says_so_once_and_makes_it_again(tmp_path, store):
     build(toy.project(tmp_path / "out"), ALONE)
     right = toy.contents(tmp_path / "out")
     blob = store.path(
@@ -104,23 +103,38 @@ def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, stor
     blob.chmod(0o644)
     blob.write_bytes(b"x" + blob.read_bytes()[1:])
     next((store.root / "ac").rglob("*.json")).unlink()
-    found = check(Store(store.root))
-    assert found.damaged == (blob.name,) and len(found.incomplete) <= 1
-    assert check(store).damaged == ()
-    assert build(toy.project(tmp_path / "out"), ALONE).executed
+    said = []
+    caller = Caller(on_event=lambda event: said.append(getattr(event, "text", "")))
+    assert build(toy.project(tmp_path / "out"), ALONE, caller=caller).executed
+    assert [text for text in said if str(blob) in text] == [f"damaged entry of the store, deleted: {blob}"]
     assert toy.contents(tmp_path / "out") == right
-    assert info(store).quarantined
+    assert Store(store.root).blob(blob.name)
 
 
-def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine(store, monkeypatch):
+@pytest.mark.parametrize("name", ["cas", "logs", "gc.lock", "VERSION"])
+def test_files_of_others_in_the_place_of_ours_are_renamed_and_never_deleted(tmp_path, store, name):
+    build(toy.project(tmp_path / "out"), ALONE)
+    shutil.rmtree(store.root / name) if (store.root / name).is_dir() else (store.root / name).unlink()
+    if name in ("cas", "logs"):
+        (store.root / name).write_text("precious")
+    else:
+        (store.root / name).mkdir()
+        (store.root / name / "thesis.tex").write_text("precious")
+    shutil.rmtree(tmp_path / "out")
+    assert build(toy.project(tmp_path / "out"), ALONE).exit_code == 0
+    (aside,) = store.root.glob(f"{name}.?*")
+    assert next(path for path in (aside, aside / "thesis.tex") if path.is_file()).read_text() == "precious"
+
+
+def test_what_cannot_be_read_just_now_is_neither_dropped_nor_deleted(store, monkeypatch):
     said, key = [], filled(store, 1)[0]
     store = Store(store.root, warn=said.append)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.engine.files.open_regular", unreadable)
         with pytest.raises(EnvironmentFault, match="nothing was removed"):
             collect(store, 0)
-        assert len(check(store).damaged) == len(said) == 2 and "stays in place" in said[0]
-    assert store.record(key) and not info(store).quarantined
+        assert store.record(key) is None
+    assert store.record(key) and not said
 
 
 @pytest.mark.parametrize(("text", "size"), [("1000", 1000), ("1.5G", 1.5e9), ("500 MB", 5e8), ("2t", 2e12), ("0", 0)])

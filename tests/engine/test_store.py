@@ -69,7 +69,7 @@ def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeyp
         assert store.record(KEY) is None and not store.is_whole(blob)
         with pytest.raises(DamagedBlob):
             store.blob(blob.sha256)
-    assert store.record(KEY) == record and not store.quarantined()
+    assert store.record(KEY) == record
 
 
 def failing(error):
@@ -129,13 +129,13 @@ def test_a_store_that_cannot_be_written_to_is_named_and_no_place_in_the_stage(tm
 
 
 def test_a_folder_that_holds_anything_else_is_no_store(tmp_path):
-    """The user's own `tmp/` and `quarantine/` would be swept and emptied."""
+    """The user's own `tmp/` would be swept."""
     root = tmp_path / "scratch"
-    for name in ("tmp/experiment", "quarantine", f"tmp/{socket.gethostname()}-backup-2026"):
+    for name in ("tmp/experiment", "thesis", f"tmp/{socket.gethostname()}-backup-2026"):
         (root / name).mkdir(parents=True)
         (root / name / "data").write_text("precious")
     before = toy.snapshot(root)
-    with pytest.raises(EnvironmentFault, match="holds quarantine, tmp, and no VERSION of ours"):
+    with pytest.raises(EnvironmentFault, match="holds thesis, tmp, and no VERSION of ours"):
         Store(root)
     assert toy.snapshot(root) == before
 

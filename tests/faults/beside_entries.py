@@ -13,13 +13,12 @@ from pathlib import Path
 from faults.workbench import STAGE, Row, Workbench
 
 from pipeline.app.build import compile_once, steps_of
-from pipeline.engine.maintenance import check
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
 from pipeline.jit import files
 from pipeline.jit.decorators import cache_folder
 
-_FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine")
+_FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index")
 _FILES = ("VERSION", "gc.lock")
 
 
@@ -95,17 +94,13 @@ def something_in_the_place_of_folders(bench: Workbench) -> Row:
     cases += [(name, Path.mkdir) for name in _FILES]
     for number in bench.some(len(cases), 2):
         name, make = cases[number - 1]
-        for heal in (None, check):
-            place = bench.new_place(built=True)
-            shutil.rmtree(place / "out")
-            path = place / "store" / name
-            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-            make(path)
-            row.tried += 1
-            if heal is not None:
-                row.wrong += str(name) not in heal(Store(place / "store")).damaged
-                row.bad += bool(heal(Store(place / "store")).damaged)
-            bench.judge(row, place, meanwhile=False)
+        place = bench.new_place(built=True)
+        shutil.rmtree(place / "out")
+        path = place / "store" / name
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+        make(path)
+        row.tried += 1
+        bench.judge(row, place, meanwhile=False)
     return row
 
 

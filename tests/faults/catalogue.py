@@ -23,9 +23,9 @@ from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
 from faults.signals import signals_at_any_moment
 from faults.users import second_users
-from faults.workbench import Row, Workbench, entries
+from faults.workbench import Row, Workbench, damage, entries
 
-from pipeline.engine.maintenance import check, collect
+from pipeline.engine.maintenance import collect
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.output import manifest
 from pipeline.engine.records import Blob
@@ -159,9 +159,7 @@ from pipeline.machine.processor import pin
 pin()
 from pathlib import Path
 from engine import toy
-from faults.workbench import Workbench, Row
-from pipeline.engine.maintenance import check
-from pipeline.engine.store.store import Store
+from faults.workbench import Workbench, Row, damage
 mount, sizes = Path(sys.argv[1]), [int(size) for size in sys.argv[2].split(",")]
 bench = Workbench(mount.parent, whole=False)
 failed = wrong = bad = 0
@@ -174,10 +172,10 @@ for kib in sizes:
         print(text, file=sys.stderr)
     if (mount / "out" / "manifest.json").exists():
         wrong += toy.contents(mount / "out") != bench.right
-    bad += (mount / "store/VERSION").exists() and bool(check(Store(mount / "store")).damaged)
+    bad += (mount / "store/VERSION").exists() and bool(damage(mount).damaged)
     subprocess.check_call(["mount", "-o", "remount,size=64m", mount])
     wrong += bench.build_in_fork(mount) != 0 or toy.contents(mount / "out") != bench.right
-    bad += bool(check(Store(mount / "store")).damaged)
+    bad += bool(damage(mount).damaged)
     subprocess.check_call(["umount", "-l", mount])
 print(failed, wrong, bad)
 """
@@ -325,7 +323,7 @@ def collectors(bench: Workbench) -> Row:
 
         row.failed += in_fork(work) == -signal.SIGKILL
         row.tried += 1
-        row.bad += bool(check(Store(place / "store")).incomplete)
+        row.bad += bool(damage(place).incomplete)
         bench.judge(row, place)
     place = bench.new_place()
     pid = os.fork()

@@ -5,10 +5,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from faults.workbench import Row, Workbench
-
-from pipeline.engine.maintenance import check
-from pipeline.engine.store.store import Store
+from faults.workbench import Row, Workbench, damage
 
 _GROUP, _FIRST, _SECOND = 54320, 54321, 54322
 
@@ -80,5 +77,5 @@ def _read_only(bench: Workbench, row: Row) -> None:
     row.failed += bench.build_in_fork(place, meanwhile=second, out="out2") == 5
     row.wrong += row.failed != 1
     row.notes += bench.unexpected()
-    row.bad += bool(check(Store(place / "store")).damaged)
+    row.bad += bool(damage(place).damaged)
     shutil.rmtree(place)

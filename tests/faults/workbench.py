@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import hashlib
 import multiprocessing
 import random
 import shutil
@@ -10,15 +11,16 @@ import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from engine import toy
 from faults.shim import Shim, in_fork
 
 from pipeline.app.build import project
 from pipeline.engine.events import silent
-from pipeline.engine.maintenance import check
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.project import Project
+from pipeline.engine.records import unseal
 from pipeline.engine.running.session import build
 from pipeline.engine.store.store import Store
 from pipeline.errors import PipelineError
@@ -104,14 +106,13 @@ class Workbench:
     def judge(self, row: Row, place: Path, *, meanwhile: bool = True) -> None:
         """After a fault: nothing wrong lies about, and a build heals everything; then the place goes."""
         if meanwhile:
-            store = Store(place / "store")
-            row.bad += bool(check(store).damaged)
+            row.bad += bool(damage(place).damaged)
             if (place / "out" / "manifest.json").exists():
                 row.wrong += self.differs(place)
         code = self.build_in_fork(place)
         row.wrong += code != 0 or self.differs(place)
         row.notes += [f"the build after it ended with {code}"] if code else []
-        found = check(Store(place / "store"))
+        found = damage(place)
         row.bad += bool(found.damaged or found.incomplete or list((place / "out").glob(".pipeline-*")))
         shutil.rmtree(place)
 
@@ -131,3 +132,21 @@ class Workbench:
 def entries(place: Path) -> list[Path]:
     tables = (place / "store" / "ac", place / "store" / "cas")
     return [path for table in tables for path in sorted(table.rglob("*")) if path.is_file()]
+
+
+class Damage(NamedTuple):
+    """Entries that are not what their names or seals say, and records of files that are not there."""
+
+    damaged: list[str]
+    incomplete: list[str]
+
+
+def damage(place: Path) -> Damage:
+    """Every byte of the store of a place, read without the store's own code."""
+    paths = [path for table in ("ac", "cas") for path in (place / "store" / table).rglob("*") if not path.is_dir()]
+    content = {path.name: path.read_bytes() if path.is_file() else b"" for path in paths}
+    records = {name: unseal(data) for name, data in content.items() if name.endswith(".json")}
+    blobs = {name for name in content.keys() - records if hashlib.sha256(content[name]).hexdigest() == name}
+    damaged = [name for name in content if name not in blobs and not records.get(name)]
+    needed = {name: [one["sha256"] for one in record["outputs"].values()] for name, record in records.items() if record}
+    return Damage(damaged, [name for name, outputs in needed.items() if not blobs.issuperset(outputs)])

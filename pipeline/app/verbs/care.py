@@ -33,11 +33,10 @@ def info(as_json: Json = False) -> None:
     if as_json:
         say_json({"store": str(store.root), **asdict(contents)})
         return
-    say(f"store       {store.root}")
-    say(f"results     {contents.records:,} tasks, {contents.blobs:,} files, {human(contents.bytes)}")
-    say(f"held        {human(contents.pinned_bytes)} by output folders that are still there")
-    say(f"limit       {human(contents.limit_bytes)} ($PIPELINE_CACHE_SIZE)")
-    say(f"quarantine  {contents.quarantined:,} damaged entries, {human(contents.quarantine_bytes)}")
+    say(f"store    {store.root}")
+    say(f"results  {contents.records:,} tasks, {contents.blobs:,} files, {human(contents.bytes)}")
+    say(f"held     {human(contents.pinned_bytes)} by output folders that are still there")
+    say(f"limit    {human(contents.limit_bytes)} ($PIPELINE_CACHE_SIZE)")
 
 
 @cache.command(cls=Verb)
@@ -65,27 +64,6 @@ def gc(
         return
     verb = "would drop" if dry_run else "dropped"
     say(f"{verb} {done.records:,} tasks and {done.blobs:,} files, {human(done.bytes)}; {human(done.bytes_left)} stay")
-    if done.quarantined:
-        say(f"{verb} {done.quarantined:,} damaged entries from quarantine")
-
-
-@cache.command(cls=Verb)
-def fsck(as_json: Json = False) -> None:
-    """Read every byte of the store and move damaged entries to quarantine. Exits with 4 if there were any."""
-    from pipeline.engine.maintenance import check
-    from pipeline.engine.store.store import Store
-
-    store = Store(warn=note)
-    with store.in_use():
-        checked = check(store)
-    bad = len(checked.damaged) + len(checked.incomplete)
-    if as_json:
-        say_json({"store": str(store.root), **asdict(checked)})
-    else:
-        say(f"{checked.records:,} tasks, {checked.blobs:,} files, {human(checked.bytes)} read: {bad} damaged")
-    if bad:
-        note("damaged results are in quarantine; the next build makes them again")
-    raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)
 
 
 _SIGNS = {"fine": " ", "doubt": "?", "wrong": "!"}

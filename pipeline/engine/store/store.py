@@ -5,7 +5,6 @@
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
     tmp/                         files being written
-    quarantine/                  damaged or misplaced entries, kept for inspection
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                output of tasks; specs of failed tasks, to repeat them alone
     history/  sources/           per output folder the keys of the last build, and its source
@@ -13,7 +12,7 @@
                                  losing them does no harm, but then no file of an output folder is known to be ours
 
 Two promises hold. A record returned by `record` has complete blobs. A reader gets the right bytes or a miss, never
-wrong bytes, and never an exception because of a damaged entry. Only entries known to be wrong go to quarantine; an
+wrong bytes, and never an exception because of a damaged entry. Only entries known to be wrong are deleted; an
 entry that is unreadable at present (no descriptors left, a disk that is not mounted) is a miss and stays in place.
 """
 
@@ -108,7 +107,7 @@ class Store(StoreFolder):
         for blob in blobs:
             if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
                 self._verified.pop(blob.digest, None)
-                self.blob(blob.digest)  # moves it to quarantine
+                self.blob(blob.digest)  # deletes it
                 raise DamagedBlob(blob.digest, "was written to while it was used")
 
     def read(self, digest: str) -> bytes:
@@ -127,7 +126,7 @@ class Store(StoreFolder):
             raise DamagedBlob(digest)
 
     def is_whole(self, blob: Blob) -> bool:
-        """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
+        """Whether the store holds exactly these bytes. Anything else under their name goes."""
         digest = blob.sha256
         path = self._at("blob", digest)
         try:
@@ -142,7 +141,7 @@ class Store(StoreFolder):
         if actual == digest:
             self._verified[digest] = now
         elif actual is not None:  # None: unreadable at present, so nothing is known about its bytes
-            self._quarantine(Path(path))
+            self._clear(Path(path))
         return actual == digest
 
     def size(self) -> int:
@@ -180,12 +179,8 @@ class Store(StoreFolder):
         record = _parse_record(raw, key)
         # Otherwise it is an ordinary miss, or unreadable at present.
         if record is None and (raw is not None or is_no_file(path)):
-            self._quarantine(Path(path))
+            self._clear(Path(path))
         return record
-
-    def give_up(self, key: str) -> None:
-        """Move a record whose blobs are missing to quarantine."""
-        self._quarantine(self.path("record", key))
 
     # Notes: helpful, but no result depends on them
 

@@ -29,7 +29,7 @@ VERSION = b"plenoptic-pipeline store 1\n"
 _TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 
 _PARENTS = ("cas", "ac")
-_OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
+_OTHERS = ("tmp", "history", "sources", "events", "index")
 _FILES = ("VERSION", "gc.lock")
 _FOLDERS = (*_PARENTS, *_TABLES.values(), *_OTHERS)
 _NAMES = {*_PARENTS, *_TABLES.values(), *_OTHERS, *_FILES}
@@ -40,12 +40,11 @@ ABANDONED_S = 86400.0
 
 _WORKSPACE = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")
 """Names in `tmp/`, `<machine>-<pid>-<32 hex digits>`; machines may have dashes, and nothing else in it is touched."""
-_QUARANTINED = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
 class StoreFolder:
-    """The folder of a store, its tables and its locks. What stood in the place of a folder or file is in `displaced`.
+    """The folder of a store, its tables and its locks.
 
     EnvironmentFault if the folder cannot be created, or if it is neither empty nor a store.
     """
@@ -61,7 +60,7 @@ class StoreFolder:
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             _require_store(self.root)
-            self.displaced = self._mend()
+            self._mend()
             if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
                 self._write(self.root / "VERSION", VERSION)
 
@@ -88,10 +87,10 @@ class StoreFolder:
         return locked(path, timeout_s=60.0, shared=True, say=self.say_waiting)
 
     def file_for(self, table: str, name: str) -> Path:
-        """Path of a lock or log file, present or future; anything else in its place is moved to quarantine."""
+        """Path of a lock or log file, present or future; anything else in its place goes."""
         path = self.path(table, name)
         if is_no_file(path):
-            self._quarantine(path)
+            self._clear(path)
         elif has_other_names(path):  # writing to it would change the file with the other name
             path.unlink()
         return path
@@ -131,7 +130,7 @@ class StoreFolder:
             with os.scandir(folder) as entries:
                 for entry in sorted(entries, key=lambda entry: entry.name):
                     name = entry.name.removesuffix(suffix)
-                    with contextlib.suppress(FileNotFoundError):  # another process has moved it to quarantine
+                    with contextlib.suppress(FileNotFoundError):  # another process has deleted it
                         if DIGEST.fullmatch(name):
                             yield name, entry.stat(follow_symlinks=False)
 
@@ -153,37 +152,34 @@ class StoreFolder:
         self._make(final.parent)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
-            self._quarantine(final)
+            self._clear(final)
         aside.replace(final)
 
-    def quarantined(self) -> list[Path]:
-        """Damaged entries that were moved away for inspection, recognised by their names: the time and a digest.
+    def _clear(self, path: Path) -> None:
+        """Take away what stands in the place of an entry, a folder or a file of the store, if it exists and we may.
 
-        Anything else in the quarantine was in the way, may belong to somebody, and stays for ever.
+        A damaged entry, recognised by its name, and an empty folder are deleted. Anything else may be somebody's, and
+        is renamed.
         """
-        return sorted(path for path in (self.root / "quarantine").glob("*") if _QUARANTINED.fullmatch(path.name))
-
-    def _quarantine(self, path: Path) -> None:
-        """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
-        folder, done = self.root / "quarantine", "moved to quarantine"
+        is_folder, done = path.is_dir() and not path.is_symlink(), "deleted"
         try:
-            if os.path.lexists(folder) and not folder.is_dir():
-                folder.rename(self.root / f"quarantine.{time.time_ns()}")
-            if path != folder:
-                folder.mkdir(exist_ok=True)
-                path.rename(folder / f"{time.time_ns()}-{path.name}")
+            if is_folder and not any(path.iterdir()):
+                path.rmdir()
+            elif DIGEST.fullmatch(path.stem) and not is_folder:
+                path.unlink()
+            else:
+                aside = path.rename(path.with_name(f"{path.name}.{time.time_ns()}"))
+                done = f"renamed to {aside.name}"
         except OSError:  # a read-only store keeps it
-            done = "which cannot be moved away"
+            done = "which cannot be removed"
         self.warn(f"damaged entry of the store, {done}: {path}")
 
-    def _mend(self) -> tuple[str, ...]:
-        """Move everything that stands in the place of a folder of the store to quarantine; returns the names."""
-        paths = tuple(_misplaced(self.root))
-        for path in paths:
-            self._quarantine(path)
-        return tuple(path.relative_to(self.root).as_posix() for path in paths)
+    def _mend(self) -> None:
+        """Take away everything that stands in the place of a folder or file of the store."""
+        for path in tuple(_misplaced(self.root)):
+            self._clear(path)
 
 
 def _require_store(root: Path) -> None:
