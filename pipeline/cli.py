@@ -177,10 +177,9 @@ def verify(
 ) -> None:
     """Check a finished folder, and a sample of its ground truth with another seed; exit with 6 if it disagrees.
 
-    Only the folder is needed. Every file is compared with the manifest and opened; the manifest lists what a build of
-    the folder's stage writes; tables have the columns and labels that the stage asks for. 135 rows of each camera
-    are judged by the certificate with another seed. All other columns and files are compared by digest only. Nothing
-    is signed: this finds accidents and mistakes, not forgery.
+    Only the folder is needed. Every file is compared with the manifest, which lists what a build of the folder's stage
+    writes. 135 rows of each camera are judged by the certificate with another seed. All other columns and files are
+    compared by digest only. Nothing is signed: this finds accidents and mistakes, not forgery.
     """
     from pipeline.app.pages.ending import lines_of_verdict
     from pipeline.app.verify import verify as verdict_on
