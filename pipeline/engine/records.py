@@ -57,7 +57,7 @@ class Run:
     """The run that made a record: times [s] by the clock, of the processor, and of it for loading or compiling code.
 
     `kernels` holds the fields of `jit.work.KernelWork` that are not 0, by name of the kernel; `news` are a few words of
-    the task to whoever watches the build.
+    the task to whoever watches the build, and each build repeats its `warning`.
     """
 
     seconds: float = 0.0
@@ -66,6 +66,7 @@ class Run:
     peak_bytes: int = 0
     kernels: dict[str, dict[str, float]] = field(default_factory=dict)
     news: str = ""
+    warning: str = ""
     host: str = ""
     pid: int = 0
     when: str = ""

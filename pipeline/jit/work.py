@@ -31,12 +31,13 @@ class KernelWork:
 @dataclass(kw_only=True)
 class Work:
     """Work of a thread since it began, or of a stretch of it: `kernels` by name, processor time for loading compiled
-    code or for compiling [s], and a few words of the task to whoever watches the build.
+    code or for compiling [s], a few words of the task to whoever watches the build, and what its user should know.
     """
 
     kernels: defaultdict[str, KernelWork] = field(default_factory=lambda: defaultdict(KernelWork))
     loading_s: float = 0.0
     news: str = ""
+    warning: str = ""
 
     def copy(self) -> "Work":
         """The work so far, as it stays while more is done."""

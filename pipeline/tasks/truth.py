@@ -14,6 +14,7 @@ from pipeline.camera.rig import Rig
 from pipeline.files.exr import ExrWindows
 from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table, write_table
+from pipeline.jit.work import work
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.surroundings import SurroundingsInTime, placed_target
@@ -113,6 +114,9 @@ def truth(params: Truth, inputs: Inputs, out: Path) -> None:
     k = RayFile(inputs).supersampling if table.settings.searches else None
     head = header_of(table, k, focused_camera(inputs))
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
+    if names := [f"{note.target} {name}" for note in notes for name in note.names]:
+        first = ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
+        work().warning = f"rows may be missing, {len(names)} unsolved ({first}): see the header of correspondences.csv"
 
 
 def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[str, list[Any]]]:

@@ -241,6 +241,8 @@ class _Driver:
         self.outcome.results[result.name] = result
         self.on_event(Done(result=result))
         if record is not None:
+            if record.made_by.warning:
+                self.on_event(Warned(text=f"{result.name}: {record.made_by.warning}"))
             self.outcome.records[result.name] = record
             for reader in self.graph.readers(result.name):
                 self._missing[reader] -= 1

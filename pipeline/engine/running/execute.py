@@ -131,7 +131,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
-        work().news = ""
+        work().news = work().warning = ""
         run = getattr(importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run")
         record = typing.get_type_hints(run).get("params", Any)
         if typing.get_origin(record) is Sequence:  # it takes tasks in company
@@ -146,6 +146,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
             cpu_seconds=round((time.process_time() - cpu_s) / count, 4),
             peak_bytes=peak_bytes(),
             news=work().news,
+            warning=work().warning,
             host=socket.gethostname(),
             pid=os.getpid(),
             when=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),

@@ -143,14 +143,18 @@ class TargetNote:
     unsolved: tuple[tuple[int, ...], ...] = ()
 
     @property
+    def names(self) -> list[str]:
+        """Names of the unsolved points, with their microlenses."""
+        return [f"point {point}" + (f" behind {tuple(at)}" if at else "") for point, *at in self.unsolved]
+
+    @property
     def text(self) -> str:
         """Text for the header of a table."""
         if self.counts is None:
             return f"{self.target}: no rows, because the camera sees its back"
         remarks = [f"{name} {count}" for name, count in self.counts.items()]
         if self.unsolved:
-            names = (f"point {point}" + (f" behind {tuple(at)}" if at else "") for point, *at in self.unsolved)
-            remarks.append(f"unsolved are {', '.join(names)}")
+            remarks.append(f"unsolved are {', '.join(self.names)}")
         if self.away:
             remarks.append(f"points_facing_away {self.away}")
         if self.sag_mm:
