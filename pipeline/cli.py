@@ -123,9 +123,12 @@ def show(
     field.
     """
     from pipeline.app import show as shows
+    from pipeline.results.notebook import require_plots
 
     for file in (plot, psf):
         require_suffix(file, ".svg")
+    if psf is not None:
+        require_plots()
     if psf is None and (at, distance) != (None, None):
         raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
     if distance is not None and not distance > 0:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.files import svg
 from pipeline.files.jsonfile import Json
 from pipeline.fits.field import FitError
-from pipeline.fits.knowledge import Knowledge, Prediction, knowledge
+from pipeline.fits.knowledge import Knowledge, knowledge
 from pipeline.fits.result import THIN_LENS
+from pipeline.results.notebook import figure, svg_of
 from pipeline.results.opening import ready
 from pipeline.results.output import open_output
 
@@ -21,10 +21,8 @@ _LISTED, _DIRECTIONS = 40, 6
 hundreds."""
 _COLUMNS = 2
 """Maps side by side."""
-_PANEL_PX, _MARGIN_PX = 420, 40
-"""Width of the map of a distance, and blank edge [px]."""
-_CLEAR, _DARK = (247, 251, 255), (8, 48, 107)
-"""Colours of the least and the largest deviation of a picture, red, green and blue."""
+_PANEL_IN, _WORDS_IN = 4.5, 0.8
+"""Width of the map of a distance, and height of words [inch]."""
 
 
 def inform(
@@ -129,41 +127,30 @@ def maps(known: Knowledge) -> str:
 
 
 def drawing(known: Knowledge) -> str:
-    """The deviation of projections over the image, a map for each distance, as SVG.
+    """The deviation of projections over the image, a map for each distance, as SVG; white where nothing is known.
 
-    Raises FitError: the views leave all of them open.
+    Raises FitError: the views leave all of them open. UsageError: matplotlib is not installed.
     """
     wide, high = known.size_px
-    tall, inner = _PANEL_PX * high / wide, 2 * _MARGIN_PX
     values = np.concatenate([each.deviation_px for each in known.predictions])
     known_px = values[np.isfinite(values) & (values > 0)]
     if not len(known_px):
         raise FitError("nothing to draw: the views leave all projections open", hint="take more views, or other poses")
-    least, most = known_px.min(), known_px.max()
-    span = np.log([least, most])
-    title = f"deviation of projections [px], from {least:.2g} to {most:.2g}"
-    items = [svg.words(title, (_MARGIN_PX, 26), font_size=15)]
-    items.append(svg.words(f"{known.camera}, {known.model}", (_MARGIN_PX, 44), font_size=12))
-    for number, each in enumerate(known.predictions):
-        row, column = divmod(number, _COLUMNS)
-        corner = _MARGIN_PX + column * (_PANEL_PX + _MARGIN_PX), inner + row * (tall + inner)
-        items += _map(each, corner, _PANEL_PX / wide, span)
     rows = math.ceil(len(known.predictions) / _COLUMNS)
-    size = _MARGIN_PX + _COLUMNS * (_PANEL_PX + _MARGIN_PX), inner + rows * (tall + inner)
-    return svg.document(size, *items, font_family="sans-serif")
-
-
-def _map(each: Prediction, corner: tuple[float, float], scale: float, span: np.ndarray) -> Iterator[str]:
-    """One distance: a tile for each position, the darker the less is known; those of no knowledge are left out."""
-    (left, top), steps = corner, [np.diff(np.unique(axis))[0] * scale for axis in each.x_px.T]
-    shown = f"{np.quantile(each.deviation_px, 0.5, method='nearest'):.2g}"
-    yield svg.words(f"{each.z_mm:.4g} mm before the stop: median {shown}", (left, top - 10), font_size=12)
-    for (x, y), deviation in zip(each.x_px.tolist(), each.deviation_px.tolist(), strict=True):
-        if math.isfinite(deviation):
-            share = (math.log(max(deviation, 1e-300)) - span[0]) / max(span[1] - span[0], 1e-9)
-            colour = [round(a + min(max(share, 0.0), 1.0) * (b - a)) for a, b in zip(_CLEAR, _DARK, strict=True)]
-            at = left + (x + 0.5) * scale - steps[0] / 2, top + (y + 0.5) * scale - steps[1] / 2
-            fill = "#{:02x}{:02x}{:02x}".format(*colour)
-            yield svg.element(
-                "rect", x=at[0], y=at[1], width=steps[0], height=steps[1], fill=fill, shape_rendering="crispEdges"
-            )
+    shown = figure(_COLUMNS * _PANEL_IN, rows * (_PANEL_IN * high / wide + _WORDS_IN))
+    shown.suptitle(f"deviation of projections [px]: {known.camera}, {known.model}")
+    cells = shown.subplots(rows, _COLUMNS, squeeze=False)
+    for axes in cells.flat[len(known.predictions) :]:
+        axes.axis("off")
+    for each, axes in zip(known.predictions, cells.flat, strict=False):
+        (x, column), (y, row) = (np.unique(axis, return_inverse=True) for axis in each.x_px.T)
+        deviation_px = np.full((len(y), len(x)), np.nan)
+        deviation_px[row, column] = each.deviation_px
+        deviation_px[~np.isfinite(deviation_px)] = np.nan
+        colours = {"edgecolor": "face", "cmap": "Blues", "norm": "log", "vmin": known_px.min(), "vmax": known_px.max()}
+        tiles = axes.pcolormesh(x, y, np.ma.masked_invalid(deviation_px), shading="nearest", **colours)
+        median = np.quantile(each.deviation_px, 0.5, method="nearest")
+        axes.set_title(f"{each.z_mm:.4g} mm before the stop: median {median:.2g}", fontsize="medium")
+        axes.set(xlim=(-0.5, wide - 0.5), ylim=(high - 0.5, -0.5), aspect="equal")
+    shown.colorbar(tiles, ax=cells, shrink=0.8)
+    return svg_of(shown)

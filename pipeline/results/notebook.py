@@ -1,5 +1,6 @@
-"""Records as notebooks show them: axes of matplotlib, which enters here alone, and tables as HTML."""
+"""Records on screens: figures of matplotlib, which enters here alone, and tables as HTML for notebooks."""
 
+import io
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
@@ -14,11 +15,36 @@ def axes(width_in: float, height_in: float) -> Any:
 
     Raises UsageError: matplotlib is not installed.
     """
+    require_plots()
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=(width_in, height_in), layout="constrained").add_subplot()
+
+
+def figure(width_in: float, height_in: float) -> Any:
+    """An empty figure of that size [inch] for `svg_of`, which no notebook shows; UsageError as of `axes`."""
+    require_plots()
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def svg_of(figure: Any) -> str:
+    """A figure as the text of an SVG file: its words stay words, and no date is in it."""
+    import matplotlib
+
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "plenoptic-pipeline"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    return stream.getvalue()
+
+
+def require_plots() -> None:
+    """UsageError if matplotlib is not installed."""
     try:
-        from matplotlib import pyplot
+        import matplotlib  # noqa: F401
     except ImportError:
         raise UsageError("matplotlib is not installed, and plots need it", hint=_INSTALL) from None
-    return pyplot.figure(figsize=(width_in, height_in), layout="constrained").add_subplot()
 
 
 def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:

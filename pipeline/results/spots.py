@@ -1,4 +1,4 @@
-"""Spots of a camera: bundles of some field positions, seen in the image, as numbers and as an SVG picture.
+"""Spots of a camera: bundles of some field positions, seen in the image, as numbers and as a picture.
 
 A spot is the crossings of a bundle with an object plane, as displacements in the image to first order: with J(x) the
 mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)^-1 (p - J(x)).
@@ -6,6 +6,7 @@ mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.files import svg
+from pipeline.results.notebook import figure, svg_of
 
 Numbers = tuple[float | None, ...]
 
@@ -28,11 +29,13 @@ _STEP_PX = 0.05
 """Half the distance of positions between which J is differentiated: bundles hardly change over a tenth of a pixel."""
 FARTHEST_MM = 1e6
 """Distance that stands for infinity: a kilometre."""
-_CELL_PX, _HEAD_PX = 150, 40
-"""Edge of a spot's square in the picture, and the height of the words above it [px]."""
+_CELL_IN, _HEAD_IN = 1.9, 0.5
+"""Edge of a spot's square in the picture, and the height of the words above it [inch]."""
 _LEAST_PX = 0.6
 """Least half width of a square [px]: the outline of the pixel is seen in it."""
 _INK, _PIXEL = "#2f7fe0", "#e8702a"
+_PIXEL_PX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))
+"""Outline of the pixel [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,37 +161,24 @@ class SpotDiagram:
         return 1.1 * max(_LEAST_PX, *map(abs, parts), 0.0)
 
     def _repr_svg_(self) -> str:
-        """The picture, for a notebook."""
-        rows = self.rows
-        cells = [_cell(spot, (i, j), self.reach_px) for j, row in enumerate(rows) for i, spot in enumerate(row)]
-        size = (float(_CELL_PX * len(rows[0])), float((_CELL_PX + _HEAD_PX) * len(rows)))
-        return svg.document(size, *(item for cell in cells for item in cell))
+        """The picture, for a notebook; UsageError: matplotlib is not installed."""
+        return svg_of(self.figure())
+
+    def figure(self) -> Any:
+        """The picture as a figure of matplotlib: a row of axes for each distance, in px, y down."""
+        rows, reach = self.rows, self.reach_px
+        shown = figure(_CELL_IN * len(rows[0]), (_CELL_IN + _HEAD_IN) * len(rows))
+        cells = shown.subplots(len(rows), len(rows[0]), squeeze=False)
+        for spot, axes in zip(self.spots, cells.flat, strict=True):
+            size = "no light" if spot.rms_px is None else f"{spot.rms_px:.3g} px rms"
+            axes.set_title(f"{spot.place}\n{spot.distance_mm:.5g} mm: {size}", fontsize=7, loc="left")
+            axes.plot(*zip(*_PIXEL_PX, strict=True), color=_PIXEL, linewidth=1)
+            axes.plot(*np.array([spot.dx_px, spot.dy_px], float), ".", color=_INK, markersize=2)
+            axes.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal", xticks=(), yticks=())
+        return shown
 
 
 def spot_diagram(camera: Camera, name: str) -> SpotDiagram:
     """Trace the spots of a focused camera, of an unfocused plenoptic one those of its middle view."""
     camera = view_of(camera)
     return SpotDiagram(name=name, spots=spots(camera, field_bundles(camera)))
-
-
-def _words(spot: Spot) -> tuple[str, str]:
-    size = "no light" if spot.rms_px is None else f"{spot.rms_px:.3g} px rms"
-    return spot.place, f"{spot.distance_mm:.5g} mm: {size}"
-
-
-def _cell(spot: Spot, at: tuple[int, int], reach_px: float) -> list[str]:
-    """Elements of a spot in its column and row."""
-    left, top, scale = at[0] * _CELL_PX, at[1] * (_CELL_PX + _HEAD_PX), _CELL_PX / 2 / reach_px
-    middle = left + _CELL_PX / 2, top + _HEAD_PX + _CELL_PX / 2
-    pairs = zip(spot.dx_px, spot.dy_px, strict=True)
-    dots = [(middle[0] + dx * scale, middle[1] + dy * scale) for dx, dy in pairs if dx is not None and dy is not None]
-    # A line of no length is a dot.
-    round_ends: dict[str, str | float] = {"stroke": _INK, "stroke_width": 2.0, "stroke_linecap": "round"}
-    shown = svg.path([step for dot in dots for step in (("M", (dot,)), ("L", (dot,)))], fill="none", **round_ends)
-    style = {"font_family": "sans-serif", "font_size": "10"}
-    lines = [svg.words(text, (left + 4, top + 14 + 14 * i), **style) for i, text in enumerate(_words(spot))]
-    corners = [(middle[0] + x * scale / 2, middle[1] + y * scale / 2) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    frame = svg.element(
-        "rect", x=left + 2, y=top + _HEAD_PX, width=_CELL_PX - 4, height=_CELL_PX - 2, fill="none", stroke="#dddddd"
-    )
-    return [*lines, frame, svg.area(corners, fill="none", stroke=_PIXEL), shown]

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -157,6 +158,13 @@ def test_images_of_points_are_printed_and_drawn(run, tmp_path):
     drawing = (tmp_path / "points.svg").read_text(encoding="utf-8")
     assert len(list(ElementTree.fromstring(drawing).iter(f"{SVG}image"))) == 3
     assert drawing.count("Airy radius 5.35") == 3
+
+
+def test_a_picture_without_matplotlib_says_what_to_install(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for verb, option in (("show", "--psf"), ("fit", "--plot")):
+        code, page, log = run(verb, PAPER, option, "points.svg")
+        assert (code, page) == (2, "") and "plenoptic-pipeline[plot]" in log and not (tmp_path / "points.svg").exists()
 
 
 @pytest.mark.heavy

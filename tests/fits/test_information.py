@@ -225,7 +225,7 @@ def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boar
     assert known.model == "thin-lens-plenoptic" and told.rank == len(told.names) - 1
     assert abs(told.matrix[place, place]) < 1e-12 * alone
     assert "lens_z_mm" in "\n".join(page(known)) and np.isinf(told.deviations[place])
-    assert drawing(known).startswith("<svg")
+    assert "<svg" in drawing(known)
 
 
 def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_picture(folder):

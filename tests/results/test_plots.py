@@ -115,12 +115,13 @@ def test_spots_are_drawn_to_scale(ready_ideal):
     diagram = ready_ideal.spots()
     z_mm = diagram.rows[0][0].distance_mm
     radius_px = 5.0 * abs(z_mm - 500) / 500 * ready_ideal.camera.sensor_distance_mm / z_mm / 0.01
-    picture = diagram._repr_svg_()
-    dots = re.findall(r'd="(M[^"]*)"', picture)
-    first = np.array([list(map(float, pair.split(","))) for pair in re.findall(r"M([\d.,-]+)", dots[0])])
-    off = (first - (75, 40 + 75)) / 75 * diagram.reach_px  # the first cell is 150 px wide, below 40 px of words
-    assert np.hypot(*off.T).max() == pytest.approx(radius_px, rel=0.02)
-    assert float(re.search(r"mm: ([\d.]+) px rms", picture)[1]) == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
+    shown = diagram.figure().axes[0]
+    outline, dots = (np.array(line.get_data()) for line in shown.lines)
+    assert np.ptp(outline, axis=1).tolist() == [1.0, 1.0]  # the pixel
+    assert np.hypot(*dots).max() == pytest.approx(radius_px, rel=0.02)
+    said = float(re.search(r"mm: ([\d.]+) px rms", shown.get_title(loc="left"))[1])
+    assert said == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
+    assert shown.get_ylim()[0] > shown.get_ylim()[1] and "px rms" in diagram._repr_svg_()
 
 
 def test_notebooks_show_figures_rows_and_images(plenoptic_build, ready_ideal):

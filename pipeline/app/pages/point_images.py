@@ -1,32 +1,25 @@
-"""Images of points by diffraction: lines for a terminal, and a drawing with pictures and curves, as SVG."""
+"""Images of points by diffraction: lines for a terminal, and a drawing with pictures and curves."""
 
-import base64
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from pipeline.camera.figures.point_images import PointImage
-from pipeline.files import svg as svg_file
-from pipeline.files.png import png_bytes
+from pipeline.results.notebook import figure, svg_of
 
-_WIDTH_PX, _ROW_PX, _EDGE_PX, _MARGIN_PX = 1080, 300, 240, 30
-"""Width of the drawing, height of a row, edge of a picture, blank edge [px]: a page of a browser."""
-_PLOT_PX = 420, 200
-"""Width and height of the axes of the curves [px]."""
+_WIDTH_IN, _ROW_IN = 11.0, 2.9
+"""Width of the drawing and height of a row [inch]: a page of a browser."""
 _GAMMA = 0.4
 """Power of the light that is shown as grey [1]: rings a hundred times fainter than the middle are seen."""
 _CURVES = (
-    ("perfect", "#9a9a9a", "", "same aperture, no aberrations"),
-    ("geometric", "#d08a1e", "2 3", "rays alone"),
-    ("sagittal", "#1f5fa8", "6 3", "sagittal"),
-    ("tangential", "#c0392b", "", "tangential"),
+    ("perfect", "#9a9a9a", "-", "same aperture, no aberrations"),
+    ("geometric", "#d08a1e", ":", "rays alone"),
+    ("sagittal", "#1f5fa8", "--", "sagittal"),
+    ("tangential", "#c0392b", "-", "tangential"),
 )
 """Name, colour, dashes and words of each curve, the most important one on top."""
-
-_LEGEND_PX = (0, 80, 150, 235)
-"""Places of the words about curves [px], as wide as those are."""
 
 
 def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
@@ -68,67 +61,48 @@ def _shift(image: PointImage) -> str:
 
 
 def drawing(images: Sequence[tuple[str, PointImage]], title: str, pitch_mm: float) -> str:
-    """The drawing as the text of an SVG file: a row for each image, which comes with words about its light."""
-    items = [svg_file.words(title, (_MARGIN_PX, 24), font_size=14)]
-    for number, (light, image) in enumerate(images):
-        top = 40 + number * _ROW_PX
-        items += [*_photograph(image, (_MARGIN_PX, top), pitch_mm), *_curves(image, (330, top + 10), pitch_mm)]
-        items += _words(light, image, (800, top + 14), pitch_mm)
-    height = 50 + len(images) * _ROW_PX
-    return svg_file.document((_WIDTH_PX, height), *items, font_family="sans-serif", font_size=11)
+    """The drawing as the text of an SVG file: a row for each image, which comes with words about its light.
+
+    Raises UsageError: matplotlib is not installed.
+    """
+    shown = figure(_WIDTH_IN, 0.4 + _ROW_IN * len(images))
+    shown.suptitle(title, fontsize=11, x=0.01, ha="left")
+    cells = shown.subplots(len(images), 3, squeeze=False, width_ratios=(1, 1.7, 1))
+    for (light, image), (photograph, curves, words) in zip(images, cells, strict=True):
+        _draw_photograph(photograph, image, pitch_mm)
+        _draw_curves(curves, image, pitch_mm)
+        words.axis("off")
+        words.text(0, 1, "\n".join(_words(light, image, pitch_mm)), va="top", fontsize=8, linespacing=1.6)
+    return svg_of(shown)
 
 
-def _photograph(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
+def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
     """The picture, the first dark ring of the Airy pattern, and the edges of a pixel."""
-    grey = np.round(255 * (1 - image.picture**_GAMMA)).astype(np.uint8)
-    data = "data:image/png;base64," + base64.b64encode(png_bytes(grey)).decode()
-    x, y, scale = *at, _EDGE_PX / image.picture_um
-    middle, half = (x + _EDGE_PX / 2, y + _EDGE_PX / 2), 500 * pitch_mm * scale
-    box = {"x": x, "y": y, "width": _EDGE_PX, "height": _EDGE_PX}
-    place = {"cx": middle[0], "cy": middle[1]}
-    items = [
-        svg_file.element("image", href=data, image_rendering="pixelated", **box),
-        svg_file.element("rect", fill="none", stroke="#888888", **box),
-        svg_file.element(
-            "circle", r=image.airy_radius_um * scale, fill="none", stroke="#c0392b", stroke_dasharray="3 3", **place
-        ),
-    ]
-    if half < _EDGE_PX / 2:
-        corners = [(middle[0] + i * half, middle[1] + j * half) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        items.append(svg_file.area(corners, fill="none", stroke="#1f5fa8"))
-    under = f"{image.picture_um:.1f} µm; blue: a pixel; red: Airy disc"
-    return [*items, svg_file.words(under, (x, y + _EDGE_PX + 16))]
+    edge, half, turn = image.picture_um / 2, 500 * pitch_mm, np.linspace(0, 2 * np.pi, 100)
+    extent = (-edge, edge, edge, -edge)
+    axes.imshow(1 - image.picture**_GAMMA, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
+    axes.plot(image.airy_radius_um * np.cos(turn), image.airy_radius_um * np.sin(turn), ":", color="#c0392b")
+    axes.plot([-half, half, half, -half, -half], [-half, -half, half, half, -half], color="#1f5fa8", linewidth=1)
+    axes.set(xlim=(-edge, edge), ylim=(edge, -edge), xticks=(), yticks=())
+    axes.set_xlabel(f"{image.picture_um:.1f} µm; blue: a pixel; red: Airy disc", fontsize=8)
 
 
-def _curves(image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
-    (left, top), (width, height), last = at, _PLOT_PX, float(image.per_mm[-1])
-
-    def place(per_mm: float, value: float) -> svg_file.Point:
-        return left + width * per_mm / last, top + height * (1 - value)
-
-    items = [svg_file.area([place(0, 0), place(last, 0), place(last, 1), place(0, 1)], fill="none", stroke="#888888")]
-    for name, colour, dashes, _ in _CURVES:
-        points = [place(*pair) for pair in zip(image.per_mm.tolist(), getattr(image, name).tolist(), strict=True)]
-        items.append(svg_file.line(points, stroke=colour, stroke_width=1.5, stroke_dasharray=dashes))
-    nyquist = 1 / (2 * pitch_mm)
+def _draw_curves(axes: Any, image: PointImage, pitch_mm: float) -> None:
+    for name, colour, dashes, words in _CURVES:
+        axes.plot(image.per_mm, getattr(image, name), dashes, color=colour, label=words, linewidth=1.2)
+    last, nyquist = float(image.per_mm[-1]), 1 / (2 * pitch_mm)
     if nyquist < last:
-        items.append(svg_file.line([place(nyquist, 0), place(nyquist, 1)], stroke="#27803d", stroke_dasharray="1 3"))
-        items.append(svg_file.words("Nyquist", (place(nyquist, 1)[0] + 3, top + 12), fill="#27803d"))
-    ends = [(value, f"{value:g}") for value in (0, 0.5, 1)]
-    items += [svg_file.words(text, (left - 6, place(0, v)[1] + 4), text_anchor="end") for v, text in ends]
-    for share, after in pairwise((0.0, 0.25, 0.5, 0.75, 1.0, 1.25)):
-        text = f"{share * last:.0f}" + (" per mm" if after > 1 else "")
-        items.append(svg_file.words(text, (left + width * share, top + height + 16), text_anchor="middle"))
-    for number, (_, colour, dashes, words) in enumerate(_CURVES[::-1]):
-        x, y = left + _LEGEND_PX[number], top + height + 36
-        items.append(svg_file.line([(x, y - 4), (x + 18, y - 4)], stroke=colour, stroke_dasharray=dashes))
-        items.append(svg_file.words(words, (x + 22, y)))
-    return items
+        axes.axvline(nyquist, color="#27803d", linestyle=":", label="Nyquist frequency of the pixels")
+    axes.set(xlim=(0, last), ylim=(0, 1))
+    axes.set_xlabel("line pairs per mm", fontsize=8)
+    axes.set_ylabel("MTF", fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.legend(fontsize=7)
 
 
-def _words(light: str, image: PointImage, at: svg_file.Point, pitch_mm: float) -> list[str]:
+def _words(light: str, image: PointImage, pitch_mm: float) -> tuple[str, ...]:
     where = "infinity" if math.isinf(image.object_mm) else f"{image.object_mm:.1f} mm"
-    texts = (
+    return (
         f"{image.place}, ({image.x_px[0]:.1f}, {image.x_px[1]:.1f}) px",
         f"object at {where}, {light}",
         f"aperture {image.numerical_aperture:.4f} = F/{1 / (2 * image.numerical_aperture):.2f}",
@@ -137,4 +111,3 @@ def _words(light: str, image: PointImage, at: svg_file.Point, pitch_mm: float) -
         f"Strehl ratio {image.strehl_ratio:.3f}",
         f"saddle moves by {_shift(image)} px",
     )
-    return [svg_file.words(text, (at[0], at[1] + 18 * i)) for i, text in enumerate(texts)]

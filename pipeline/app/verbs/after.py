@@ -146,8 +146,11 @@ def fit(
     from pipeline.app.fitting import fit as fitted
     from pipeline.files.jsonfile import json_bytes
     from pipeline.fits.result import document, page
+    from pipeline.results.notebook import require_plots
 
     require_suffix(plot, ".svg")  # before anything is computed
+    if plot is not None:
+        require_plots()
     if layer is not None and (layer.suffix != ".usda" or layer.exists()):
         wrong = "exists" if layer.exists() else "must end in .usda"
         raise UsageError(f"{layer} {wrong}", hint="choose another name")
@@ -192,8 +195,11 @@ def inform(
     from pipeline.app.informing import inform as informed
     from pipeline.entry_points import plugged_in
     from pipeline.files.jsonfile import json_bytes
+    from pipeline.results.notebook import require_plots
 
     require_suffix(plot, ".svg")  # before anything is computed
+    if plot is not None or to_report:
+        require_plots()
     report, written = plugged_in("product", "report")() if to_report else None, None
     known = informed(out, camera, model, noise, tuple(allow_root or ()))
     if plot is not None:

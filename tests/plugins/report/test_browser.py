@@ -112,7 +112,7 @@ def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_netwo
         "optics": ".u-over",
         "residuals": ".bar-fill",
         "information": ".drawing svg rect",
-        "build": ".drawing svg rect",
+        "build": ".timeline rect",
     }
     for width, theme in ((1400, "light"), (800, "dark")):
         tab.look_as(width, 900, theme)
