@@ -38,11 +38,16 @@ class PrintedSurface:
     blades: int = 0
     aperture_rotation_deg: float = 0.0
     focal_length_mm: float | None = None
+    decentre_mm: tuple[float, float] = (0.0, 0.0)
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    is_cylinder: bool = False
 
     def power_per_mm(self, index_in_front: float) -> float:
         """Refracting power near the axis, where an r^2 term bends, too."""
         if self.focal_length_mm is not None:
             return 1 / self.focal_length_mm
+        if self.is_cylinder:
+            return 0.0
         curvature = (0.0 if math.isinf(self.radius_mm) else 1 / self.radius_mm) + 2 * dict(self.asphere).get(2, 0.0)
         return (self.index - index_in_front) * curvature
 
@@ -75,7 +80,7 @@ def prescription_of(lens: PrintedLens) -> Prescription:
         raise PrescriptionError(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
     if lens.surfaces and lens.surfaces[-1].index != 1:
         raise PrescriptionError(f'"{lens.name}" ends in a medium of index {lens.surfaces[-1].index}, not in air')
-    return Prescription(surfaces=tuple(_surface(surface, i) for i, surface in enumerate(lens.surfaces, 1)))
+    return Prescription(surfaces=tuple(surface_of(surface, i) for i, surface in enumerate(lens.surfaces, 1)))
 
 
 def not_representable(surface: PrintedSurface) -> list[str]:
@@ -92,7 +97,8 @@ def not_representable(surface: PrintedSurface) -> list[str]:
     return reasons
 
 
-def _surface(surface: PrintedSurface, number: int) -> Surface:
+def surface_of(surface: PrintedSurface, number: int = 0) -> Surface:
+    """The surface as it is traced; `number` is for the PrescriptionError of one that cannot be."""
     try:
         shared = {field.name: getattr(surface, field.name) for field in fields(Surface) if hasattr(surface, field.name)}
         even, odd = surface.coefficients(2), surface.coefficients(3)

@@ -85,7 +85,7 @@ def test_a_lens_is_the_same_in_whatever_way_it_is_written(way: str, tmp_path: Pa
         ("SCA 2", "SCA may change the lens, and is not read"),
         ("DEL S1", "DEL may change the lens, and is not read"),
         ("INS S1", "INS may change the lens, and is not read"),
-        ("XDE S1 0.1", "XDE: a decentred or tilted surface"),
+        ("RET S1", "RET may change the lens, and is not read"),
         ("RDX S1 30", "RDX: a surface of another kind"),
         ("AUT", "AUT may change the lens, and is not read"),
         ("^x == 3", "^X may change the lens"),

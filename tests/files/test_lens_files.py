@@ -359,7 +359,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
         ("a.zmx", zmx("UNIT METER\n  TYPE EVENASPH\n  PARM -200 1"), "a.zmx: holds numbers from which no lens can be"),
         ("a.seq", SEQ.replace("EPD 10\n", ""), "a.seq: surfaces 1, 2, 3 have no semi-diameter"),
         ("a.seq", SEQ.replace("620410.603236", "NO_SCHOTT"), 'a.seq: surface 1, line 6: no glass "NO" is known'),
-        ("a.seq", SEQ.replace("S 0 2", "S 0 2\n  YDE 0.1"), "a.seq:8: YDE: a decentred or tilted surface"),
+        ("a.seq", SEQ.replace("S 0 2", "S 0 2\n  YDE 0.1;BEN"), "a.seq:7: BEN: only mirrors bend the axis"),
         ("a.seq", SEQ.replace("S 0 2", "REX 3\nS 0 2"), "a.seq:6: surface 1 has REX, and a rectangle needs REX and"),
         ("a.csv", BLENDER.replace("radius;", "r;"), "a.csv: 0 rows are marked as the aperture stop"),
         ("a.csv", BLENDER.replace("1.5168", ""), "a.csv:2: glass BK7 has no index"),

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.files.lenses.axis import about_one_axis, frame, is_possible
 from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.sizing import Beam, is_possible, opened, sized
+from pipeline.files.lenses.sizing import Beam, opened, sized
 from pipeline.files.lenses.text import UnreadableLens, number, other_wavelengths, radius_mm, read_lines
+from pipeline.frames import inverse
 from pipeline.optics.glass.names import AIR, Named
 from pipeline.optics.glass.row import medium
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
@@ -25,6 +27,7 @@ _COEFFICIENTS = {letter: 4 + 2 * i for i, letter in enumerate("ABCDEFGHJ")}
 _EDGES = ("CIR", "REX", "REY", "ARO")
 _FAR = 1e8
 """Distance from which it counts as infinite, in the unit of the file."""
+_MODES = ("DAR", "REV", "BEN")
 _DISPLACED = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 _REFUSED = ("CUF", "CUX", "RDX", "XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF")
 _SOLVE = "a solve; values are taken as written"
@@ -39,7 +42,7 @@ _NAMED = {
 }
 # Labels, weights, drawing; axes about surfaces that are not displaced; couplings of the optimiser; tolerances.
 _SILENT = """
-LEN VER INI WTW WTF CWL WID PRE POL DDM CLS UID SLB COM DOR SAV GO CHK DAR RET REV BEN CON ASP SPH SPG CUM THM
+LEN VER INI WTW WTF CWL WID PRE POL DDM CLS UID SLB COM DOR SAV GO CHK CON ASP SPH SPG CUM THM
 POS THC CCY CCX GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER XDC YDC ZDC ADC BDC CDC
 DLF DLR DLC DLT DLN DLV DLH DLS DLX DLY DLZ DLA DLB DLG CYD CYN IRR TIR TIL TRX TRY ROL BTI BTX BTY DIS DSX DSY CMP
 """
@@ -58,6 +61,8 @@ class _Row:
     semi_diameter: float | None = None
     inner: float = 0.0
     half_widths: dict[str, float] = field(default_factory=dict)
+    displaced: dict[str, float] = field(default_factory=dict)
+    mode: str = ""
     rotation_deg: float = 0.0
     medium: tuple[float, float | None, str] = (1.0, None, "")  # index, Abbe number and name
 
@@ -108,7 +113,7 @@ class _Sequence:
             self._zoom(line, values)
         elif re.fullmatch(r"S(O|I|\d*)", name):
             self._surface(line, name, values)
-        elif name in ("STO", "THI", "RDY", "CUY", "GLA", "K", *_EDGES, *_COEFFICIENTS, *_DISPLACED):
+        elif name in ("STO", "THI", "RDY", "CUY", "GLA", "K", *_EDGES, *_COEFFICIENTS, *_DISPLACED, *_MODES):
             self._of_surface(line, name, values)
         else:
             self._setting(line, name, values)
@@ -169,6 +174,8 @@ class _Sequence:
                 other.is_stop = other is row
         elif name == "GLA":
             row.glass, row.line = " ".join(rest), line
+        elif name in _MODES:
+            row.mode = name
         elif name in _EDGES:
             self._edge(line, row, name, rest)
         elif rest and rest[0].isalpha():
@@ -183,10 +190,8 @@ class _Sequence:
             row.coefficients[_COEFFICIENTS[name]] = value
         elif name in ("RDY", "CUY"):
             row.shape, row.is_radius = value, name == "RDY"
-        elif value and row is not self.image:
-            raise UnreadableLens(self.path, f"{name}: a decentred or tilted surface cannot be represented", line=line)
-        elif value:
-            self.lose(line, f"{name} of the image: the camera says where the sensor is")
+        else:
+            row.displaced[name] = value
 
     def _edge(self, line: int, row: _Row, name: str, rest: list[str]) -> None:
         """An aperture: clear, or with a qualifier an edge, a hole or an obstruction; L'a' is its label."""
@@ -276,8 +281,28 @@ def _lens(sequence: _Sequence, is_radius: bool) -> PrintedLens:
     path, unit_mm = sequence.path, sequence.unit_mm or 1.0
     surfaces = tuple(_printed(sequence, i, row, is_radius) for i, row in enumerate(sequence.rows[1:], 1))
     lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
+    if any(any(row.displaced.values()) for row in (*sequence.rows[1:], sequence.image)):
+        lens = about_one_axis(path, lens, _frames(sequence, unit_mm))
     lens = sized(path, lens, sequence.beam, unit_mm)
     return opened(path, lens, sequence.beam, unit_mm, has_ring=True)  # CIR blocks rays
+
+
+def _frames(sequence: _Sequence, unit_mm: float) -> list[np.ndarray]:
+    """Frames of all surfaces and of the image plane in that of surface 1 before it is displaced, (4, 4) each.
+
+    A surface is decentred before it is turned about x, y and z; turns about x and y are left-handed. What follows goes
+    on from there, with DAR from the old axis; with REV the turn back comes behind the surface, in reverse order.
+    """
+    here, found = np.eye(4), []
+    for row in (*sequence.rows[1:], sequence.image):
+        x, y, z, alpha, beta, gamma = (row.displaced.get(name, 0.0) for name in _DISPLACED)
+        if row.mode == "BEN" and any(row.displaced.values()):
+            raise UnreadableLens(sequence.path, "BEN: only mirrors bend the axis", line=row.line)
+        there = frame(x * unit_mm, y * unit_mm, z * unit_mm, -alpha, -beta, gamma)
+        found.append(here if row.mode == "REV" else here @ there)
+        here = here @ inverse(there) if row.mode == "REV" else here if row.mode == "DAR" else here @ there
+        here = here @ frame(0.0, 0.0, row.thickness * unit_mm)
+    return found
 
 
 def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.files.lenses.sizing import is_possible
+from pipeline.files.lenses.axis import is_possible
 from pipeline.files.lenses.stated import figures, remarks
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface

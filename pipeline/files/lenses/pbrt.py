@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.files.lenses.sizing import is_possible
+from pipeline.files.lenses.axis import is_possible
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 

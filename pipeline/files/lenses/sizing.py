@@ -5,16 +5,15 @@ and FNUM of Zemax, EPD and FNO of CODE V).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 
+from pipeline.files.lenses.axis import in_order
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.first_order import first_order, paraxial_ray
-from pipeline.optics.prescription import PrescriptionError, Surface, least_gap_mm
-from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, prescription_of
+from pipeline.optics.prescription import PrescriptionError
+from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 
-_TOUCH_MM = 1e-9
-"""Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
 _SAME = 1e-6
 """Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
 
@@ -60,13 +59,15 @@ class Beam:
 
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
     """The lens with all semi-diameters known: as printed, or as the beam of the file requires, which is reported."""
+    fields = beam.all_fields()
+    is_sized = beam.is_known and bool(fields)
+    lens = in_order(lens, is_sized)
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
         ignored = Lost(what="vignetting factors; only semi-diameters block rays")
         return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
-    fields = beam.all_fields()
     shown = ", ".join(map(str, unknown))
-    if not beam.is_known or not fields:
+    if not is_sized:
         reason = f"surfaces {shown} have no semi-diameter, and the file has no pupil and field to compute them from"
         hint = "write clear apertures, or pupil diameter and field angles"
         if Path(path).suffix.lower() in (".csv", ".tsv", ".txt"):
@@ -113,18 +114,6 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
         known = surface.semi_diameter_mm is not None
         surfaces.append(surface if known else replace(surface, semi_diameter_mm=max(heights)))
     return replace(lens, surfaces=tuple(surfaces))
-
-
-def is_possible(surfaces: Sequence[PrintedSurface]) -> bool:
-    """Whether no surface reaches beyond its sphere, or across the next one, within the clear apertures."""
-    try:
-        shapes = [
-            Surface(radius_mm=s.radius_mm, thickness_mm=s.thickness_mm, semi_diameter_mm=s.semi_diameter_mm or 0.0)
-            for s in surfaces
-        ]
-    except PrescriptionError:
-        return False
-    return all(least_gap_mm(front, behind) >= -_TOUCH_MM for front, behind in pairwise(shapes))
 
 
 def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:

@@ -8,16 +8,21 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.files.lenses import text
+from pipeline.files.lenses.axis import about_one_axis, frame
 from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.sizing import Beam, opened, sized
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
+from pipeline.frames import inverse
 from pipeline.optics.glass.names import AIR, Named
 from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
+_BREAK, _TILTED = "COORDBRK", "TILTSURF"
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
 _NO_GAP = 1e-6
@@ -78,6 +83,11 @@ class _System:
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
         self.unread: dict[str, int] = {}
+
+    @property
+    def surfaces(self) -> list[tuple[int, _Row]]:
+        """Rows between object and image with their numbers, without breaks of coordinates that are not the stop."""
+        return [(i, row) for i, row in enumerate(self.rows[1:-1], 1) if row.type_name != _BREAK or row.is_stop]
 
     @property
     def opens_stop(self) -> bool:
@@ -194,16 +204,18 @@ class _System:
 def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> PrintedLens:
     """A lens from a `.zmx` file, or from its bytes where it is none of its own."""
     system = _System(path, glasses)
-    for line, row in enumerate(read_lines(path, raw), 1):
-        system.obey(line, row)
+    for line, words in enumerate(read_lines(path, raw), 1):
+        system.obey(line, words)
     if system.unit_mm is None:
         raise UnreadableLens(path, "does not say its unit", hint="add a line UNIT MM")
+    for i, row in enumerate(system.rows[1:-1], 1):
+        if not math.isfinite(row.thickness):
+            raise UnreadableLens(path, f"surface {i} is infinitely far from the next one", line=row.line)
     if len(system.rows) < 3:
         raise UnreadableLens(path, "holds no surface between object and image")
     if not system.field_is_angle:
         system.beam.fields.clear()
-    *_, image = system.rows
-    rows = list(enumerate(system.rows[1:-1], 1))
+    rows = system.surfaces
     media = [_medium(system, place, row) for place, row in rows]
     primary_um = system.wavelengths_um.get(system.primary)
     nm = glasses.wavelength_nm(media, primary_um and 1000 * primary_um)
@@ -215,8 +227,10 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
         name=system.name or Path(path).stem,
         surfaces=surfaces,
         wavelength_nm=nm or D_LINE_NM,
-        lost=(*glasses.finish(), *_lost(system, image, nm)),
+        lost=(*glasses.finish(), *_lost(system, nm)),
     )
+    if any(row.type_name in (_BREAK, _TILTED) for row in system.rows[1:]):
+        lens = about_one_axis(path, lens, _frames(system, system.unit_mm))
     lens = sized(path, lens, system.beam, system.unit_mm)
     if not system.opens_stop:
         return lens
@@ -224,8 +238,32 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
     return opened(path, lens, system.beam, system.unit_mm, has_ring)
 
 
-def _lost(system: _System, image: _Row, wavelength_nm: float | None) -> list[Lost]:
-    lost, first = list(system.lost), system.rows[0]
+def _frames(system: _System, unit_mm: float) -> list[np.ndarray]:
+    """Frames of all surfaces and of the image plane in that of the first row behind the object, (4, 4) each.
+
+    A break of coordinates decentres before it turns about x, y and z, or with a sixth parameter turns about z, y and x
+    before it decentres. A tilted plane states its slopes.
+    """
+    here, found = np.eye(4), []
+    for row in system.rows[1:]:
+        values = [row.parameters.get(i, 0.0) for i in range(1, 7)]
+        if row.type_name == _BREAK:
+            x, y, *turns, is_reverse = np.multiply(values, -1.0 if values[5] else 1.0)
+            there = frame(x * unit_mm, y * unit_mm, 0.0, *turns)
+            here = here @ (inverse(there) if is_reverse else there)
+        plane = here
+        if row.type_name == _TILTED:
+            about_x = math.atan(values[1])
+            about_y = -math.atan(values[0] * math.cos(about_x))
+            plane = here @ frame(0.0, 0.0, 0.0, math.degrees(about_x), math.degrees(about_y), 0.0)
+        if row.type_name != _BREAK or row.is_stop:
+            found.append(plane)
+        here = here @ frame(0.0, 0.0, row.thickness * unit_mm)
+    return found
+
+
+def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
+    lost, first, image = list(system.lost), system.rows[0], system.rows[-1]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
         lost.append(Lost(what=what, line=first.line))
@@ -237,7 +275,7 @@ def _lost(system: _System, image: _Row, wavelength_nm: float | None) -> list[Los
         lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
     automatic = [
         i
-        for i, row in enumerate(system.rows[1:-1], 1)
+        for i, row in system.surfaces
         if row.is_automatic and row.semi_diameter and not row.half_widths and not (row.is_stop and system.opens_stop)
     ]
     if automatic:
@@ -251,11 +289,10 @@ def _lost(system: _System, image: _Row, wavelength_nm: float | None) -> list[Los
 
 def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
     unit_mm = system.unit_mm or 1.0
-    if row.type_name not in ("STANDARD", "PARAXIAL", *_POWER_OF_TERM):
+    is_cylinder = row.type_name == "TOROIDAL" and not any(row.parameters.values())
+    if not is_cylinder and row.type_name not in ("STANDARD", "PARAXIAL", _BREAK, _TILTED, *_POWER_OF_TERM):
         reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
         raise UnreadableLens(system.path, reason, line=row.type_line)
-    if not math.isfinite(row.thickness):
-        raise UnreadableLens(system.path, f"surface {place} is infinitely far from the next one", line=row.line)
     index, abbe, glass = medium
     step = _POWER_OF_TERM.get(row.type_name, 0)
     terms = {step * i: value for i, value in sorted(row.parameters.items()) if value and step}
@@ -263,13 +300,17 @@ def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float 
     edge = row.semi_diameter
     if row.half_widths and (edge is None or row.is_automatic):
         edge = math.hypot(*row.half_widths)
+    # A tilted plane has the aperture that it shows along the axis.
+    slopes = [row.parameters.get(i, 0.0) if row.type_name == _TILTED else 0.0 for i in (1, 2)]
+    x_mm, y_mm = (math.hypot(1, slope) * unit_mm for slope in slopes)
     return PrintedSurface(
         radius_mm=text.radius_mm(row.curvature / unit_mm),
         thickness_mm=row.thickness * unit_mm if abs(row.thickness) > _NO_GAP else 0.0,
-        semi_diameter_mm=None if edge is None else edge * unit_mm,
+        semi_diameter_mm=None if edge is None else edge * unit_mm * math.hypot(1, *slopes),
         inner_semi_diameter_mm=row.inner * unit_mm,
         focal_length_mm=None if ideal is None else ideal * unit_mm,
-        half_widths_mm=row.half_widths and (row.half_widths[0] * unit_mm, row.half_widths[1] * unit_mm),
+        half_widths_mm=row.half_widths and (row.half_widths[0] * x_mm, row.half_widths[1] * y_mm),
+        is_cylinder=is_cylinder,
         index=index,
         glass=glass,
         abbe=abbe,
@@ -287,6 +328,9 @@ def _medium(system: _System, place: int, row: _Row) -> Named:
     if name.upper() == "MIRROR":
         raise UnreadableLens(system.path, f"surface {place} is a mirror", line=line)
     numbers = [number(system.path, line, word, "GLAS") for word in row.glass[3:5]]
+    if name == "___BLANK" and kind == "2":  # as behind an earlier surface, which may be air
+        source = system.rows[min(int(number(system.path, line, row.glass[2], "GLAS")), len(system.rows) - 1)]
+        return _medium(system, place, source) if source.line < row.line else AIR
     beside = numbers if len(numbers) == 2 and tuple(numbers) != _PLACEHOLDER and numbers[0] > 1 else []
     if kind == "1" or name == "___BLANK":
         if len(numbers) < 2:

@@ -103,6 +103,8 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
         prim,
         abbe=surface.abbe,
         conic=surface.conic or None,
+        cylindrical=surface.is_cylinder or None,
+        decentre=surface.decentre_mm if any(surface.decentre_mm) else None,
         evenCoefficients=surface.coefficients(2) or None,
         oddCoefficients=surface.coefficients(3) or None,
         focalLength=surface.focal_length_mm,
@@ -112,6 +114,7 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
         radius=surface.radius_mm,
         semiDiameter=surface.semi_diameter_mm,
         thickness=surface.thickness_mm,
+        tilt=surface.tilt_deg if any(surface.tilt_deg) else None,
     )
     rotation_deg = surface.aperture_rotation_deg
     if surface.half_widths_mm is not None:

@@ -1,0 +1,110 @@
+"""Surfaces of a file about one axis, in an order in which light can meet them.
+
+Programs of lens design place each surface behind the one before, in a frame that may be decentred and tilted, and have
+surfaces that bend nothing wherever somebody wants to see the light.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.files.lenses.text import UnreadableLens
+from pipeline.frames import inverse, rigid
+from pipeline.optics.prescription import PrescriptionError, least_gap_mm
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, surface_of
+
+_TOUCH_MM = 1e-9
+"""Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
+_POINT_MM = 1e-9
+"""Semi-diameter of a surface whose own is not stated."""
+_DIGITS = 10
+"""Decimals of millimetres and degrees behind which a chain of turns leaves rounding."""
+
+
+def is_possible(surfaces: Sequence[PrintedSurface]) -> bool:
+    """Whether no surface reaches beyond its sphere, or across the next one, within the clear apertures."""
+    try:
+        shapes = [surface_of(replace(s, semi_diameter_mm=s.semi_diameter_mm or _POINT_MM)) for s in surfaces]
+    except PrescriptionError:
+        return False
+    return all(least_gap_mm(front, behind) >= -_TOUCH_MM for front, behind in pairwise(shapes))
+
+
+def frame(x_mm: float, y_mm: float, z_mm: float, *turns_deg: float) -> np.ndarray:
+    """The frame at a point of another, turned about x, then its new y and its newest z, right-handed, (4, 4)."""
+    from scipy.spatial.transform import Rotation  # few files turn anything
+
+    turn = Rotation.from_euler("XYZ", turns_deg or (0.0, 0.0, 0.0), degrees=True)
+    return rigid(turn.as_matrix(), np.array([x_mm, y_mm, z_mm]))
+
+
+def _place(there: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The point and the turns of a frame, as `frame` takes them."""
+    from scipy.spatial.transform import Rotation
+
+    turns_deg = Rotation.from_matrix(there[:3, :3]).as_euler("XYZ", degrees=True)
+    point_mm, turns_deg = (tuple((np.round(values, _DIGITS) + 0.0).tolist()) for values in (there[:3, 3], turns_deg))
+    return point_mm, turns_deg
+
+
+def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndarray]) -> PrintedLens:
+    """The lens with decentres and tilts against the axis that most of its surfaces share, and remarks on these.
+
+    `frames`: those of the surfaces, and of the image plane.
+    """
+
+    def is_on(axis: np.ndarray, other: np.ndarray) -> bool:
+        there = inverse(axis) @ other
+        return not np.round([*there[:2, 3], *there[:2, 2]], _DIGITS).any()
+
+    axis = max(frames[:-1], key=lambda one: sum(is_on(one, other) for other in frames[:-1]))
+    places = [_place(inverse(axis) @ one) for one in frames]
+    surfaces = []
+    for i, surface in enumerate(lens.surfaces):
+        (x, y, z), (*tilt_deg, roll_deg) = places[i]
+        if surface.is_cylinder and roll_deg % 180:
+            raise UnreadableLens(path, f"surface {i + 1} is a cylinder, turned about the axis by {roll_deg:g} degrees")
+        turned_deg = surface.aperture_rotation_deg + (roll_deg if surface.half_widths_mm else 0.0)
+        gap_mm = round(places[i + 1][0][2] - z, _DIGITS)
+        placed = replace(surface, thickness_mm=gap_mm, decentre_mm=(x, y), tilt_deg=(tilt_deg[0], tilt_deg[1]))
+        surfaces.append(replace(placed, aperture_rotation_deg=turned_deg))
+    off = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
+    shown = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
+    lost = [Lost(what=shown)] if off else []
+    (x, y, _), (about_x, about_y, _) = places[-1]
+    if any((x, y, about_x, about_y)):
+        what = (
+            f"the image plane is {x:g}, {y:g} mm off the axis, turned by {about_x:g} and {about_y:g} degrees about x, y"
+        )
+        lost.append(Lost(what=f"{what}: the camera says where the sensor is"))
+    return replace(lens, surfaces=tuple(surfaces), lost=(*lens.lost, *lost))
+
+
+def in_order(lens: PrintedLens, is_sized: bool) -> PrintedLens:
+    """The lens without surfaces that bend nothing, if they stand behind or across their neighbours or have no width.
+
+    `is_sized`: whether the file has a beam from which semi-diameters are computed.
+    """
+    found, lost = list(lens.surfaces), list[Lost]()
+
+    def is_idle(i: int) -> bool:
+        surface, near = found[i], found[max(i - 1, 0) : i + 2]
+        bends = surface.index != (found[i - 1].index if i else 1.0) or surface.focal_length_mm is not None
+        is_lost = surface.semi_diameter_mm is None and not is_sized
+        goes_back = any(one.thickness_mm < 0 for one in near[:-1]) or not is_possible(near)
+        return not bends and not surface.is_stop and (is_lost or goes_back)
+
+    while (i := next(filter(is_idle, range(len(found))), None)) is not None:
+        along_mm = found.pop(i).thickness_mm
+        found[max(i - 1, 0) : i] = [replace(one, thickness_mm=one.thickness_mm + along_mm) for one in found[:i][-1:]]
+    if count := len(lens.surfaces) - len(found):
+        lost.append(
+            Lost(what=f"surfaces that bend nothing, and stand in another's way or have no width: {count} left out")
+        )
+    if found and found[-1].thickness_mm < 0:
+        lost.append(Lost(what=f"the image lies {-found[-1].thickness_mm:g} mm before the last surface"))
+        found[-1] = replace(found[-1], thickness_mm=0.0)
+    return replace(lens, surfaces=tuple(found), lost=(*lens.lost, *lost)) if lost else lens
