@@ -16,6 +16,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # importing `typing` takes time, and Ctrl-C means nothing yet: the command begins here
     from typing import Any
 
+    from pipeline.app.build import build as build
+
 __version__ = "0.1.0"
 
 _HOMES = {

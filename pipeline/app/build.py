@@ -7,12 +7,12 @@ import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import pipeline
 from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.locks import locked
-from pipeline.engine.options import BuildOptions, Caller
+from pipeline.engine.options import BuildKeywords, BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, Task, TaskGraph
 from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.project import Project
@@ -108,7 +108,7 @@ def build(
     out: str | Path | None = None,
     *,
     on_event: Emit | None = None,
-    **options: Any,
+    **options: Unpack[BuildKeywords],
 ) -> Result:
     """Build a dataset stage: run the missing tasks and fill the output folder.
 
@@ -141,7 +141,7 @@ def build(
         near = nearest(name, known)
         hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
         raise UsageError(f"build has no option {name!r}", hint=hint)
-    return build_with(path, out, BuildOptions(**options), on_event or silent)
+    return build_with(path, out, BuildOptions(**options), on_event or silent)  # type: ignore[arg-type]  # or sequences
 
 
 _before = list(signature(build).parameters.values())[:-1]

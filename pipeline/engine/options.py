@@ -1,9 +1,10 @@
 """Options of a build, passed from the command or a notebook to the driver."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypedDict
 
 from pipeline.engine.events import Emit, silent
 from pipeline.engine.interrupts import Interrupts
@@ -65,6 +66,24 @@ class BuildOptions:
             return self.jobs
         # Not every system tells which cores a process may use.
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class BuildKeywords(TypedDict, total=False):
+    """Fields of `BuildOptions` as arguments, for type checkers and completion."""
+
+    jobs: int | None
+    keep_going: bool
+    force: Sequence[str]
+    until: Sequence[str]
+    targets: Sequence[str]
+    retries: int
+    timeout_s: float | None
+    check_percent: float
+    engine: str | None
+    device: str | None
+    allow_roots: Sequence[str | Path]
+    preview: bool
+    pictures: bool
 
 
 USUAL = BuildOptions()

@@ -14,6 +14,7 @@ import pytest
 
 import pipeline
 from pipeline.camera.bundle import Bundle
+from pipeline.engine.options import BuildKeywords, BuildOptions
 from pipeline.errors import PipelineError
 
 HOSTILE = [
@@ -150,3 +151,8 @@ def test_targets_stages_and_builds_answer_to_whatever_they_are_given(tmp_path: P
         for name in inspect.signature(pipeline.build).parameters:
             for value in HOSTILE:
                 answer(lambda name=name, value=value: pipeline.build(**{"path": STAGE, "out": "out", name: value}))
+
+
+def test_type_checkers_see_what_a_notebook_completes() -> None:
+    assert list(BuildKeywords.__annotations__) == [one.name for one in dataclasses.fields(BuildOptions)]
+    assert "from pipeline.app.build import build as build\n" in Path(pipeline.__file__).read_text()

@@ -81,6 +81,16 @@ def test_the_lens_of_an_archive_is_that_of_its_file(made: bytes, tmp_path: Path)
     assert import_lens(tmp_path / "a.zar").text.count("def PlenSurface") == 2
 
 
+def test_a_glass_that_nobody_knows_is_that_of_the_catalogue_in_the_archive(tmp_path: Path) -> None:
+    """Coefficients of N-BK7 under another name: Schott's n_d of 1.5168; beside a known name they do not count."""
+    agf = "NM {} 2 0 1.5168 64.17\nCD 1.03961212 6.00069867E-3 2.31792344E-1 2.00179144E-2 1.01046945 1.03560653E+2\n"
+    lens = ZMX.replace("N-BK7", "OWN1").encode()
+    made = member(0xEC, "a.zmx", lens) + member(0xEC, "MY.AGF.LZW", welch(agf.format("OWN1").encode()))
+    assert read(tmp_path, "a.zar", made).surfaces[0].index == pytest.approx(1.5168, abs=5e-6)
+    known = zipped(a_zmx=ZMX.replace("N-BK7", "F2"), b_agf=agf.format("F2"))
+    assert read(tmp_path, "a.zar", known).surfaces[0].index == pytest.approx(1.62004, abs=5e-6)
+
+
 @pytest.mark.parametrize(
     ("made", "said"),
     [

@@ -25,10 +25,12 @@ _SELLMEIER = {2: 6, 6: 8, 11: 10}
 _OTHERS = {3: "Herzberger", 4: "Sellmeier 2", 5: "Conrady", 7: "Handbook of Optics 1", 8: "Handbook of Optics 2"}
 
 
-def read_agf(path: str | Path) -> dict[str, Callable[[], Named]]:
-    """Glasses of a catalogue by their names in small letters; each raises UnreadableLens if we lack its formula."""
+def read_agf(path: str | Path, raw: bytes | None = None) -> dict[str, Callable[[], Named]]:
+    """Glasses of a catalogue, or of its bytes where it is no file of its own, by their names in small letters; each
+    raises UnreadableLens if we lack its formula.
+    """
     found, rows = dict[str, dict[str, list[str]]](), dict[str, list[str]]()
-    for line, text in enumerate(read_lines(path), 1):
+    for line, text in enumerate(read_lines(path, raw), 1):
         keyword, *words = text.split() or [""]
         if keyword == "NM":
             if len(words) < 4:

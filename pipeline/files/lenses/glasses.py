@@ -2,7 +2,7 @@
 what stands for another glass is a remark.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ class Glasses:
     def __init__(self, path: str | Path, catalogues: Iterable[Path] = (), replaced: Iterable[str] = ()) -> None:
         self.path = path
         self._chosen = {name: glass for file in catalogues for name, glass in read_agf(file).items()}
+        self.packed = dict[str, Callable[[], Named]]()  # of the archive of a lens, by name: for what nobody else knows
         self._unused = dict[str, str]()  # replaced names that no surface has had so far
         self._unknown = dict[str, str]()  # what is said of each, by name
         self._remarks = dict[str, tuple[int, list[str]]]()  # first line and surfaces, by remark
@@ -43,7 +44,9 @@ class Glasses:
         try:
             found = self._chosen.get(name.casefold(), partial(named, name, catalogues))()
         except PipelineError as error:
-            return self._refused(name, line, surface, error)
+            if name.casefold() not in self.packed:
+                return self._refused(name, line, surface, error)
+            found = self.packed[name.casefold()]()
         self.remark(line, surface, found.remark)
         return found
 

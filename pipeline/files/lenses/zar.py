@@ -7,8 +7,10 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
+from pipeline.files.lenses.agf import read_agf
 from pipeline.files.lenses.glasses import Glasses
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.files.lenses.zemax import read_zemax
@@ -21,9 +23,15 @@ _MOST_BYTES = 16 * 2**20
 
 
 def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
-    """The lens of an archive."""
+    """The lens of an archive, whose catalogues count where no other has a glass."""
+    found = list[tuple[str, bytes]]()
     try:
-        found = [(name, raw) for (name, raw), _ in zip(_lenses(Path(path)), range(2), strict=False)]
+        for name, raw in _members(Path(path)):
+            if name.lower().endswith(".agf"):
+                with suppress(UnreadableLens):
+                    glasses.packed |= read_agf(f"{path}/{_shown(name)}", raw)
+            elif len(found) < 2:
+                found.append((name, raw))
     except (OSError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         said = getattr(error, "strerror", None) or error
         raise UnreadableLens(path, f"cannot be read as an archive of Zemax: {said}") from None
@@ -31,14 +39,18 @@ def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
         said = "several lenses" if found[1:] else "a lens of 16 MiB and more" if found else "no lens (.zmx)"
         raise UnreadableLens(path, f"holds {said}", hint="unpack it, and import one of its files")
     ((name, raw),) = found
-    return read_zemax(f"{path}/{''.join(filter(str.isprintable, name))}", glasses, raw)
+    return read_zemax(f"{path}/{_shown(name)}", glasses, raw)
 
 
-def _lenses(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of lens files, cut off at the largest size; an error if the archive is damaged."""
+def _shown(name: str) -> str:
+    return "".join(filter(str.isprintable, name))
+
+
+def _members(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of lenses and catalogues, cut off at the largest size; an error if the archive is damaged."""
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
-            for name in (name for name in archive.namelist() if name.lower().endswith(".zmx")):
+            for name in (name for name in archive.namelist() if name.lower().endswith((".zmx", ".agf"))):
                 yield name, archive.open(name).read(_MOST_BYTES)
         return
     size = path.stat().st_size
@@ -51,9 +63,9 @@ def _lenses(path: Path) -> Iterator[tuple[str, bytes]]:
             if len(header) < length or stream.tell() + (packed := struct.unpack_from(layout, header, place)[0]) > size:
                 raise EOFError("it is cut off")
             name, behind = header[name_at:].decode(encoding, "replace").partition("\0")[0], stream.tell() + packed
-            if name.lower().endswith((".zmx", ".zmx.lzw")):
+            if name.lower().removesuffix(".lzw").endswith((".zmx", ".agf")):
                 raw = stream.read(min(packed, _MOST_BYTES))
-                yield (name, raw) if name.lower().endswith("x") else (name[:-4], _unpacked(raw))
+                yield (name[:-4], _unpacked(raw)) if name.lower().endswith(".lzw") else (name, raw)
             stream.seek(behind)
 
 
